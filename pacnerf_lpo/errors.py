@@ -1,0 +1,22 @@
+"""Errors a user can act on: each message says what is wrong, where, and how to mend it."""
+
+
+class UserInputError(ValueError):
+    """Something the user gave (a file, a folder, a config value) cannot be used.
+
+    The command line prints the message on one line, without a traceback, and exits with status 2.
+    """
+
+
+class SimulationError(RuntimeError):
+    """A rollout left the range in which the discretisation is valid (NaN, CFL, particle outside the grid).
+
+    Attributes:
+        frame: index of the video frame interval in which it happened.
+        substep: index of the substep within that interval.
+        cause: one clause, such as ``"|v| dt > dx (v = 310 m/s)"``.
+    """
+
+    def __init__(self, frame: int, substep: int, cause: str):
+        super().__init__(f"simulation stopped in frame {frame}, substep {substep}: {cause}")
+        self.frame, self.substep, self.cause = frame, substep, cause

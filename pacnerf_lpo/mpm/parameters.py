@@ -1,0 +1,84 @@
+"""A physical parameter: its name, its SI unit, its range, and the coordinate in which it is optimised."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.errors import UserInputError
+
+
+class Transform(Protocol):
+    """A smooth bijection between a physical value and an unconstrained coordinate."""
+
+    def to_free(self, value: float) -> float: ...
+
+    def to_physical(self, free: Tensor) -> Tensor: ...
+
+
+@dataclass(frozen=True)
+class Log10:
+    """value = 10**free, for positive quantities spanning decades (moduli, viscosities)."""
+
+    def to_free(self, value: float) -> float:
+        return math.log10(value)
+
+    def to_physical(self, free: Tensor) -> Tensor:
+        return 10.0**free
+
+
+@dataclass(frozen=True)
+class Saturated:
+    """value = limit * tanh(free / limit): Poisson's ratio stays inside (-limit, limit)."""
+
+    limit: float = 0.45
+
+    def to_free(self, value: float) -> float:
+        return self.limit * math.atanh(value / self.limit)
+
+    def to_physical(self, free: Tensor) -> Tensor:
+        return self.limit * torch.tanh(free / self.limit)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """value = free, for angles and effect coefficients."""
+
+    def to_free(self, value: float) -> float:
+        return value
+
+    def to_physical(self, free: Tensor) -> Tensor:
+        return free
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One named physical parameter.
+
+    Args:
+        name: key used everywhere (configs, results, TensorBoard).
+        unit: SI unit as printed, ``"1"`` when dimensionless, ``"deg"`` for angles.
+        transform: coordinate in which it is optimised.
+        bounds: open interval of admissible values.
+        label: how a person calls it.
+    """
+
+    name: str
+    unit: str
+    transform: Transform
+    bounds: tuple[float, float]
+    label: str
+
+    def check(self, value: float, where: str) -> float:
+        """Return ``value``; raise UserInputError when it is NaN or outside the bounds."""
+        low, high = self.bounds
+        if not low < value < high:
+            raise UserInputError(
+                f"{where}: {self.name} = {value:g} {self.unit} is not a possible {self.label}; "
+                f"give a value between {low:g} and {high:g} {self.unit}"
+            )
+        return value

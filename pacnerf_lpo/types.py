@@ -1,0 +1,109 @@
+"""The values that flow through the program: shape and SI unit of every field.
+
+``V`` views, ``F`` frames, ``H`` x ``W`` pixels, ``R`` rays, ``N`` particles, ``X, Y, Z`` grid nodes. World axes: y up, the
+ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+FEATURES = 12
+
+
+@dataclass(frozen=True)
+class Box:
+    """An axis-aligned box, corners in metres."""
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays in world space: ``origins`` [m, (R, 3)] and unit ``directions`` [(R, 3)]."""
+
+    origins: Tensor
+    directions: Tensor
+
+
+@dataclass(frozen=True)
+class Video:
+    """A multi-view video already matted onto white, every camera fixed.
+
+    images: [linear file values in 0..1, (V, F, H, W, 3)]
+    silhouettes: opacity of the object [0..1, (V, F, H, W)]
+    valid: False where an occluder hides the scene [(V, H, W), bool]
+    camera_to_world: [rotation and metres, (V, 3, 4)]
+    intrinsics: focal lengths and principal point [pixels of ``images``, (V, 3, 3)]
+    times: [s, (F,)]
+    view_ids, frame_ids: the numbers the files carry, in the order of the first two axes.
+    source: where it was read from, for messages.
+    """
+
+    images: Tensor
+    silhouettes: Tensor
+    valid: Tensor
+    camera_to_world: Tensor
+    intrinsics: Tensor
+    times: Tensor
+    view_ids: tuple[int, ...]
+    frame_ids: tuple[int, ...]
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class FieldGrid:
+    """Raw density and features on the nodes of a regular grid.
+
+    density: raw density sigma, before activation [(X, Y, Z)]; -100 where empty
+    features: [(X, Y, Z, 12)]
+    lower: position of node (0, 0, 0) [m, (3,)]
+    dx: node spacing [m]
+    """
+
+    density: Tensor
+    features: Tensor
+    lower: Tensor
+    dx: float
+
+
+@dataclass(frozen=True)
+class ParticleState:
+    """All that crosses from one phase to the next. Plain tensors on the CPU; saved and loaded as such.
+
+    positions: at frame 0 [m, (N, 3)]
+    velocity: at frame 0 [m/s, (N, 3)]
+    density: raw volume density sigma [(N,)]
+    features: appearance [(N, 12)]
+    physics: physical parameters by name [SI units, scalars], e.g. ``{"E": 1e6, "nu": 0.3}``
+    spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
+    base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
+    colour_network: weights of the colour MLP, frozen after the static phase
+    """
+
+    positions: Tensor
+    velocity: Tensor
+    density: Tensor
+    features: Tensor
+    physics: dict[str, float]
+    spacing: float
+    base_spacing: float
+    colour_network: dict[str, Tensor] = field(default_factory=dict)
+
+    def with_(self, **changes) -> ParticleState:
+        """A copy with the named fields replaced."""
+        return replace(self, **changes)
+
+    def save(self, path: str | Path) -> None:
+        """Write the state as a dictionary of plain tensors, readable with ``weights_only=True``."""
+        torch.save(dict(self.__dict__), path)
+
+    @staticmethod
+    def load(path: str | Path) -> ParticleState:
+        """Read what :meth:`save` wrote."""
+        return ParticleState(**torch.load(path, weights_only=True))
