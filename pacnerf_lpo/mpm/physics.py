@@ -1,0 +1,146 @@
+"""The physical model of a run, as configured in YAML: material, ground, effects, and how finely time is resolved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.ground import Ground, Sticky
+from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.simulator import Simulator
+from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.types import ParticleState
+
+MAX_HALVINGS = 3
+
+
+class Physics:
+    """A material on a ground under gravity, with the physical effects that act beside them.
+
+    Args:
+        material: constitutive law with the initial guess of its parameters.
+        ground: boundary condition at y = 0; sticky when not given.
+        effects: additional physical effects.
+        rho: mass density of the full material [kg/m^3].
+        substep_rate: integration steps per second [1/s].
+        frame_rate: video frames per second [1/s].
+        gravity: [m/s^2].
+    """
+
+    def __init__(
+        self,
+        material: Material,
+        ground: Ground | None = None,
+        effects: Sequence[Effect] = (),
+        rho: float = 1000.0,
+        substep_rate: float = 4800.0,
+        frame_rate: float = 24.0,
+        gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
+    ):
+        for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
+            if not (value > 0 and math.isfinite(value)):
+                raise UserInputError(f"physics.{name} = {value:g}: give a positive number")
+        if substep_rate < frame_rate:
+            raise UserInputError(
+                f"physics.substep_rate = {substep_rate:g} 1/s is below frame_rate = {frame_rate:g} 1/s; "
+                "give at least one substep per frame"
+            )
+        self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
+        self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
+        self.halvings = 0
+        self._simulators: dict[tuple, Simulator] = {}
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Every physical parameter of the material and of the effects, by name."""
+        found = dict(self.material.parameters)
+        for effect in self.effects:
+            found.update(effect.parameters)
+        return found
+
+    @property
+    def guess(self) -> dict[str, float]:
+        """Initial value of every parameter [SI]."""
+        found = dict(self.material.guess)
+        for effect in self.effects:
+            found.update(effect.guess)
+        return found
+
+    @property
+    def free_names(self) -> list[str]:
+        """Names of the parameters that are identified."""
+        return [*self.material.free_names, *(name for effect in self.effects for name in effect.parameters)]
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps per frame, after the halvings of the step so far."""
+        return math.ceil(self.substep_rate / self.frame_rate - 1e-9) * 2**self.halvings
+
+    def rollout(
+        self,
+        positions: Tensor,
+        velocity: Tensor,
+        density: Tensor,
+        parameters: Mapping[str, Tensor],
+        spacing: float,
+        frames: int,
+    ) -> Tensor:
+        """Positions at every frame, differentiable in all tensors.
+
+        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF). A rollout that becomes
+        unstable is repeated with half the time step, at most three times; the halved step is kept.
+
+        Args:
+            positions: at frame 0 [m, (N, 3)]
+            velocity: at frame 0 [m/s, (N, 3)]
+            density: raw volume density of the particles [(N,)]
+            parameters: every parameter by name [SI, scalars]
+            spacing: grid spacing [m]
+            frames: number of frames, the first included.
+
+        Returns:
+            [m, (frames, N, 3)]
+
+        Raises:
+            SimulationError: still unstable after the last halving.
+        """
+        opacity = alpha(density, 1.0)
+        mass = self.rho * (spacing / 2) ** 3 * opacity
+        material = {name: parameters[name] for name in self.material.parameters}
+        extra = {name: parameters[name] for effect in self.effects for name in effect.parameters}
+        while True:
+            try:
+                return self._simulator(spacing)(positions, velocity, mass, opacity**3, material, frames, extra)
+            except SimulationError:
+                if self.halvings >= MAX_HALVINGS:
+                    raise
+                self.halvings += 1
+
+    def simulate(self, state: ParticleState, frames: int) -> Tensor:
+        """Positions of a state at every frame, without gradients [m, (frames, N, 3)].
+
+        Parameters that the state does not name have the value of the initial guess.
+        """
+        values = {name: torch.tensor(value) for name, value in {**self.guess, **state.physics}.items()}
+        with torch.no_grad():
+            return self.rollout(state.positions, state.velocity, state.density, values, state.spacing, frames)
+
+    def _simulator(self, spacing: float) -> Simulator:
+        key = (spacing, self.substeps)
+        if key not in self._simulators:
+            self._simulators[key] = Simulator(
+                self.material,
+                self.ground,
+                dx=spacing,
+                substeps=self.substeps,
+                frame_dt=1 / self.frame_rate,
+                gravity=self.gravity,
+                effects=self.effects,
+            )
+        return self._simulators[key]

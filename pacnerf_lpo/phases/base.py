@@ -1,0 +1,59 @@
+"""What every phase of Algorithm 1 is: a LightningModule that takes a particle state and gives one back."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import pytorch_lightning as pl
+import torch
+
+from pacnerf_lpo.types import ParticleState
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.data.video_module import VideoData
+    from pacnerf_lpo.mpm.physics import Physics
+
+
+class AbstractPhase(pl.LightningModule, ABC):
+    """One phase: its losses, its optimiser and its schedules.
+
+    The outer loop calls, in this order: :meth:`attach`, :meth:`import_state`, ``Trainer.fit``, :meth:`export_state`.
+    """
+
+    data: VideoData
+    physics: Physics
+
+    def attach(self, data: VideoData, physics: Physics) -> None:
+        """Give the phase the video and the physical model of the run; called once, before :meth:`import_state`."""
+        self.data, self.physics = data, physics
+
+    @abstractmethod
+    def import_state(self, state: ParticleState | None) -> None:
+        """Take what the previous phase exported; ``None`` for the first phase of a run."""
+
+    @abstractmethod
+    def export_state(self) -> ParticleState:
+        """The particle state after training, detached, on the CPU."""
+
+    @abstractmethod
+    def batches(self, data: VideoData) -> Iterable:
+        """One element per optimiser step; ``training_step`` receives it."""
+
+    def progress_metrics(self) -> dict[str, str]:
+        """Current values for the progress bar, formatted with their SI units."""
+        return {}
+
+
+class StepNumbers(torch.utils.data.IterableDataset):
+    """The numbers first, ..., last - 1 of the optimiser steps, for phases that draw their own samples by step number."""
+
+    def __init__(self, count: int):
+        self.count = count
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self):
+        return iter(range(self.count))
