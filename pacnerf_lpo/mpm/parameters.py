@@ -65,6 +65,8 @@ class Parameter:
         transform: coordinate in which it is optimised.
         bounds: open interval of admissible values.
         label: how a person calls it.
+        scale: a noticeable change of the free coordinate (0.1 is a quarter, for Log10): sensitivities are probed at a
+            fraction of it, and one Gauss-Newton step moves at most a few of them.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Parameter:
     transform: Transform
     bounds: tuple[float, float]
     label: str
+    scale: float = 0.1
 
     def check(self, value: float, where: str) -> float:
         """Return ``value``; raise UserInputError when it is NaN or outside the bounds."""

@@ -1,1 +1,17 @@
+"""The phases of Algorithm 1; importing them makes their short names known to the command line."""
 
+from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, PaperAdam
+from pacnerf_lpo.phases.lpo import LPOModule
+from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+from pacnerf_lpo.phases.velocity import VelocityModule
+
+__all__ = [
+    "AbstractPhase",
+    "GaussNewton",
+    "IdentificationMethod",
+    "LPOModule",
+    "PaperAdam",
+    "PhysicsIDModule",
+    "VelocityModule",
+]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import pytorch_lightning as pl
@@ -47,13 +47,18 @@ class AbstractPhase(pl.LightningModule, ABC):
 
 
 class StepNumbers(torch.utils.data.IterableDataset):
-    """The numbers first, ..., last - 1 of the optimiser steps, for phases that draw their own samples by step number."""
+    """The numbers of the optimiser steps that remain, for phases that draw their own samples by step number.
 
-    def __init__(self, count: int):
-        self.count = count
+    Args:
+        count: steps in all.
+        done: tells, when iteration starts, how many were taken before (a resumed run).
+    """
+
+    def __init__(self, count: int, done: Callable[[], int]):
+        self.count, self.done = count, done
 
     def __len__(self) -> int:
         return self.count
 
     def __iter__(self):
-        return iter(range(self.count))
+        return iter(range(self.done(), self.count))

@@ -1,0 +1,94 @@
+"""What velocity estimation, physical identification and LPO share: a particle state that moves and is filmed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
+from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.types import ParticleState
+
+FRAME_RATE_TOLERANCE = 0.01
+
+
+class DynamicPhase(AbstractPhase):
+    """A phase that starts from a particle state and compares its motion with the video.
+
+    Args:
+        steps: number of optimiser steps.
+        seed: seed of the random choice of views; step k draws from ``seed + k``, so a resumed run repeats itself.
+    """
+
+    state: ParticleState
+    misfit: VideoMisfit
+
+    def __init__(self, steps: int, seed: int = 0):
+        super().__init__()
+        self.steps, self.seed = steps, seed
+
+    def attach(self, data: VideoData, physics: Physics) -> None:
+        """See :meth:`AbstractPhase.attach`; checks that video and model agree on the frame rate."""
+        super().attach(data, physics)
+        check_frame_rate(data, physics)
+        physics.halvings = 0
+
+    def import_state(self, state: ParticleState | None) -> None:
+        """Keep the state and prepare the comparison with the video."""
+        if state is None:
+            raise UserInputError(f"{type(self).__name__} needs a particle state: run the static phase before it")
+        self.state = state
+        self.misfit = VideoMisfit(self.data, state)
+
+    def batches(self, data: VideoData) -> Iterable:
+        """The step numbers; each step draws its own views."""
+        return StepNumbers(self.steps, lambda: self.global_step)
+
+    def one_view_per_frame(self, step: int, frames: int) -> list[list[int]]:
+        """One random training view for each frame."""
+        generator = torch.Generator().manual_seed(self.seed * 100_003 + step)
+        picks = torch.randint(len(self.data.train), (frames,), generator=generator)
+        return [[self.data.train[int(pick)]] for pick in picks]
+
+    def all_views(self, frames: int) -> list[list[int]]:
+        """Every training view for each frame."""
+        return [list(self.data.train)] * frames
+
+    def rollout(self, velocity: Tensor, parameters: dict[str, Tensor], frames: int) -> Tensor:
+        """Trajectory of the imported particles with one global velocity [m/s, (3,)] -> [m, (frames, N, 3)]."""
+        state = self.state
+        return self.physics.rollout(
+            state.positions, velocity.expand_as(state.positions), state.density, parameters, state.spacing, frames
+        )
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep how often the time step was halved."""
+        checkpoint["step_halvings"] = self.physics.halvings
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the time step that was reached."""
+        self.physics.halvings = checkpoint["step_halvings"]
+
+
+def known_values(physics: Physics, state: ParticleState) -> dict[str, float]:
+    """Every physical parameter by name: what the state has identified, else the initial guess [SI]."""
+    return {**physics.guess, **state.physics}
+
+
+def check_frame_rate(data: VideoData, physics: Physics) -> None:
+    """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %."""
+    times = data.video.times
+    if len(times) < 2:
+        raise UserInputError(f"{data.video.source}: one frame shows no motion; at least two are needed")
+    measured = (len(times) - 1) / float(times[-1] - times[0])
+    if abs(measured / physics.frame_rate - 1) > FRAME_RATE_TOLERANCE:
+        raise UserInputError(
+            f"{data.video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is "
+            f"{physics.frame_rate:g}; set --physics.frame_rate={measured:.4g}"
+        )

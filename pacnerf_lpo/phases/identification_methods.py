@@ -1,0 +1,202 @@
+"""Two ways to identify the physical parameters on the same residuals: the paper's Adam, and damped Gauss-Newton."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.mpm.parameters import Log10
+from pacnerf_lpo.phases.levenberg_marquardt import LevenbergMarquardt, NormalEquations
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+
+PROBE = 0.2  # of a parameter's scale: finite change for a forward sensitivity
+LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
+VELOCITY_SCALE = 0.1  # m/s
+
+
+class IdentificationMethod(ABC):
+    """How PhysicsIDModule lowers the misfit.
+
+    Args:
+        warm_up_iterations: iterations on the frames around contact.
+        main_iterations: iterations on all frames.
+    """
+
+    fits_velocity: bool = False
+
+    def __init__(self, warm_up_iterations: int, main_iterations: int):
+        if warm_up_iterations < 0 or main_iterations < 1:
+            raise UserInputError(
+                f"{type(self).__name__}: warm_up_iterations = {warm_up_iterations} and main_iterations = "
+                f"{main_iterations}; give at least 0 and 1"
+            )
+        self.warm_up_iterations, self.main_iterations = warm_up_iterations, main_iterations
+
+    @property
+    def iterations(self) -> int:
+        """Iterations in all."""
+        return self.warm_up_iterations + self.main_iterations
+
+    @abstractmethod
+    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
+        """The optimiser over ``module.free`` (and ``module.velocity``)."""
+
+    @abstractmethod
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        """One iteration; returns the misfit before it."""
+
+    def prepare(self, module: PhysicsIDModule) -> None:
+        """Called once before the first iteration of a fresh run."""
+
+    def converged(self, module: PhysicsIDModule) -> bool:
+        """Whether the current stage has nothing left to gain."""
+        return False
+
+
+class PaperAdam(IdentificationMethod):
+    """Adam on one random training view per frame, gradients through the whole rollout (PAC-NeRF).
+
+    Args:
+        learning_rates: rate of each parameter's free coordinate by name; 0.1 where not named.
+        warm_up_iterations, main_iterations: 50 and 100 in the paper.
+    """
+
+    def __init__(
+        self,
+        learning_rates: Mapping[str, float] | None = None,
+        warm_up_iterations: int = 50,
+        main_iterations: int = 100,
+    ):
+        super().__init__(warm_up_iterations, main_iterations)
+        self.learning_rates = dict(learning_rates or {})
+
+    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
+        unknown = sorted(set(self.learning_rates) - set(module.free))
+        if unknown:
+            raise UserInputError(
+                f"phases.physics: learning_rates names {', '.join(unknown)}, which is not identified here; "
+                f"identified are {', '.join(module.free)}"
+            )
+        groups = [{"params": [free], "lr": self.learning_rates.get(name, 0.1)} for name, free in module.free.items()]
+        return torch.optim.Adam(groups)
+
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        frames = module.frames_at(step)
+        optimiser.zero_grad()
+        loss = module.loss(frames, module.one_view_per_frame(step, frames))
+        module.manual_backward(loss)
+        optimiser.step()
+        return loss.item()
+
+
+class GaussNewton(IdentificationMethod):
+    """Levenberg-Marquardt on all training views, with forward sensitivities, for material and initial velocity together.
+
+    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds the
+    valley before the first step, because moduli can be wrong by a factor of a thousand.
+
+    Args:
+        warm_up_iterations, main_iterations: at most; a stage ends when it has converged.
+        scan_decades: each log10 parameter is first tried this many decades to either side, by half decades; 0: not at all.
+        warm_up_pool, main_pool: block size [pixels] over which images are averaged before comparison.
+        fits_velocity: refine the initial velocity too.
+    """
+
+    def __init__(
+        self,
+        warm_up_iterations: int = 4,
+        main_iterations: int = 8,
+        scan_decades: float = 3.0,
+        warm_up_pool: int = 4,
+        main_pool: int = 1,
+        fits_velocity: bool = True,
+    ):
+        super().__init__(warm_up_iterations, main_iterations)
+        self.scan_decades, self.warm_up_pool, self.main_pool = scan_decades, warm_up_pool, main_pool
+        self.fits_velocity = fits_velocity
+
+    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
+        limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
+        return LevenbergMarquardt(module.unknowns, limits, lambda: self._trial_loss(module))
+
+    def prepare(self, module: PhysicsIDModule) -> None:
+        """Scan one parameter after the other over decades and keep the best value."""
+        module.misfit.pool = self.warm_up_pool
+        frames = module.frame_count
+        for name, free in module.free.items():
+            if self.scan_decades and isinstance(module.physics.parameters[name].transform, Log10):
+                self._scan(module, name, free, module.one_view_per_frame(0, frames), frames)
+        module.physics.halvings = 0
+
+    def _scan(self, module: PhysicsIDModule, name: str, free: torch.nn.Parameter, views, frames: int) -> None:
+        start, count = free.item(), round(2 * self.scan_decades)
+        low, high = module.free_bounds(name)
+        offsets = [0.5 * k for k in range(-count, count + 1) if low < start + 0.5 * k < high]
+        losses = {}
+        for offset in tqdm(offsets, desc=f"physics: scan of {name}", leave=False):
+            with torch.no_grad():
+                free.fill_(start + offset)
+                losses[offset] = finite_loss(lambda: module.loss(frames, views).item())
+        best = min(losses, key=losses.__getitem__)
+        with torch.no_grad():
+            free.fill_(start + best)
+
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        module.misfit.pool = self.warm_up_pool if step < module.warm_up_end else self.main_pool
+        self._frames = module.frames_at(step)
+        model = optimiser.step(lambda: self._normal_equations(module))
+        return model.loss
+
+    def converged(self, module: PhysicsIDModule) -> bool:
+        """The last step was below a hundredth of the longest allowed one."""
+        return module.optimizers().param_groups[0]["last_step"] < 0.01
+
+    def _trial_loss(self, module: PhysicsIDModule) -> float:
+        return finite_loss(lambda: module.loss(self._frames, module.all_views(self._frames)).item())
+
+    @torch.no_grad()
+    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        trajectories, probes = self._trajectories(module)
+        size = len(probes)
+        loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
+        hessian = torch.zeros(size, size, dtype=torch.float64)
+        views = module.data.train
+        for frame in range(self._frames):
+            for view in views:
+                residuals = torch.stack([module.residual(path[frame], view, frame) for path in trajectories])
+                pixels = residuals[0].shape[0] * residuals[0].shape[1]
+                flat = residuals.reshape(size + 1, -1).double()
+                jacobian = (flat[1:] - flat[0]) / probes[:, None]
+                weight = 1 / (pixels * self._frames * len(views))
+                loss += weight * flat[0].square().sum().item()
+                gradient += weight * (jacobian @ flat[0])
+                hessian += weight * (jacobian @ jacobian.T)
+        return NormalEquations(loss, gradient, hessian)
+
+    def _trajectories(self, module: PhysicsIDModule) -> tuple[list[Tensor], Tensor]:
+        """The rollout at the current parameters, then one for each unknown moved by its probe."""
+        paths = [module.trajectory(self._frames)]
+        probes = torch.tensor(module.scales, dtype=torch.float64) * PROBE
+        entries = [(unknown, index) for unknown in module.unknowns for index in range(unknown.numel())]
+        for (unknown, index), probe in zip(entries, probes, strict=True):
+            before = unknown.detach().clone()
+            unknown.view(-1)[index] += float(probe)
+            paths.append(module.trajectory(self._frames))
+            unknown.copy_(before)
+        return paths, probes
+
+
+def finite_loss(loss) -> float:
+    """The value of ``loss()``, infinite where the rollout is unstable."""
+    try:
+        return loss()
+    except SimulationError:
+        return float("inf")

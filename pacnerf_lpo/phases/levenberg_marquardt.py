@@ -1,0 +1,78 @@
+"""Damped Gauss-Newton (Levenberg-Marquardt) for a handful of parameters, as a torch optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+MAX_ATTEMPTS = 6
+DAMPING_RANGE = (1e-7, 1e6)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Misfit f(p) = mean r(p)^2 and its Gauss-Newton model around the current parameters, in float64.
+
+    loss: mean squared residual
+    gradient: mean J^T r, one entry per parameter [(K,)]
+    hessian: mean J^T J [(K, K)]
+    """
+
+    loss: float
+    gradient: Tensor
+    hessian: Tensor
+
+
+class LevenbergMarquardt(torch.optim.Optimizer):
+    """Minimises a mean squared residual: (H + damping diag H) step = -gradient (Marquardt 1963).
+
+    A step that does not lower the misfit is taken back and tried again with more damping.
+
+    Args:
+        parameters: tensors to optimise, read as one vector of K entries.
+        limits: largest change of each entry in one step [(K,)].
+        trial_loss: the misfit at the parameters' current values.
+        damping: relative damping to start with.
+    """
+
+    def __init__(self, parameters: list[Tensor], limits: Tensor, trial_loss: Callable[[], float], damping: float = 1e-2):
+        super().__init__(parameters, {"damping": damping, "last_step": 0.0})
+        self.limits, self.trial_loss = limits, trial_loss
+
+    @torch.no_grad()
+    def step(self, closure: Callable[[], NormalEquations]) -> NormalEquations:  # type: ignore[override]
+        """One accepted step, or none when no damping lowers the misfit; ``last_step`` is its largest part of a limit."""
+        group = self.param_groups[0]
+        model = closure()
+        start = torch.cat([parameter.detach().reshape(-1).double() for parameter in group["params"]])
+        for _ in range(MAX_ATTEMPTS):
+            step = damped_step(model, group["damping"], self.limits)
+            self._assign(start + step)
+            if self.trial_loss() < model.loss:
+                group["damping"] = max(group["damping"] / 5, DAMPING_RANGE[0])
+                group["last_step"] = float((step.abs() / self.limits).max())
+                return model
+            group["damping"] = min(group["damping"] * 5, DAMPING_RANGE[1])
+        self._assign(start)
+        group["last_step"] = 0.0
+        return model
+
+    def _assign(self, values: Tensor) -> None:
+        for parameter, part in zip(
+            self.param_groups[0]["params"],
+            values.split([p.numel() for p in self.param_groups[0]["params"]]),
+            strict=True,
+        ):
+            parameter.copy_(part.view_as(parameter))
+
+
+def damped_step(model: NormalEquations, damping: float, limits: Tensor) -> Tensor:
+    """The Levenberg-Marquardt step, shortened as a whole so that no entry exceeds its limit [(K,)]."""
+    diagonal = model.hessian.diagonal()
+    floor = 1e-9 * (diagonal * limits**2).max() / limits**2
+    damped = model.hessian + torch.diag(damping * torch.maximum(diagonal, floor) + floor)
+    step = -torch.linalg.solve(damped, model.gradient)
+    return step / (step.abs() / limits).max().clamp(min=1.0)

@@ -1,0 +1,87 @@
+"""Lagrangian Particle Optimization: correct frame-0 positions and features by the whole video (Algorithm 1, step 3)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.types import ParticleState
+
+
+class LPOModule(DynamicPhase):
+    """Optimises particles while physics, velocity and colour network stay frozen (supplement E.3).
+
+    +LPO moves both; +LPO-F only the features (raw density and colour features), +LPO-P only the positions.
+
+    Args:
+        iterations: Adam steps.
+        positions: optimise frame-0 positions.
+        features: optimise raw density and features.
+        density_drives_mass: let the gradient of the density flow through alpha into mass and stiffness too.
+        position_rate: Adam rate of the positions, in units of the coarsest grid spacing dx0.
+        feature_rate: Adam rate of density and features.
+    """
+
+    def __init__(
+        self,
+        iterations: int = 100,
+        positions: bool = True,
+        features: bool = True,
+        density_drives_mass: bool = True,
+        position_rate: float = 1 / 32,
+        feature_rate: float = 0.1,
+    ):
+        super().__init__(steps=iterations)
+        if not (positions or features):
+            raise UserInputError(
+                "phases.correction: positions and features are both false, so nothing would be corrected; "
+                "set one of them, or set the whole phase to null (+None)"
+            )
+        self.corrects_positions, self.corrects_features = positions, features
+        self.density_drives_mass = density_drives_mass
+        self.position_rate, self.feature_rate = position_rate, feature_rate
+
+    def import_state(self, state: ParticleState | None) -> None:
+        """Make the particles trainable."""
+        super().import_state(state)
+        self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
+        self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
+        self.features = nn.Parameter(self.state.features.clone(), requires_grad=self.corrects_features)
+        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """Adam with one group for positions and one for density and features."""
+        groups = []
+        if self.corrects_positions:
+            groups.append({"params": [self.positions], "lr": self.position_rate * self.state.base_spacing})
+        if self.corrects_features:
+            groups.append({"params": [self.density, self.features], "lr": self.feature_rate})
+        return torch.optim.Adam(groups, betas=(0.9, 0.999))
+
+    def training_step(self, step: int, _: int) -> Tensor:
+        """Misfit over all frames, one random training view for each."""
+        frames = self.misfit.frames
+        driving = self.density if self.density_drives_mass else self.density.detach()
+        trajectory = self.physics.rollout(
+            self.positions, self.state.velocity, driving, self._values, self.state.spacing, frames
+        )
+        loss = self.misfit.loss(trajectory, self.density, self.features, self.one_view_per_frame(step, frames))
+        self.log("correction/loss", loss)
+        moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
+        self.log("correction/mean displacement [m]", moved)
+        return loss
+
+    def export_state(self) -> ParticleState:
+        """The state with corrected particles."""
+        return self.state.with_(
+            positions=self.positions.detach().cpu().clone(),
+            density=self.density.detach().cpu().clone(),
+            features=self.features.detach().cpu().clone(),
+        )
+
+    def progress_metrics(self) -> dict[str, str]:
+        """How far the particles have moved."""
+        moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean().item()
+        return {"moved": f"{1000 * moved:.2f} mm"}

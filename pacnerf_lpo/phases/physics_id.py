@@ -1,0 +1,128 @@
+"""Physical identification: warm-up on the frames around contact, then all frames (steps (b) and (c) of PAC-NeRF)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
+from pacnerf_lpo.types import ParticleState
+
+
+class PhysicsIDModule(DynamicPhase):
+    """Identifies the material (and effect) parameters that are not declared known.
+
+    Args:
+        hit_frame: first frame in which the body touches the ground.
+        method: PaperAdam or GaussNewton.
+        warm_up_frames: the warm-up uses the frames up to ``hit_frame + warm_up_frames``.
+    """
+
+    warm_up_end: Tensor  # first step of the main stage
+
+    def __init__(self, hit_frame: int, method: IdentificationMethod, warm_up_frames: int = 3):
+        super().__init__(steps=method.iterations)
+        self.automatic_optimization = False
+        self.hit_frame, self.method, self.warm_up_frames = hit_frame, method, warm_up_frames
+        self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
+
+    def import_state(self, state: ParticleState | None) -> None:
+        """Start from the parameters of the state, else from the material's guess."""
+        super().import_state(state)
+        known = known_values(self.physics, self.state)
+        described = self.physics.parameters
+        free = {name: described[name].transform.to_free(known[name]) for name in self.physics.free_names}
+        if not free:
+            raise UserInputError("phases.physics: every parameter is declared known, so there is nothing to identify")
+        self.free = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in free.items()})
+        velocity = self.state.velocity.mean(0).clone()
+        self.velocity = nn.Parameter(velocity, requires_grad=self.method.fits_velocity)
+
+    @property
+    def frame_count(self) -> int:
+        """Frames of the video."""
+        return len(self.data.video.times)
+
+    @property
+    def unknowns(self) -> list[Tensor]:
+        """What Gauss-Newton changes: the free coordinates, then the velocity when it is refined."""
+        return [*self.free.values(), *([self.velocity] if self.method.fits_velocity else [])]
+
+    @property
+    def scales(self) -> list[float]:
+        """A noticeable change of each entry of :attr:`unknowns`."""
+        material = [self.physics.parameters[name].scale for name in self.free]
+        return material + ([VELOCITY_SCALE] * 3 if self.method.fits_velocity else [])
+
+    def free_bounds(self, name: str) -> tuple[float, float]:
+        """Bounds of a parameter in its free coordinate."""
+        parameter = self.physics.parameters[name]
+        low, high = (parameter.transform.to_free(bound) for bound in parameter.bounds)
+        return low, high
+
+    def frames_at(self, step: int) -> int:
+        """How many frames the iteration looks at."""
+        warm_up = step < self.warm_up_end
+        return min(self.hit_frame + self.warm_up_frames, self.frame_count) if warm_up else self.frame_count
+
+    def values(self) -> dict[str, Tensor]:
+        """Every physical parameter [SI, scalars], differentiable in the free coordinates."""
+        described = self.physics.parameters
+        known = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        return {**known, **{name: described[name].transform.to_physical(free) for name, free in self.free.items()}}
+
+    def trajectory(self, frames: int) -> Tensor:
+        """Positions at the current parameters [m, (frames, N, 3)]."""
+        return self.rollout(self.velocity, self.values(), frames)
+
+    def loss(self, frames: int, views: list[list[int]]) -> Tensor:
+        """Squared error summed over channels, averaged over pixels, frames and views."""
+        return self.misfit.loss(self.trajectory(frames), self.state.density, self.state.features, views)
+
+    def residual(self, positions: Tensor, view: int, frame: int) -> Tensor:
+        """Predicted minus measured image [(H, W, 3)]."""
+        return self.misfit.residual(positions, self.state.density, self.state.features, view, frame)
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """The method's optimiser."""
+        return self.method.optimiser(self)
+
+    def on_train_start(self) -> None:
+        """A fresh run lets the method look around first; a resumed one goes on where it stood."""
+        if self.global_step == 0:
+            self.method.prepare(self)
+
+    def training_step(self, step: int, _: int) -> None:
+        """One iteration of the method; a converged stage is left early."""
+        loss = self.method.iterate(self, self.optimizers(), step)
+        self.log("physics/loss", loss)
+        for name, value in self.export_values().items():
+            self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
+        for axis, value in zip("xyz", self.velocity.detach(), strict=True):
+            self.log(f"physics/v_{axis} [m|s]", value)
+        if self.method.converged(self):
+            self._end_stage(step)
+
+    def _end_stage(self, step: int) -> None:
+        """A stage that has converged is left: the warm-up for the main stage, the main stage for good."""
+        if step < self.warm_up_end:
+            self.warm_up_end.fill_(step + 1)
+        else:
+            self.trainer.should_stop = True
+
+    def export_values(self) -> dict[str, float]:
+        """Every physical parameter now [SI]."""
+        return {name: value.item() for name, value in self.values().items()}
+
+    def export_state(self) -> ParticleState:
+        """The imported state with the parameters and the velocity found."""
+        velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
+        return self.state.with_(physics=self.export_values(), velocity=velocity)
+
+    def progress_metrics(self) -> dict[str, str]:
+        """Identified parameters with units."""
+        described = self.physics.parameters
+        values = self.export_values()
+        return {name: f"{values[name]:.4g} {described[name].unit}" for name in self.free}

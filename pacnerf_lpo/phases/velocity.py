@@ -1,0 +1,83 @@
+"""Initial velocity from the frames before contact (identification step (a) of PAC-NeRF)."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.types import ParticleState
+
+ITERATIONS_PER_STEP = 4
+
+
+class VelocityModule(DynamicPhase):
+    """One global initial velocity by L-BFGS (history 20, strong Wolfe) on all training views of the frames before contact.
+
+    Args:
+        hit_frame: first frame in which the body touches the ground; the frames before it are used.
+        max_iterations: L-BFGS iterations at most.
+        guess: velocity to start from [m/s].
+        tolerance: stops when no component moves by more than this in one iteration [m/s].
+    """
+
+    def __init__(
+        self,
+        hit_frame: int,
+        max_iterations: int = 100,
+        guess: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        tolerance: float = 1e-4,
+    ):
+        super().__init__(steps=math.ceil(max_iterations / ITERATIONS_PER_STEP))
+        if hit_frame < 2:
+            raise UserInputError(f"hit_frame = {hit_frame}: the velocity needs at least two frames before contact")
+        self.frames, self.tolerance = hit_frame, tolerance
+        self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
+        self._before = self.velocity.detach().clone()
+
+    def attach(self, data, physics) -> None:
+        """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
+        super().attach(data, physics)
+        if self.frames > len(data.video.times):
+            raise UserInputError(
+                f"hit_frame = {self.frames} but {data.video.source} has {len(data.video.times)} frames; lower hit_frame"
+            )
+
+    def import_state(self, state: ParticleState | None) -> None:
+        """Fix the physical parameters to what is known; before contact they hardly matter."""
+        super().import_state(state)
+        self._parameters_now = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """L-BFGS; a Lightning step runs a few of its iterations, so that evaluations are not repeated."""
+        return torch.optim.LBFGS(
+            [self.velocity], max_iter=ITERATIONS_PER_STEP, history_size=20, line_search_fn="strong_wolfe"
+        )
+
+    def training_step(self, step: int, _: int) -> Tensor:
+        """Misfit of all training views over the frames before contact."""
+        trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
+        loss = self.misfit.loss(trajectory, self.state.density, self.state.features, self.all_views(self.frames))
+        self.log("velocity/loss", loss)
+        return loss
+
+    def on_train_batch_end(self, *_) -> None:
+        """Log the velocity and stop when it no longer moves."""
+        moved = (self.velocity.detach() - self._before).abs().max().item()
+        self._before = self.velocity.detach().clone()
+        for axis, value in zip("xyz", self.velocity.detach(), strict=True):
+            self.log(f"velocity/v_{axis} [m|s]", value)
+        if moved < self.tolerance:
+            self.trainer.should_stop = True
+
+    def export_state(self) -> ParticleState:
+        """The imported state with the velocity found."""
+        velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
+        return self.state.with_(velocity=velocity, physics=known_values(self.physics, self.state))
+
+    def progress_metrics(self) -> dict[str, str]:
+        """The velocity."""
+        return {"v0": "({:+.3f}, {:+.3f}, {:+.3f}) m/s".format(*self.velocity.detach().tolist())}
