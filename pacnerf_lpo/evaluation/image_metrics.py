@@ -1,0 +1,141 @@
+"""PSNR, SSIM and LPIPS between a predicted and a measured video of one view.
+
+Each is computed per image and averaged over the images: "averaged over the test-view videos" (LPO supplement, E.4).
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import urllib.error
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torchmetrics.functional.image import structural_similarity_index_measure
+
+LPIPS_INSTALL = "torchvision is not installed: pip install 'pacnerf-lpo[lpips]'"
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A number that could not be computed here, and why: printed as ``n/a (reason)``, never replaced by a guess."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"n/a ({self.reason})"
+
+
+@dataclass(frozen=True)
+class ImageMetrics:
+    """Means over images: ``psnr`` [dB], ``ssim`` [1], ``lpips`` [1, lower is better] or :class:`Missing`."""
+
+    psnr: float
+    ssim: float
+    lpips: float | Missing
+
+    def as_dict(self) -> dict[str, float | str | None]:
+        """Plain values for JSON: a missing metric is its printed reason, an infinite PSNR is None."""
+        return {
+            "psnr": self.psnr if math.isfinite(self.psnr) else None,
+            "ssim": self.ssim,
+            "lpips": self.lpips if isinstance(self.lpips, float) else str(self.lpips),
+        }
+
+
+def psnr(predicted: Tensor, measured: Tensor) -> Tensor:
+    """Peak signal-to-noise ratio of each image, -10 log10(mean squared error), for values in 0..1.
+
+    Args:
+        predicted, measured: (B, H, W, 3).
+
+    Returns:
+        [dB, (B,)]; infinite where the two images are equal.
+    """
+    return -10.0 * torch.log10(mean_squared_error(predicted, measured))
+
+
+def mean_squared_error(predicted: Tensor, measured: Tensor) -> Tensor:
+    """Mean over pixels and channels of each image's squared difference, (B, H, W, 3) -> (B,)."""
+    return (predicted - measured).square().flatten(1).mean(1)
+
+
+def ssim(predicted: Tensor, measured: Tensor) -> Tensor:
+    """Structural similarity of each image with the usual 11 x 11 Gaussian window, sigma 1.5 (Wang et al. 2004, eq. 13).
+
+    The mean runs over every pixel; the images are mirrored at their border (torchmetrics).
+
+    Args:
+        predicted, measured: (B, H, W, 3) in 0..1, at least 11 pixels wide and high.
+
+    Returns:
+        (B,), 1 where the two images are equal.
+    """
+    values = structural_similarity_index_measure(
+        _channels_first(predicted), _channels_first(measured), data_range=1.0, reduction="none"
+    )
+    return values if isinstance(values, Tensor) else values[0]
+
+
+def lpips(predicted: Tensor, measured: Tensor) -> Tensor | Missing:
+    """Learned perceptual distance of each image (Zhang et al. 2018, AlexNet), or why it cannot be had.
+
+    Args:
+        predicted, measured: (B, H, W, 3) in 0..1.
+
+    Returns:
+        (B,), or :class:`Missing` where torchvision or the network's weights are not there.
+    """
+    network = _lpips_network()
+    if isinstance(network, Missing):
+        return network
+    with torch.no_grad():
+        pairs = zip(_channels_first(predicted).split(1), _channels_first(measured).split(1), strict=True)
+        return torch.stack([network(a, b).reshape(()) for a, b in pairs])
+
+
+def image_metrics(predicted: Tensor, measured: Tensor) -> ImageMetrics:
+    """All three metrics of a stack of images, (B, H, W, 3) in 0..1, averaged over the stack."""
+    predicted, measured = predicted.clamp(0, 1), measured.clamp(0, 1)
+    distance = lpips(predicted, measured)
+    return ImageMetrics(
+        psnr=psnr(predicted, measured).mean().item(),
+        ssim=ssim(predicted, measured).mean().item(),
+        lpips=distance if isinstance(distance, Missing) else distance.mean().item(),
+    )
+
+
+def mean_metrics(videos: Sequence[ImageMetrics]) -> ImageMetrics:
+    """Average over the videos of several views; LPIPS is missing as soon as it is missing for one."""
+    distances = [video.lpips for video in videos]
+    missing = [distance for distance in distances if isinstance(distance, Missing)]
+    known = [distance for distance in distances if not isinstance(distance, Missing)]
+    return ImageMetrics(
+        psnr=sum(video.psnr for video in videos) / len(videos),
+        ssim=sum(video.ssim for video in videos) / len(videos),
+        lpips=missing[0] if missing else sum(known) / len(known),
+    )
+
+
+@functools.cache
+def _lpips_network() -> Callable[[Tensor, Tensor], Tensor] | Missing:
+    """The network of torchmetrics, built once; its AlexNet weights are downloaded by torchvision on first use."""
+    from torchmetrics.image.lpip import LearnedPerceptualImagePatchSimilarity
+
+    try:
+        return LearnedPerceptualImagePatchSimilarity(net_type="alex", normalize=True).eval()
+    except ModuleNotFoundError:
+        return Missing(LPIPS_INSTALL)
+    except (urllib.error.URLError, OSError) as error:
+        return Missing(f"the AlexNet weights could not be downloaded: {_one_line(error)}")
+
+
+def _one_line(error: BaseException) -> str:
+    return json.dumps(str(error))[1:-1][:120]
+
+
+def _channels_first(images: Tensor) -> Tensor:
+    return images.movedim(-1, -3).contiguous()
