@@ -1,0 +1,47 @@
+"""Pinhole cameras: from pixels to rays and from points to pixels. OpenGL axes, pixel centres at +0.5."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.types import Box, Rays
+
+
+def pixel_rays(intrinsic: Tensor, camera_to_world: Tensor, height: int, width: int) -> Rays:
+    """One ray through the centre of every pixel, row by row.
+
+    intrinsic: [pixels, (3, 3)] without skew; camera_to_world: [rotation and metres, (3, 4)].
+    Returns ``height * width`` rays; all origins are one point, stored once.
+    """
+    rows, columns = torch.meshgrid(
+        torch.arange(height, dtype=torch.float64) + 0.5, torch.arange(width, dtype=torch.float64) + 0.5, indexing="ij"
+    )
+    intrinsic, pose = intrinsic.double(), camera_to_world.double()
+    right = (columns - intrinsic[0, 2]) / intrinsic[0, 0]
+    up = (intrinsic[1, 2] - rows) / intrinsic[1, 1]
+    in_camera = torch.stack((right, up, -torch.ones_like(right)), dim=-1).reshape(-1, 3)
+    directions = torch.nn.functional.normalize(in_camera @ pose[:, :3].T, dim=-1).float()
+    return Rays(origins=pose[:, 3].float().expand_as(directions), directions=directions)
+
+
+def project(points: Tensor, intrinsic: Tensor, camera_to_world: Tensor) -> tuple[Tensor, Tensor]:
+    """Pixel coordinates [(N, 2), x right and y down] and depth along the axis [m, (N,)] of world ``points`` [m, (N, 3)].
+
+    A point is in front of the camera where its depth is positive; elsewhere the pixel coordinates mean nothing.
+    """
+    in_camera = (points - camera_to_world[:, 3]) @ camera_to_world[:, :3]
+    depth = -in_camera[:, 2]
+    x = intrinsic[0, 2] + intrinsic[0, 0] * in_camera[:, 0] / depth
+    y = intrinsic[1, 2] - intrinsic[1, 1] * in_camera[:, 1] / depth
+    return torch.stack((x, y), dim=-1), depth
+
+
+def hits_box(rays: Rays, box: Box) -> Tensor:
+    """Whether each ray passes through the box in front of its origin [(R,), bool] (slab test)."""
+    lower, upper = rays.origins.new_tensor(box.lower), rays.origins.new_tensor(box.upper)
+    near = (lower - rays.origins) / rays.directions
+    far = (upper - rays.origins) / rays.directions
+    entry = torch.minimum(near, far).amax(dim=-1)
+    leave = torch.maximum(near, far).amin(dim=-1)
+    return leave > entry.clamp_min(0.0)

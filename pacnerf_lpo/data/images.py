@@ -1,0 +1,86 @@
+"""PNG files to arrays, area-averaged scaling, and silhouettes of images that are already on white."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, UnidentifiedImageError
+from scipy import ndimage
+from torch import Tensor
+
+from pacnerf_lpo.errors import UserInputError
+
+HIGHLIGHT_FRACTION = 0.005
+"""An enclosed white patch below this fraction of the silhouette is a highlight; a larger one is a hole in the object."""
+
+
+def read_png(path: Path) -> np.ndarray:
+    """The image as float32 in 0..1, (H, W, 3), or (H, W, 4) where the file has transparency.
+
+    Raises UserInputError where the file is missing, truncated or no image.
+    """
+    try:
+        with Image.open(path) as image:
+            transparent = "A" in image.getbands() or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
+    except (OSError, SyntaxError, UnidentifiedImageError) as error:
+        reason = str(error).splitlines()[0].replace(str(path), "").strip(" '")
+        raise UserInputError(f"{path}: the image cannot be read ({reason}); copy or export it again") from None
+    return pixels.astype(np.float32) / 255.0
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(height, width) from the file's header alone.
+
+    Raises UserInputError where the file is missing or no image.
+    """
+    try:
+        with Image.open(path) as image:
+            return image.height, image.width
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
+    except (OSError, SyntaxError, UnidentifiedImageError):
+        raise UserInputError(f"{path}: this is no readable image (empty or damaged); copy or export it again") from None
+
+
+def on_white(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A matted image as colour on white (H, W, 3) and silhouette (H, W), from RGB on white or from RGBA."""
+    if pixels.shape[-1] == 3:
+        return pixels, white_silhouette(pixels)
+    alpha = pixels[..., 3:]
+    return pixels[..., :3] * alpha + (1.0 - alpha), pixels[..., 3]
+
+
+def white_silhouette(pixels: np.ndarray) -> np.ndarray:
+    """Silhouette [0 or 1, (H, W)] of an object on pure white: what is not white, highlights inside it filled.
+
+    Only small enclosed patches are filled, so that the hole of a torus stays a hole.
+    """
+    solid = pixels.min(axis=-1) < 1.0 - 1.5 / 255.0
+    return fill_small_holes(solid, int(HIGHLIGHT_FRACTION * solid.sum())).astype(np.float32)
+
+
+def fill_small_holes(solid: np.ndarray, largest: int) -> np.ndarray:
+    """``solid`` (H, W) with enclosed holes of at most ``largest`` pixels filled."""
+    labels, _ = ndimage.label(ndimage.binary_fill_holes(solid) & ~solid)
+    small = np.bincount(labels.ravel()) <= largest
+    small[0] = False
+    return solid | small[labels]
+
+
+def area_weights(size: int, scaled: int) -> Tensor:
+    """Row-stochastic (scaled, size) matrix that averages ``size`` pixels over ``scaled`` equal intervals."""
+    edges = torch.linspace(0.0, size, scaled + 1, dtype=torch.float64)
+    pixels = torch.arange(size, dtype=torch.float64)
+    overlap = torch.minimum(edges[1:, None], pixels + 1) - torch.maximum(edges[:-1, None], pixels)
+    return (overlap.clamp_min(0.0) * scaled / size).float()
+
+
+def area_average(images: Tensor, height: int, width: int) -> Tensor:
+    """Images (..., H, W, C) averaged over the area of each pixel of a (height, width) raster."""
+    rows, columns = area_weights(images.shape[-3], height), area_weights(images.shape[-2], width)
+    return torch.einsum("yh,...hwc,xw->...yxc", rows, images, columns)

@@ -1,0 +1,119 @@
+"""``all_data.json`` of PAC-NeRF's layout: one pose, intrinsic matrix and time per image."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.errors import UserInputError
+
+NAME = "all_data.json"
+SHAPES: dict[str, tuple[int, ...]] = {"c2w": (3, 4), "intrinsic": (3, 3), "time": ()}
+KEYS = ("file_path", *SHAPES)
+IMAGE_NAME = re.compile(r"[rm]_(\d+)_(-?\d+)\.png$")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One line of the file: where it stands there, pose [(3, 4), metres], intrinsics [(3, 3), pixels], time [s]."""
+
+    entry: int
+    camera_to_world: np.ndarray
+    intrinsic: np.ndarray
+    time: float
+
+
+@dataclass(frozen=True)
+class Index:
+    """All shots by (camera, frame)."""
+
+    path: Path
+    shots: dict[tuple[int, int], Shot]
+
+    def views(self) -> list[int]:
+        """Camera ids that have at least one video frame."""
+        return sorted({view for view, frame in self.shots if frame >= 0})
+
+    def frames(self) -> list[int]:
+        """Frame ids, background plates and occluders left out."""
+        return sorted({frame for _, frame in self.shots if frame >= 0})
+
+    def camera(self, view: int) -> Shot:
+        """The camera at its first video frame."""
+        return self.shots[view, min(frame for v, frame in self.shots if v == view and frame >= 0)]
+
+
+def read_index(root: Path) -> Index:
+    """Read and check ``root/all_data.json``. Raises UserInputError that names the folder, the entry or the key."""
+    path = root / NAME
+    entries = _load_json(root, path)
+    if not isinstance(entries, list) or not entries:
+        raise UserInputError(f"{path}: expected a list of images, one {{file_path, c2w, intrinsic, time}} for each")
+    shots: dict[tuple[int, int], Shot] = {}
+    for number, entry in enumerate(entries):
+        key, shot = _read_entry(path, number, entry)
+        if key in shots:
+            raise UserInputError(
+                f"{path}: view {key[0]}, frame {key[1]} is listed twice (entries {shots[key].entry} and {number}); "
+                "remove one of them"
+            )
+        shots[key] = shot
+    return Index(path, shots)
+
+
+def _load_json(root: Path, path: Path) -> Any:
+    if not root.is_dir():
+        raise UserInputError(f"data.root: there is no folder {root}{_nearest_sibling(root)}; set data.root to the scene")
+    if not any(root.iterdir()):
+        raise UserInputError(f"data.root: the folder {root} is empty; expected {NAME} and data/ with the images")
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, beside data/") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise UserInputError(f"{path}: no valid JSON ({error}); write the file again") from None
+
+
+def _nearest_sibling(root: Path) -> str:
+    siblings = [folder.name for folder in root.parent.iterdir() if folder.is_dir()] if root.parent.is_dir() else []
+    near = difflib.get_close_matches(root.name, siblings, n=1)
+    return f" (did you mean {root.parent / near[0]}?)" if near else ""
+
+
+def _read_entry(path: Path, number: int, entry: Any) -> tuple[tuple[int, int], Shot]:
+    where = f"{path}, entry {number}"
+    if not isinstance(entry, dict):
+        raise UserInputError(f"{where}: expected an object with the keys {', '.join(KEYS)}")
+    for key in KEYS:
+        if key not in entry:
+            near = difflib.get_close_matches(key, [str(k) for k in entry if k not in KEYS], n=1, cutoff=0.5)
+            mend = f"rename '{near[0]}' to '{key}'" if near else f"add it to {', '.join(map(repr, entry))}"
+            raise UserInputError(f"{where}: the key '{key}' is missing; {mend}")
+    match = IMAGE_NAME.search(str(entry["file_path"]))
+    if match is None:
+        raise UserInputError(
+            f"{where}: file_path '{entry['file_path']}' does not read ./data/r_<camera>_<frame>.png; rename the image"
+        )
+    values = {key: _number_array(where, key, entry[key]) for key in SHAPES}
+    shot = Shot(number, values["c2w"], values["intrinsic"], float(values["time"]))
+    return (int(match[1]), int(match[2])), shot
+
+
+def _number_array(where: str, key: str, value: Any) -> np.ndarray:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    expected = SHAPES[key]
+    if array.shape != expected:
+        kind = f"{' x '.join(map(str, expected))} numbers" if expected else "one number"
+        raise UserInputError(f"{where}: '{key}' must hold {kind}; write it again")
+    if not np.isfinite(array).all():
+        raise UserInputError(f"{where}: '{key}' holds NaN or infinity; calibrate again or remove this image's view")
+    return array

@@ -1,0 +1,155 @@
+"""PAC-NeRF's layout: ``all_data.json`` and ``data/{r,m}_{camera}_{frame}.png``.
+
+``m_`` images are already matted onto white; ``r_`` images are raw, with a background plate of each camera as frame -1.
+Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of 255 carry no information.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from pacnerf_lpo.data import checks
+from pacnerf_lpo.data.images import area_average, on_white, read_png
+from pacnerf_lpo.data.index import Index, read_index
+from pacnerf_lpo.data.matting import difference_matte, unmix_onto_white
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.types import Video
+
+Background = Literal["auto", "matted", "raw"]
+PLATE, OCCLUDER = -1, -2
+OCCLUDER_ALPHA = 50 / 255
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the images of the chosen views and frames lie, and whether they are matted."""
+
+    folder: Path
+    views: tuple[int, ...]
+    frames: tuple[int, ...]
+    matted: bool
+
+    def image(self, view: int, frame: int) -> Path:
+        return self.folder / f"{'m' if self.matted else 'r'}_{view}_{frame}.png"
+
+    def plate(self, view: int) -> Path:
+        return self.folder / f"r_{view}_{PLATE}.png"
+
+    def occluder(self, view: int) -> Path:
+        return self.folder / f"r_{view}_{OCCLUDER}.png"
+
+    def needed(self) -> Iterable[Path]:
+        """Every file that has to be there."""
+        for view in self.views:
+            yield from (self.image(view, frame) for frame in self.frames)
+            if not self.matted:
+                yield self.plate(view)
+
+
+def read_pac_nerf(
+    root: str | Path,
+    views: Sequence[int] | None = None,
+    frames: int | None = None,
+    image_scale: float = 1.0,
+    background: Background = "auto",
+) -> Video:
+    """Read a multi-view video, matte it where it is raw, and scale it.
+
+    views: file ids of the cameras wanted (None: all); frames: how many from the first (None: all);
+    image_scale: 0 < scale <= 1, by area averaging; background: which images, "auto" takes matted ones where there are any.
+    Raises UserInputError for every inconsistency found, before any image is decoded where that is possible.
+    """
+    root = Path(root)
+    checks.check_image_scale(image_scale)
+    index = read_index(root)
+    files = choose_files(root, index, views, frames, background)
+    checks.check_cameras(index, files.views, files.frames)
+    times = checks.check_times(index, files.views, files.frames)
+    height, width = checks.check_image_files(files.needed())
+    intrinsics = torch.tensor(np.stack([index.camera(view).intrinsic for view in files.views]), dtype=torch.float32)
+    poses = torch.tensor(np.stack([index.camera(view).camera_to_world for view in files.views]), dtype=torch.float32)
+    checks.check_intrinsics_fit(index, files.views, height, width)
+
+    scaled = (max(1, round(height * image_scale)), max(1, round(width * image_scale)))
+    images, silhouettes = load_images(files, scaled)
+    return Video(
+        images=images,
+        silhouettes=silhouettes,
+        valid=torch.stack([load_valid(files.occluder(view), (height, width), scaled) for view in files.views]),
+        camera_to_world=poses,
+        intrinsics=scale_intrinsics(intrinsics, scaled[0] / height, scaled[1] / width),
+        times=torch.tensor(times, dtype=torch.float32),
+        view_ids=files.views,
+        frame_ids=files.frames,
+        source=str(root),
+    )
+
+
+def choose_files(
+    root: Path, index: Index, views: Sequence[int] | None, frames: int | None, background: Background
+) -> Files:
+    """The views, frames and kind of image that were asked for. Raises UserInputError where they do not exist."""
+    folder = checks.image_folder(root)
+    available = index.views()
+    chosen = tuple(available) if views is None else checks.check_views("views", views, available)
+    frame_ids = checks.check_frames(index, frames)
+    matted = background == "matted" or (background == "auto" and any(folder.glob("m_*_*.png")))
+    return Files(folder, chosen, frame_ids, matted)
+
+
+def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Images on white (V, F, h, w, 3) and silhouettes (V, F, h, w), decoded by all cores."""
+    shape = (len(files.views), len(files.frames), *scaled)
+    images, silhouettes = torch.empty(*shape, 3), torch.empty(shape)
+    plates = {} if files.matted else {view: read_png(files.plate(view))[..., :3] for view in files.views}
+
+    def load(place: tuple[int, int]) -> None:
+        view, frame = files.views[place[0]], files.frames[place[1]]
+        pixels = read_png(files.image(view, frame))
+        if files.matted:
+            colour, silhouette = on_white(pixels)
+        else:
+            silhouette = difference_matte(pixels[..., :3], plates[view])
+            colour = unmix_onto_white(pixels[..., :3], plates[view], silhouette)
+        both = torch.from_numpy(np.concatenate((colour, silhouette[..., None]), axis=-1))
+        both = area_average(both, *scaled)
+        images[place], silhouettes[place] = both[..., :3], both[..., 3]
+
+    in_threads(load, [(v, f) for v in range(shape[0]) for f in range(shape[1])], f"reading {files.folder}")
+    return images, silhouettes
+
+
+def in_threads(work: Callable[[T], None], items: Sequence[T], message: str) -> None:
+    """Do ``work`` on every item; the first error is raised. A progress bar appears when it takes more than two seconds."""
+    with ThreadPoolExecutor() as pool:
+        try:
+            for _ in tqdm(pool.map(work, items), total=len(items), desc=message, delay=2.0, leave=False):
+                pass
+        except UserInputError:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -> Tensor:
+    """True where no part of the pixel lies behind the occluder (h, w); all True where there is none."""
+    if not occluder.exists():
+        return torch.ones(scaled, dtype=torch.bool)
+    pixels = read_png(occluder)
+    checks.check_occluder(occluder, pixels, size)
+    hidden = torch.from_numpy(pixels[..., 3:] > OCCLUDER_ALPHA).float()
+    return area_average(hidden, *scaled)[..., 0] == 0
+
+
+def scale_intrinsics(intrinsics: Tensor, vertical: float, horizontal: float) -> Tensor:
+    """Intrinsics (V, 3, 3) of images scaled by these factors; edges stay edges, so pixel centres stay at +0.5."""
+    return intrinsics * intrinsics.new_tensor([horizontal, vertical, 1.0])[:, None]

@@ -1,0 +1,98 @@
+"""The data section of the config: one scene, its training and test views, its box, and rays kept in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pytorch_lightning import LightningDataModule
+from torch.utils.data import DataLoader
+
+from pacnerf_lpo.data import checks
+from pacnerf_lpo.data.assets import resolve_root
+from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.data.index import read_index
+from pacnerf_lpo.data.pac_nerf import Background, read_pac_nerf
+from pacnerf_lpo.types import Box, Rays, Video
+
+
+class VideoData(LightningDataModule):
+    """A multi-view video for training.
+
+    Args:
+        root: folder in PAC-NeRF's layout, or ``asset:bird`` for the shipped scene.
+        box_lower, box_upper: corners of the box the object fills at frame 0 [m].
+        train_views: file ids of the views trained on, e.g. ``[0, 4, 8]``; None for all.
+        test_views: file ids of the views held out; None for the rest.
+        frames: how many frames, from the first; None for all.
+        image_scale: 0 < scale <= 1; images are area averaged.
+        background: ``matted`` images, ``raw`` ones matted by their background plates, or ``auto``: matted where there are.
+
+    Attributes (after :meth:`prepare`):
+        video: all used views. train, test: indices into its view axis. box: the corners.
+    """
+
+    video: Video
+    train: list[int]
+    test: list[int]
+    box: Box
+
+    def __init__(
+        self,
+        root: str,
+        box_lower: list[float],
+        box_upper: list[float],
+        train_views: list[int] | None = None,
+        test_views: list[int] | None = None,
+        frames: int | None = None,
+        image_scale: float = 1.0,
+        background: Background = "auto",
+    ):
+        super().__init__()
+        self.root, self.frames, self.image_scale, self.background = root, frames, image_scale, background
+        self.box_lower, self.box_upper = box_lower, box_upper
+        self.train_views, self.test_views = train_views, test_views
+        self._rays: dict[int, Rays] = {}
+
+    def prepare(self) -> VideoData:
+        """Read and check the scene; a second call does nothing. Raises UserInputError. Returns itself."""
+        if hasattr(self, "video"):
+            return self
+        box = checks.check_box(self.box_lower, self.box_upper)
+        root = resolve_root(self.root)
+        train, test = self._choose_views(read_index(root).views())
+        views = sorted({*train, *test})
+        video = read_pac_nerf(root, views, self.frames, self.image_scale, self.background)
+        self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
+        checks.check_visible(video, self.train)
+        checks.check_box_seen(video, box, self.train)
+        self.box, self.video = box, video
+        return self
+
+    def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        train = checks.check_views("train_views", available if self.train_views is None else self.train_views, available)
+        rest = [view for view in available if view not in train]
+        test = checks.check_views("test_views", rest if self.test_views is None else self.test_views, available)
+        checks.check_overlap(train, test)
+        return train, test
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second of the video [1/s]."""
+        times = self.video.times
+        return float((len(times) - 1) / (times[-1] - times[0]))
+
+    def rays(self, view: int) -> Rays:
+        """All ``H * W`` rays of a view (index into ``video``), row by row; computed once and kept."""
+        if view not in self._rays:
+            video = self.video
+            height, width = video.images.shape[2:4]
+            self._rays[view] = pixel_rays(video.intrinsics[view], video.camera_to_world[view], height, width)
+        return self._rays[view]
+
+    def setup(self, stage: str) -> None:
+        """Called by Lightning before a phase starts."""
+        self.prepare()
+
+    def train_dataloader(self) -> DataLoader:
+        """The running phase decides its batches; they are handed on as they are."""
+        return DataLoader(self.trainer.lightning_module.batches(self), batch_size=None)
