@@ -1,0 +1,102 @@
+"""How weights and resolution of the static phase change over its steps: small objects, chosen by class_path in YAML."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+from pacnerf_lpo.errors import UserInputError
+
+
+class WeightSchedule(ABC):
+    """A factor on a loss weight."""
+
+    @abstractmethod
+    def factor(self, step: int, scalings: int) -> float:
+        """The factor at a step (counted from 0) after so many voxel scalings."""
+
+
+class Constant(WeightSchedule):
+    """The default weight throughout (PAC-NeRF's surface regulariser)."""
+
+    def factor(self, step: int, scalings: int) -> float:
+        """Always one."""
+        return 1.0
+
+
+class Doubling(WeightSchedule):
+    """The weight doubles again and again (PAC-NeRF's transmittance entropy).
+
+    Args:
+        every: steps between doublings.
+        limit: largest factor.
+    """
+
+    def __init__(self, every: int = 1000, limit: float = math.inf):
+        _check_positive("every", every)
+        self.every, self.limit = every, limit
+
+    def factor(self, step: int, scalings: int) -> float:
+        """min(limit, 2^(step // every))."""
+        return min(self.limit, 2.0 ** (step // self.every))
+
+
+class DoublingThenHalving(WeightSchedule):
+    """The weight doubles up to a limit, then halves at every voxel scaling, never below the default.
+
+    With limit 8 and three scalings it ends at the default (LPO supplement, appendix A: PAC-NeRF-3v-dagger).
+
+    Args:
+        every: steps between doublings.
+        limit: largest factor.
+    """
+
+    def __init__(self, every: int = 100, limit: float = 8.0):
+        _check_positive("every", every)
+        self.every, self.limit = every, limit
+
+    def factor(self, step: int, scalings: int) -> float:
+        """max(1, min(limit, 2^(step // every)) / 2^scalings)."""
+        return max(1.0, min(self.limit, 2.0 ** (step // self.every)) / 2.0**scalings)
+
+
+class TrainingLength:
+    """How long the static phase trains, and when its voxels are scaled.
+
+    PAC-NeRF: 6000 steps, scaling after 1000, 2000 and 4000. The dagger baseline divides all by three.
+
+    Args:
+        steps: optimiser steps.
+        scaling_steps: numbers of steps after which the voxel size halves.
+        halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the weight
+            schedules still see all of them. None: all.
+
+    Raises:
+        UserInputError: the numbers do not form a schedule.
+    """
+
+    def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None):
+        if sorted(set(scaling_steps)) != scaling_steps or not all(0 < step < steps for step in scaling_steps):
+            raise UserInputError(
+                f"phases.static length: scaling_steps {scaling_steps} must increase and lie between 0 and steps = {steps}"
+            )
+        self.steps, self.scaling_steps = steps, scaling_steps
+        self.halvings = len(scaling_steps) if halvings is None else halvings
+        if not 0 <= self.halvings <= len(scaling_steps):
+            raise UserInputError(
+                f"phases.static length: halvings = {self.halvings} must lie between 0 and the "
+                f"{len(scaling_steps)} scaling_steps"
+            )
+
+    def scalings(self, step: int) -> int:
+        """Scalings that have happened when a step (counted from 0) begins."""
+        return sum(step >= scaling for scaling in self.scaling_steps)
+
+    def refines_before(self, step: int) -> bool:
+        """Whether the voxels are halved just before a step (counted from 0)."""
+        return step in self.scaling_steps[: self.halvings]
+
+
+def _check_positive(name: str, value: float) -> None:
+    if value <= 0:
+        raise UserInputError(f"phases.static schedule: {name} = {value:g} must be positive")

@@ -1,0 +1,150 @@
+"""Volume rendering of a grid by ray marching (step dx/2) with occupancy skipping.
+
+C(r) = sum_i T_i alpha_i c_i + T_end * background,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.render.segments import segment_copy, segment_sum
+from pacnerf_lpo.scene.activation import alpha, optical_depth, sample_length
+from pacnerf_lpo.scene.colour import ColourNetwork
+from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, weights_of
+from pacnerf_lpo.types import FieldGrid, Rays
+
+NEAR = 0.1
+CUTOFF = 1e-7
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Rendered rays: ``colour`` [0..1, (R, 3)] and final ``transmittance`` [0..1, (R,)]."""
+
+    colour: Tensor
+    transmittance: Tensor
+
+
+@dataclass(frozen=True)
+class March:
+    """The samples of R rays that contribute to the image, ray after ray.
+
+    features: appearance at the samples [(K, 12)]
+    weights: T alpha, each sample's share of its ray's colour [(K,)]
+    lengths: number of samples of each ray [(R,), int64]
+    transmittance: what is left at the end of each ray [(R,)]
+    directions: the rays' unit directions [(R, 3)]
+    """
+
+    features: Tensor
+    weights: Tensor
+    lengths: Tensor
+    transmittance: Tensor
+    directions: Tensor
+
+
+def render_rays(
+    grid: FieldGrid,
+    colour: ColourNetwork,
+    rays: Rays,
+    base_dx: float,
+    background: float = 1.0,
+    directions: Tensor | None = None,
+    cutoff: float = CUTOFF,
+) -> Rendering:
+    """Render rays through a grid. Differentiable in ``grid.density``, ``grid.features`` and the colour weights.
+
+    Args:
+        grid: the field.
+        colour: the colour network.
+        rays: R rays [m].
+        base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
+        background: grey value behind everything.
+        directions: view directions given to the colour network instead of the rays' own [(R, 3)].
+        cutoff: samples whose alpha or weight is smaller are skipped.
+    """
+    return shade(march(grid, rays, base_dx, cutoff), colour, background, directions)
+
+
+def march(grid: FieldGrid, rays: Rays, base_dx: float, cutoff: float = CUTOFF) -> March:
+    """Find the samples that contribute, their weights and features: the part of rendering that knows no colour."""
+    delta = sample_length(grid.dx, base_dx)
+    points, lengths = _occupied_samples(grid, rays, delta, cutoff)
+    density = gather(grid.density.reshape(-1, 1), points).squeeze(1)
+    weights, transmittance = _compose(density, lengths, delta, cutoff)
+    keep = (weights.detach() >= cutoff).nonzero().squeeze(1)
+    ray = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
+    return March(
+        gather(grid.features.flatten(0, 2), points.select(keep)),
+        weights.index_select(0, keep),
+        torch.bincount(ray.index_select(0, keep), minlength=len(lengths)),
+        transmittance,
+        rays.directions,
+    )
+
+
+def shade(
+    samples: March, colour: ColourNetwork, background: float = 1.0, directions: Tensor | None = None
+) -> Rendering:
+    """Colour the samples of a march, looking along ``directions`` (R, 3) or along the rays, and compose the rays."""
+    along = samples.directions if directions is None else directions
+    per_sample = segment_copy(colour.direction_part(along), samples.lengths)
+    seen = segment_sum(colour.finish(samples.features, per_sample) * samples.weights[:, None], samples.lengths)
+    return Rendering(seen + background * samples.transmittance[:, None], samples.transmittance)
+
+
+def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
+    """Distances [m, (R,), (R,)] at which rays enter (no nearer than 0.1 m) and leave a box; enter > leave is a miss."""
+    tiny = torch.full_like(rays.directions, 1e-12)
+    directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
+    one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
+    return torch.minimum(one, two).amax(1).clamp_min(NEAR), torch.maximum(one, two).amin(1)
+
+
+def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float, cutoff: float) -> tuple[Stencil, Tensor]:
+    """Samples every dx/2 in cells where alpha can reach ``cutoff``, and their number on each ray."""
+    with torch.no_grad():
+        shape = (grid.density.shape[0], grid.density.shape[1], grid.density.shape[2])
+        upper = grid.lower + grid.dx * (torch.tensor(shape, device=grid.lower.device) - 1)
+        enter, leave = box_interval(rays, grid.lower, upper)
+        steps = ((leave - enter) / (grid.dx / 2)).floor().long().add_(1).clamp_min_(0)
+        ray = torch.arange(len(steps), device=steps.device).repeat_interleave(steps)
+        step = torch.arange(len(ray), device=ray.device) - (steps.cumsum(0) - steps).index_select(0, ray)
+        distance = enter.index_select(0, ray) + step * (grid.dx / 2)
+        entry = rays.origins.index_select(0, ray)
+        positions = torch.addcmul(entry, rays.directions.index_select(0, ray), distance[:, None])
+        cell, fraction = cell_of(positions, grid.lower, grid.dx, shape)
+        keep = occupied_cells(grid, delta, cutoff).flatten().index_select(0, cell).nonzero().squeeze(1)
+        lengths = torch.bincount(ray.index_select(0, keep), minlength=len(steps))
+        return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
+
+
+def occupied_cells(grid: FieldGrid, delta: float, cutoff: float) -> Tensor:
+    """True where alpha reaches ``cutoff`` at one of the cell's corners [(X, Y, Z), bool], cells by lowest node.
+
+    Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
+    """
+    occupied = alpha(grid.density.detach(), delta) >= cutoff
+    for axis in range(3):
+        shifted = torch.zeros_like(occupied)
+        count = occupied.shape[axis] - 1
+        shifted.narrow(axis, 0, count).copy_(occupied.narrow(axis, 1, count))
+        occupied = occupied | shifted
+    return occupied
+
+
+def _compose(density: Tensor, lengths: Tensor, delta: float, cutoff: float) -> tuple[Tensor, Tensor]:
+    """Weights T alpha (M,) of the samples and final transmittance (R,); sums run in float64 over all rays at once."""
+    depth = optical_depth(density, delta)
+    opacity = -(-depth).expm1()
+    visible = opacity.detach() >= cutoff
+    total = torch.where(visible, depth, 0).double().cumsum(0)
+    total = torch.cat((total.new_zeros(1), total))
+    end = lengths.cumsum(0)
+    begin = total.index_select(0, end - lengths)
+    before = total[:-1] - segment_copy(begin[:, None], lengths).squeeze(1)
+    transmittance = (begin - total.index_select(0, end)).exp().to(density.dtype)
+    return torch.where(visible, opacity, 0) * (-before).exp().to(density.dtype), transmittance

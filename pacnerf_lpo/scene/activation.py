@@ -1,0 +1,32 @@
+"""From raw density to opacity: alpha(delta) = 1 - (1 + exp(sigma + b))^(-delta) = 1 - exp(-delta softplus(sigma + b)).
+
+Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as PAC-NeRF uses it (Li et al., ICLR 2023).
+"""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+from torch.nn.functional import softplus
+
+DENSITY_SHIFT = math.log(1 / (1 - 1e-4) - 1)
+"""b: raw density 0 has alpha 1e-4 over unit length."""
+
+EMPTY_DENSITY = -100.0
+"""Raw density of a node that no particle touches."""
+
+
+def optical_depth(density: Tensor, delta: float) -> Tensor:
+    """delta * softplus(sigma + b) of raw densities, any shape; transmittance is exp(-optical depth)."""
+    return delta * softplus(density + DENSITY_SHIFT)
+
+
+def alpha(density: Tensor, delta: float) -> Tensor:
+    """Opacity in 0..1 of raw densities, any shape, over the dimensionless length ``delta`` (1 for a particle)."""
+    return -(-optical_depth(density, delta)).expm1()
+
+
+def sample_length(dx: float, base_dx: float) -> float:
+    """delta of one ray sample (step dx/2) in a grid of spacing ``dx`` [m] refined from ``base_dx`` [m]."""
+    return 0.05 * dx / base_dx
