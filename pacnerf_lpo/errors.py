@@ -20,3 +20,14 @@ class SimulationError(RuntimeError):
     def __init__(self, frame: int, substep: int, cause: str):
         super().__init__(f"simulation stopped in frame {frame}, substep {substep}: {cause}")
         self.frame, self.substep, self.cause = frame, substep, cause
+
+
+class RunError(RuntimeError):
+    """A run stopped for a reason the message explains; what was computed before is kept.
+
+    The command line prints the message on one line and exits with status 1.
+    """
+
+
+class Interrupted(BaseException):
+    """The user (SIGINT) or the system (SIGTERM) asked the run to stop; the command line exits with status 130."""

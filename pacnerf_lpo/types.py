@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import BinaryIO
 
 import torch
 from torch import Tensor
@@ -99,7 +100,7 @@ class ParticleState:
         """A copy with the named fields replaced."""
         return replace(self, **changes)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path | BinaryIO) -> None:
         """Write the state as a dictionary of plain tensors, readable with ``weights_only=True``."""
         torch.save(dict(self.__dict__), path)
 

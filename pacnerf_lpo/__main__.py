@@ -1,0 +1,78 @@
+"""The command line: ``pacnerf-lpo COMMAND ...``, or ``python -m pacnerf_lpo COMMAND ...``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+from pacnerf_lpo import __version__
+from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
+
+# command: (what it does, module with the function run)
+COMMANDS = {
+    "fit": ("identify geometry and material from a multi-view video", "pacnerf_lpo.commands.fit"),
+    "evaluate": ("image metrics and parameter errors of a run", "pacnerf_lpo.commands.evaluate"),
+    "render": ("videos of a run: measured, predicted, residual", "pacnerf_lpo.commands.render"),
+    "export": ("particles of a run as PLY, one file per frame", "pacnerf_lpo.commands.export"),
+    "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
+    "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
+}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status: 0, 1 run stopped, 2 wrong input, 130 interrupted."""
+    words = list(sys.argv[1:] if args is None else args)
+    return guarded(lambda: _dispatch(words))
+
+
+def guarded(command: Callable[[], int]) -> int:
+    """Run a command and turn the errors a user can act on into one line on standard error and an exit status."""
+    try:
+        return command()
+    except UserInputError as error:
+        return _complain(error, 2)
+    except RunError as error:
+        return _complain(error, 1)
+    except (Interrupted, KeyboardInterrupt) as error:
+        return _complain(error, 130)
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help"):
+        print(_help())
+        return 0 if words else 2
+    if words[0] == "--version":
+        print(__version__)
+        return 0
+    if words[0] not in COMMANDS:
+        from difflib import get_close_matches
+
+        near = get_close_matches(words[0], COMMANDS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
+        raise UserInputError(f"there is no command {words[0]}; {hint}")
+    run: Callable[[list[str]], int] = import_module(COMMANDS[words[0]][1]).run
+    return run(words[1:])
+
+
+def _help() -> str:
+    commands = "\n".join(f"  {name:<12}{what}" for name, (what, _) in COMMANDS.items())
+    example = "pacnerf-lpo fit --config configs/fit.yaml --config configs/demo.yaml --outer_loop.run_dir runs/demo"
+    return f"""usage: pacnerf-lpo COMMAND ...
+
+commands:
+{commands}
+
+example:
+  {example}
+
+pacnerf-lpo COMMAND --help says more."""
+
+
+def _complain(error: BaseException, status: int) -> int:
+    print(f"pacnerf-lpo: {' '.join(str(error).split()) or 'interrupted'}", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Callbacks that surround a phase: checkpoints and interruption, progress, one TensorBoard time line."""

@@ -1,0 +1,200 @@
+"""``pacnerf-lpo fit``: reads the configuration, then runs each phase the outer loop asks for with a fresh Trainer."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import errno
+import logging
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import pytorch_lightning as pl
+from jsonargparse import ArgumentError
+from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
+from pytorch_lightning.utilities.warnings import PossibleUserWarning
+
+from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
+from pacnerf_lpo.callbacks.progress import PhaseProgress
+from pacnerf_lpo.callbacks.stop_request import StopRequest
+from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
+from pacnerf_lpo.config_errors import config_files, explain
+from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
+from pacnerf_lpo.phases.base import AbstractPhase
+
+CONFIG_FILE = "config.yaml"
+# Trainer arguments which the run itself decides
+NOT_CONFIGURABLE = {
+    *("logger", "default_root_dir", "max_epochs", "min_epochs", "min_steps", "max_time", "fast_dev_run", "barebones"),
+    *("enable_checkpointing", "enable_progress_bar", "enable_model_summary"),
+}
+DESCRIPTION = """Identify geometry and material from a multi-view video.
+
+examples:
+  pacnerf-lpo fit --config configs/fit.yaml --config configs/demo.yaml --outer_loop.run_dir runs/demo
+  pacnerf-lpo fit --resume runs/demo"""
+
+
+class PhaseCLI(LightningCLI):
+    """Parses and links the sections data, physics, phases, outer_loop and trainer, and runs the phases.
+
+    Args:
+        args: command line after ``fit``.
+        datamodule_class, physics_class: what the sections ``data`` and ``physics`` configure.
+    """
+
+    def __init__(self, args: Sequence[str], datamodule_class: type[pl.LightningDataModule], physics_class: type):
+        self.physics_class = physics_class
+        super().__init__(
+            datamodule_class=datamodule_class,
+            save_config_callback=None,
+            seed_everything_default=0,
+            parser_kwargs={
+                "parser_mode": "omegaconf+",
+                "exit_on_error": False,
+                "prog": "pacnerf-lpo fit",
+                "description": DESCRIPTION,
+            },
+            args=list(args),
+            run=False,
+            auto_configure_optimizers=False,
+            load_from_checkpoint_support=False,
+        )
+
+    def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        """Declare the sections of the configuration."""
+        parser.add_argument("--resume", metavar="RUN_DIR", help="Go on with this run; takes no other option.")
+        parser.add_class_arguments(self._datamodule_class, "data")
+        parser.add_class_arguments(self.physics_class, "physics")
+        for role in ("static", "velocity", "physics"):
+            parser.add_subclass_arguments(AbstractPhase, f"phases.{role}", required=True)
+        parser.add_subclass_arguments(AbstractPhase, "phases.correction", required=False)
+        parser.add_class_arguments(OuterLoop, "outer_loop")
+        parser.add_class_arguments(pl.Trainer, "trainer", instantiate=False, fail_untyped=False, skip=NOT_CONFIGURABLE)
+
+    def parse_arguments(self, parser: LightningArgumentParser, args: ArgsType) -> None:
+        """Parse; a mistake becomes one line with the nearest right name."""
+        words = cast(list[str], args)
+        files = config_files(words)
+        try:
+            self.config = parser.parse_args(words)
+        except ArgumentError as error:
+            raise explain(error, parser, files) from error
+
+    def instantiate_classes(self) -> None:
+        """Make the data, the physical model, one template of each phase, and the outer loop."""
+        made = self.parser.instantiate_classes(self.config)
+        self.datamodule, self.physics, self.outer_loop = made.data, made.physics, made.outer_loop
+        self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
+        self.trainer_config = vars(made.trainer)
+
+    def run(self) -> Path:
+        """Run all phases that are not done yet; returns the run directory."""
+        self.datamodule.prepare()
+        loop: OuterLoop = self.outer_loop
+        correction = "correction" in self.phases
+        if self.config.resume is None:
+            loop.start(correction)
+            self._save_config()
+        else:
+            loop.resume(correction)
+        with StopRequest() as stop:
+            try:
+                while (step := loop.next_phase()) is not None:
+                    self._run_phase(step, stop)
+            except Interrupted:
+                loop.abandon("interrupted")
+                raise Interrupted(f"interrupted; go on with `{resume_command(loop.run_dir)}`") from None
+            except Exception as error:
+                self._record_failure(error)
+                raise
+        loop.close("finished")
+        return loop.run_dir
+
+    def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
+        loop: OuterLoop = self.outer_loop
+        loop.begin(step)
+        pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
+        module = copy.deepcopy(self.phases[step.role])
+        module.attach(self.datamodule, self.physics)
+        checkpoint = loop.checkpoint(step)
+        options = copy.deepcopy(self.trainer_config)
+        options["callbacks"] = [
+            loop,
+            PhaseProgress(step.role if step.round == 0 else f"round {step.round} of {loop.rounds}, {step.role}"),
+            PhaseCheckpoint(checkpoint, loop.checkpoint_seconds, stop),
+            *(options["callbacks"] or []),
+        ]
+        logger = PhaseLogger(loop.run_dir, step.role, loop.first_step())
+        trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
+        trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _save_config(self) -> None:
+        config = self.config.clone()
+        del config["config"], config["resume"]
+        if Path(config.data.root).exists():
+            config.data.root = str(Path(config.data.root).resolve())
+        write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.parser.dump(config, skip_unset=False).encode())
+
+    def _record_failure(self, error: Exception) -> None:
+        """Record a failure in the manifest; if the user can act on its cause, say it in one line (RunError)."""
+        loop: OuterLoop = self.outer_loop
+        step = loop.next_phase()
+        message = f"{loop.run_dir}, phase {step.stem if step else 'none'}: {error}"
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            message = f"disk full ({message}); free space, then go on with `{resume_command(loop.run_dir)}`"
+        with contextlib.suppress(OSError):
+            loop.abandon("failed", message)
+        if isinstance(error, (OSError, SimulationError, UserInputError)):
+            raise RunError(message) from error
+
+
+def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], physics_class: type) -> int:
+    """The command ``fit``; returns its exit status.
+
+    Args:
+        args: command line after ``fit``.
+        datamodule_class, physics_class: as for :class:`PhaseCLI`.
+    """
+    _quieten_lightning()
+    run_dir = PhaseCLI(_expand_resume(args), datamodule_class, physics_class).run()
+    try:
+        from pacnerf_lpo.evaluation import evaluate_run
+        from pacnerf_lpo.report import write_report
+
+        evaluate_run(run_dir)
+        print(f"report: {write_report(run_dir)}")
+    except Exception as error:
+        again = f"repeat it with `{resume_command(run_dir)}`"
+        raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
+    return 0
+
+
+def _expand_resume(args: Sequence[str]) -> list[str]:
+    """``--resume RUN_DIR`` means the configuration that lies in RUN_DIR."""
+    words = [part for arg in args for part in (arg.split("=", 1) if arg.startswith("--resume=") else [arg])]
+    if "--resume" not in words:
+        return words
+    if len(words) != 2 or words[0] != "--resume":
+        raise UserInputError("--resume RUN_DIR takes the configuration from the run; give no other option beside it")
+    run_dir = Path(words[1])
+    if not (run_dir / CONFIG_FILE).is_file():
+        raise UserInputError(f"{run_dir} is not a run directory: it has no {CONFIG_FILE}")
+    return ["--config", str(run_dir / CONFIG_FILE), "--resume", str(run_dir), "--outer_loop.run_dir", str(run_dir)]
+
+
+def _quieten_lightning() -> None:
+    """Keep Lightning's advice for programmers off the screen; the progress bars are what a user follows."""
+    for name in ("pytorch_lightning", "lightning_fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", category=PossibleUserWarning)
+    warnings.filterwarnings("ignore", module="jsonargparse|pytorch_lightning", category=UserWarning)
+
+
+def resume_command(run_dir: Path) -> str:
+    """What to type to go on with a run."""
+    return f"pacnerf-lpo fit --resume {run_dir}"

@@ -1,0 +1,117 @@
+"""Mistakes in a configuration, each as one line: what is wrong, in which file, and the nearest right name."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import itertools
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from jsonargparse import ArgumentParser
+
+from pacnerf_lpo.errors import UserInputError
+
+
+def config_files(args: Sequence[str]) -> list[Path]:
+    """The configuration files of a command line, each checked to be there and to be YAML."""
+    names = [value for option, value in itertools.pairwise(args) if option in ("--config", "-c")]
+    names += [option.partition("=")[2] for option in args if option.startswith("--config=")]
+    return [_check_yaml(Path(name)) for name in names]
+
+
+def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> UserInputError:
+    """The parser's complaint as one line.
+
+    Args:
+        error: what the parser raised.
+        parser: with every argument declared, for the right names.
+        files: the configuration files, searched for the wrong name.
+    """
+    text = str(error)
+    keys = re.findall(r'Parser key "([^"]+)"', text)
+    where = ".".join(keys)
+    if found := re.search(r"unrecognized arguments: -*([^\s=]+)", text):
+        return _unknown(found[1], _declared(parser), files)
+    if found := re.search(r"Group '(.+)' does not accept option '(.+)'", text):
+        return _unknown(f"{found[1]}.{found[2]}", _declared(parser), files)
+    if found := re.search(r"(?:class_path '([^']+)'[^']*)?Option '([^']+)' is not accepted", text):
+        prefix = f"{where}.init_args." if found[1] else ""
+        known = _init_arguments(found[1]) if found[1] else _declared(parser)
+        return _unknown(prefix + found[2], [prefix + name for name in known], files)
+    if found := re.search(r"Expected a dot import path string: (\S+)", text):
+        choices = _class_names(parser, where)
+        listing = f"; known are {', '.join(choices)}" if choices else ""
+        place, near = _place(found[1], files), _nearest(found[1], choices)
+        return UserInputError(f"{place}{where}: there is no {found[1]}{listing}{near}")
+    if "is abstract" in text:
+        listing = ", ".join(_class_names(parser, where))
+        return UserInputError(f"{where} is not chosen yet; give it a class_path first, one of {listing}")
+    if found := re.search(r"arguments are required: (.+)", text):
+        return UserInputError(f"missing: {found[1]}; give it with --{found[1].split(',')[0]} or in a --config file")
+    if expected := dict.fromkeys(re.findall(r"Expected a <class '([^']+)'>", text)):
+        value = re.search(r"(?:Got value|Given value): (.+)", text)
+        wanted = " or ".join("null" if name == "NoneType" else name for name in expected)
+        place = _place(keys[-1].split(".")[-1], files) if keys else ""
+        return UserInputError(f"{place}{where}: expected {wanted}, got {value[1] if value else 'something else'}")
+    return UserInputError(" ".join(text.split()))
+
+
+def _check_yaml(path: Path) -> Path:
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise UserInputError(f"--config {path}: {reason}") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark else ""
+        raise UserInputError(f"{path}{line}: not valid YAML ({getattr(error, 'problem', error)})") from None
+    if content is not None and not isinstance(content, dict):
+        raise UserInputError(f"{path}: expected sections such as `data:` at the top, found {type(content).__name__}")
+    return path
+
+
+def _unknown(key: str, known: Iterable[str], files: Sequence[Path]) -> UserInputError:
+    return UserInputError(f"{_place(key.split('.')[-1], files)}unknown key {key}{_nearest(key, known)}")
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {match[0]}?" if match else ""
+
+
+def _place(word: str, files: Sequence[Path]) -> str:
+    """``file, line 3: `` of the last file that has the word; empty when none has."""
+    for path in reversed(files):
+        for number, line in enumerate(path.read_text().splitlines(), start=1):
+            if re.search(rf"(?<![\w.]){re.escape(word)}(?![\w.])", line.split("#")[0]):
+                return f"{path}, line {number}: "
+    return ""
+
+
+def _declared(parser: ArgumentParser) -> list[str]:
+    return [action.dest for action in parser._actions if action.dest]
+
+
+def _init_arguments(class_path: str) -> list[str]:
+    module, _, name = class_path.rpartition(".")
+    return list(inspect.signature(getattr(__import__(module, fromlist=[name]), name)).parameters)
+
+
+def _class_names(parser: ArgumentParser, key: str) -> list[str]:
+    """Names of the concrete classes which the argument ``key`` accepts."""
+    action = next((action for action in parser._actions if action.dest == key), None)
+    hint: Any = getattr(action, "_typehint", None)
+    bases = [base for base in (get_args(hint) or (hint,)) if inspect.isclass(base) and base is not type(None)]
+    return sorted({cls.__name__ for base in bases for cls in _concrete_subclasses(base)})
+
+
+def _concrete_subclasses(base: type) -> list[type]:
+    found = [] if inspect.isabstract(base) else [base]
+    for child in base.__subclasses__():
+        found += _concrete_subclasses(child)
+    return found

@@ -1,0 +1,83 @@
+"""The run manifest: which phases of a run are done, and where their states and checkpoints lie.
+
+``manifest.json`` is what ``--resume`` reads. It, the states and the checkpoints are replaced whole or not at all, so a
+run that is killed at any moment leaves files that can be read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from pacnerf_lpo.errors import UserInputError
+
+FORMAT = 1
+FILE_NAME = "manifest.json"
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write next to ``path``, flush to disk, then rename over it: ``path`` is the old or the new file, never a part."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@dataclass
+class PhaseRecord:
+    """One phase of a run.
+
+    index, round, phase: position in Algorithm 1; round 0 comes before the first identification.
+    status: ``running``, ``done``, ``interrupted`` or ``failed``.
+    checkpoint, state: paths relative to the run directory.
+    seconds: wall time spent, all sittings together.
+    steps: optimiser steps, which place the next phase on TensorBoard's time line.
+    error: one line, when it failed.
+    """
+
+    index: int
+    round: int
+    phase: str
+    status: str
+    checkpoint: str
+    state: str
+    seconds: float = 0.0
+    steps: int = 0
+    error: str | None = None
+
+
+@dataclass
+class Manifest:
+    """The record of a run, ``status`` one of ``running``, ``interrupted``, ``failed``, ``finished``."""
+
+    run_dir: Path
+    status: str = "running"
+    phases: list[PhaseRecord] = field(default_factory=list)
+
+    def save(self) -> None:
+        """Write ``manifest.json``."""
+        content = {"format": FORMAT, "status": self.status, "phases": [asdict(record) for record in self.phases]}
+        write_atomically(self.run_dir / FILE_NAME, json.dumps(content, indent=1).encode())
+
+    @staticmethod
+    def load(run_dir: Path) -> Manifest:
+        """Read ``manifest.json``; UserInputError when the folder is not a run directory."""
+        path = run_dir / FILE_NAME
+        try:
+            content = json.loads(path.read_text())
+            if content["format"] != FORMAT:
+                raise UserInputError(f"{path}: format {content['format']}, this version reads {FORMAT}")
+            return Manifest(run_dir, content["status"], [PhaseRecord(**record) for record in content["phases"]])
+        except FileNotFoundError:
+            raise UserInputError(f"{run_dir} is not a run directory: it has no {FILE_NAME}") from None
+        except (json.JSONDecodeError, KeyError, TypeError) as error:
+            raise UserInputError(f"{path} cannot be read ({error}); start the fit again in a new folder") from None
