@@ -87,7 +87,7 @@ class PhaseCLI(LightningCLI):
 
     def instantiate_classes(self) -> None:
         """Make the data, the physical model, one template of each phase, and the outer loop."""
-        made = self.parser.instantiate_classes(self.config)
+        made = self.parser.instantiate(self.config)
         self.datamodule, self.physics, self.outer_loop = made.data, made.physics, made.outer_loop
         self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
         self.trainer_config = vars(made.trainer)
@@ -163,15 +163,20 @@ def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], phy
     _quieten_lightning()
     run_dir = PhaseCLI(_expand_resume(args), datamodule_class, physics_class).run()
     try:
-        from pacnerf_lpo.evaluation import evaluate_run
-        from pacnerf_lpo.report import write_report
-
-        evaluate_run(run_dir)
-        print(f"report: {write_report(run_dir)}")
+        finish(run_dir)
     except Exception as error:
         again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
+
+
+def finish(run_dir: Path) -> None:
+    """Evaluate a complete run and write its report."""
+    from pacnerf_lpo.evaluation import evaluate_run
+    from pacnerf_lpo.report import write_report
+
+    evaluate_run(run_dir)
+    print(f"report: {write_report(run_dir)}")
 
 
 def _expand_resume(args: Sequence[str]) -> list[str]:

@@ -112,6 +112,6 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
 
 def _concrete_subclasses(base: type) -> list[type]:
     found = [] if inspect.isabstract(base) else [base]
-    for child in base.__subclasses__():
+    for child in type.__subclasses__(base):
         found += _concrete_subclasses(child)
     return found

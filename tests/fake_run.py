@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 
 import pytorch_lightning as pl
@@ -54,7 +53,7 @@ class FakePhase(AbstractPhase):
             self.value.fill_(float(state.positions[0, 0]) if state else 0.0)
 
     def export_state(self) -> ParticleState:
-        physics = {**(self.incoming.physics if self.incoming else {}), "E": 1e5 + float(self.value)}
+        physics = {**(self.incoming.physics if self.incoming else {}), "E": 1e5 + self.value.item()}
         return ParticleState(
             positions=self.value.detach().repeat(1, 3),
             velocity=torch.zeros(1, 3),
@@ -80,7 +79,7 @@ class FakePhase(AbstractPhase):
         return torch.optim.Adam(self.parameters(), lr=0.1)
 
     def progress_metrics(self) -> dict[str, str]:
-        return {"E": f"{1e5 + float(self.value):.3g} Pa"}
+        return {"E": f"{1e5 + self.value.item():.3g} Pa"}
 
 
 def arguments(run_dir, **phases: str) -> list[str]:
@@ -94,7 +93,3 @@ def arguments(run_dir, **phases: str) -> list[str]:
 def main(words: list[str]) -> int:
     """``pacnerf-lpo fit`` with the fake classes."""
     return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics))
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,167 @@
+"""The order of the phases, what crosses between them, and what is left when a run is interrupted, killed or fails."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from pacnerf_lpo import cli, manifest
+from pacnerf_lpo.outer_loop import algorithm_1
+from pacnerf_lpo.types import ParticleState
+from tests import fake_run
+
+STEMS = ["00_static", "01_velocity", "02_r1_physics", "03_r1_correction"]
+
+
+@pytest.fixture(autouse=True)
+def no_evaluation(monkeypatch: pytest.MonkeyPatch, small_threads: None) -> None:
+    """The fake particles cannot be rendered."""
+    monkeypatch.setattr(cli, "finish", lambda run_dir: None)
+
+
+def read_manifest(run_dir: Path) -> dict:
+    return json.loads((run_dir / "manifest.json").read_text())
+
+
+def final_positions(run_dir: Path) -> torch.Tensor:
+    return ParticleState.load(run_dir / "states" / f"{STEMS[-1]}.pt").positions
+
+
+def start(words: list[str]) -> subprocess.Popen:
+    root = Path(__file__).resolve().parents[1]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", "import sys; from tests import fake_run; sys.exit(fake_run.main(sys.argv[1:]))", *words]
+    return subprocess.Popen(command, cwd=root, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(path: Path, process: subprocess.Popen) -> None:
+    """Until the file is there; the process must not end before."""
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_order_of_phases():
+    stems = [step.stem for step in algorithm_1(2, correction=True)]
+    assert stems == [*STEMS, "04_r2_physics", "05_r2_correction"]
+    assert [step.role for step in algorithm_1(2, correction=False)] == ["static", "velocity", "physics", "physics"]
+
+
+def test_run_directory_and_one_time_line(tmp_path: Path):
+    run = tmp_path / "run"
+    assert fake_run.main(fake_run.arguments(run, static="steps=5", velocity="steps=3")) == 0
+    content = read_manifest(run)
+    assert content["status"] == "finished"
+    assert [Path(phase["state"]).stem for phase in content["phases"]] == STEMS
+    assert {phase["status"] for phase in content["phases"]} == {"done"}
+    for phase in content["phases"]:
+        assert (run / phase["state"]).is_file() and (run / phase["checkpoint"]).is_file()
+        torch.load(run / phase["checkpoint"], weights_only=True)
+    events = EventAccumulator(str(run / "tensorboard")).Reload()
+    assert [event.step for event in events.Scalars("static/loss")] == [0, 1, 2, 3, 4]
+    assert [event.step for event in events.Scalars("velocity/loss")] == [5, 6, 7]
+    assert events.Scalars("physics/loss")[0].step == 8
+
+
+def test_each_phase_receives_what_the_last_one_gave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    received: list[ParticleState | None] = []
+    take = fake_run.FakePhase.import_state
+    monkeypatch.setattr(
+        fake_run.FakePhase, "import_state", lambda phase, state: (received.append(state), take(phase, state))[1]
+    )
+    words = [*fake_run.arguments(tmp_path / "run"), "--outer_loop.rounds=2", "--outer_loop.physics_start=restart"]
+    assert fake_run.main(words) == 0
+    assert received[0] is None
+    for number, state in enumerate(received[1:]):
+        assert state is not None
+        saved = ParticleState.load(next((tmp_path / "run" / "states").glob(f"{number:02d}_*.pt")))
+        assert torch.equal(state.positions, saved.positions)
+        restarts = number + 1 in (2, 4)  # the two identifications start from the initial guess
+        assert state.physics == ({} if restarts else saved.physics)
+
+
+def test_correction_can_be_switched_off(tmp_path: Path):
+    words = [*fake_run.arguments(tmp_path / "run"), "--phases.correction=null", "--outer_loop.rounds=2"]
+    assert fake_run.main(words) == 0
+    phases = [phase["phase"] for phase in read_manifest(tmp_path / "run")["phases"]]
+    assert phases == ["static", "velocity", "physics", "physics"]
+
+
+def test_a_run_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "mine.txt").write_text("kept")
+    assert fake_run.main(fake_run.arguments(tmp_path)) == 2
+    assert f"pacnerf-lpo fit --resume {tmp_path}" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGKILL, -9)])
+def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, number: int, status: int):
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    assert fake_run.main(fake_run.arguments(whole, velocity="steps=40")) == 0
+    slow = fake_run.arguments(stopped, velocity="steps=40,seconds=0.05")
+    process = start([*slow, "--outer_loop.checkpoint_seconds=0"])
+    wait_for(stopped / "checkpoints" / "01_velocity" / "last.ckpt", process)
+    process.send_signal(number)
+    message = process.communicate(timeout=60)[1]
+    assert process.returncode == status
+    if status == 130:
+        assert message.strip().splitlines()[-1].endswith(f"`pacnerf-lpo fit --resume {stopped}`")
+        assert "Traceback" not in message
+        assert read_manifest(stopped)["status"] == "interrupted"
+    done = torch.load(stopped / "checkpoints" / "01_velocity" / "last.ckpt", weights_only=True)["global_step"]
+    assert 0 < done < 40
+    finished_before = (stopped / "states" / "00_static.pt").stat().st_mtime_ns
+    assert fake_run.main(["--resume", str(stopped)]) == 0
+    assert (stopped / "states" / "00_static.pt").stat().st_mtime_ns == finished_before
+    assert torch.equal(final_positions(stopped), final_positions(whole))
+    assert [phase["steps"] for phase in read_manifest(stopped)["phases"]] == [6, 40, 6, 6]
+
+
+def test_full_disk_keeps_the_last_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    run = tmp_path / "run"
+    room = iter(range(3))
+    flush = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        name = os.readlink(f"/proc/self/fd/{descriptor}")
+        if "01_velocity" in name and "ckpt" in name and next(room, None) is None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(descriptor)
+
+    monkeypatch.setattr(manifest.os, "fsync", fsync)
+    assert fake_run.main([*fake_run.arguments(run), "--outer_loop.checkpoint_seconds=0"]) == 1
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "disk full" in message and f"pacnerf-lpo fit --resume {run}" in message
+    assert torch.load(run / "checkpoints" / "01_velocity" / "last.ckpt", weights_only=True)["global_step"] == 3
+    assert list(run.rglob("*.part")) == []
+    content = read_manifest(run)
+    assert content["status"] == "failed" and content["phases"][0]["status"] == "done"
+    assert "No space left" in content["phases"][1]["error"]
+
+
+def test_unstable_simulation_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert fake_run.main(fake_run.arguments(tmp_path / "run", physics="unstable=true")) == 1
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "phase 02_r1_physics: simulation stopped in frame 4, substep 17: |v| dt > dx" in message
+    assert read_manifest(tmp_path / "run")["status"] == "failed"
+    assert (tmp_path / "run" / "states" / "01_velocity.pt").is_file()
+
+
+def test_progress_is_shown_without_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert fake_run.main(fake_run.arguments(tmp_path / "run")) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("round 1 of 1, physics: 6/6") and "loss" in line and "Pa" in line for line in lines)
