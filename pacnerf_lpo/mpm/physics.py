@@ -12,12 +12,13 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.types import ParticleState
 
 MAX_HALVINGS = 3
+GROUND_HEIGHT = Parameter("ground_height", "m", Identity(), (-10.0, 10.0), "height of the ground", scale=0.01)
 
 
 class Physics:
@@ -31,6 +32,9 @@ class Physics:
         substep_rate: integration steps per second [1/s].
         frame_rate: video frames per second [1/s].
         gravity: [m/s^2].
+        ground_height: height of the ground plane [m].
+        fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
+            by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
     """
 
     def __init__(
@@ -42,6 +46,8 @@ class Physics:
         substep_rate: float = 4800.0,
         frame_rate: float = 24.0,
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
+        ground_height: float = 0.0,
+        fit_ground_height: bool = False,
     ):
         for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
             if not (value > 0 and math.isfinite(value)):
@@ -53,13 +59,15 @@ class Physics:
             )
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
+        self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
+        self.fit_ground_height = fit_ground_height
         self.halvings = 0
         self._simulators: dict[tuple, Simulator] = {}
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Every physical parameter of the material and of the effects, by name."""
-        found = dict(self.material.parameters)
+        """Every physical parameter of the material, the ground and the effects, by name."""
+        found = {**self.material.parameters, GROUND_HEIGHT.name: GROUND_HEIGHT}
         for effect in self.effects:
             found.update(effect.parameters)
         return found
@@ -67,7 +75,7 @@ class Physics:
     @property
     def guess(self) -> dict[str, float]:
         """Initial value of every parameter [SI]."""
-        found = dict(self.material.guess)
+        found = {**self.material.guess, GROUND_HEIGHT.name: self.ground_height}
         for effect in self.effects:
             found.update(effect.guess)
         return found
@@ -75,7 +83,8 @@ class Physics:
     @property
     def free_names(self) -> list[str]:
         """Names of the parameters that are identified."""
-        return [*self.material.free_names, *(name for effect in self.effects for name in effect.parameters)]
+        ground = [GROUND_HEIGHT.name] if self.fit_ground_height else []
+        return [*self.material.free_names, *ground, *(name for effect in self.effects for name in effect.parameters)]
 
     @property
     def substeps(self) -> int:
@@ -114,9 +123,11 @@ class Physics:
         mass = self.rho * (spacing / 2) ** 3 * opacity
         material = {name: parameters[name] for name in self.material.parameters}
         extra = {name: parameters[name] for effect in self.effects for name in effect.parameters}
+        ground = parameters[GROUND_HEIGHT.name] * positions.new_tensor([0.0, 1.0, 0.0])
+        above = positions - ground
         while True:
             try:
-                return self._simulator(spacing)(positions, velocity, mass, opacity**3, material, frames, extra)
+                return self._simulator(spacing)(above, velocity, mass, opacity**3, material, frames, extra) + ground
             except SimulationError:
                 if self.halvings >= MAX_HALVINGS:
                     raise
