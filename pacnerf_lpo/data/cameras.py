@@ -26,9 +26,9 @@ def pixel_rays(intrinsic: Tensor, camera_to_world: Tensor, height: int, width: i
 
 
 def project(points: Tensor, intrinsic: Tensor, camera_to_world: Tensor) -> tuple[Tensor, Tensor]:
-    """Pixel coordinates [(N, 2), x right and y down] and depth along the axis [m, (N,)] of world ``points`` [m, (N, 3)].
+    """Pixel coordinates [(N, 2), x right, y down] and depth along the axis [m, (N,)] of world points [m, (N, 3)].
 
-    A point is in front of the camera where its depth is positive; elsewhere the pixel coordinates mean nothing.
+    A point is in front of the camera where its depth is positive; elsewhere its pixel coordinates mean nothing.
     """
     in_camera = (points - camera_to_world[:, 3]) @ camera_to_world[:, :3]
     depth = -in_camera[:, 2]

@@ -13,7 +13,7 @@ from torch import Tensor
 from pacnerf_lpo.errors import UserInputError
 
 HIGHLIGHT_FRACTION = 0.005
-"""An enclosed white patch below this fraction of the silhouette is a highlight; a larger one is a hole in the object."""
+"""An enclosed white patch below this fraction of the silhouette is a highlight, a larger one a hole in the object."""
 
 
 def read_png(path: Path) -> np.ndarray:
@@ -66,9 +66,10 @@ def white_silhouette(pixels: np.ndarray) -> np.ndarray:
 
 def fill_small_holes(solid: np.ndarray, largest: int) -> np.ndarray:
     """``solid`` (H, W) with enclosed holes of at most ``largest`` pixels filled."""
-    labels, _ = ndimage.label(ndimage.binary_fill_holes(solid) & ~solid)
+    labels, _ = ndimage.label(~solid)
     small = np.bincount(labels.ravel()) <= largest
-    small[0] = False
+    open_to_border = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
+    small[np.concatenate((*open_to_border, [0]))] = False
     return solid | small[labels]
 
 
@@ -82,5 +83,7 @@ def area_weights(size: int, scaled: int) -> Tensor:
 
 def area_average(images: Tensor, height: int, width: int) -> Tensor:
     """Images (..., H, W, C) averaged over the area of each pixel of a (height, width) raster."""
+    if images.shape[-3:-1] == (height, width):
+        return images
     rows, columns = area_weights(images.shape[-3], height), area_weights(images.shape[-2], width)
     return torch.einsum("yh,...hwc,xw->...yxc", rows, images, columns)

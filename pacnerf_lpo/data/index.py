@@ -44,6 +44,10 @@ class Index:
         """Frame ids, background plates and occluders left out."""
         return sorted({frame for _, frame in self.shots if frame >= 0})
 
+    def where(self, view: int, frame: int) -> str:
+        """File and entry of a shot, for messages."""
+        return f"{self.path}, entry {self.shots[view, frame].entry} (view {view}, frame {frame})"
+
     def camera(self, view: int) -> Shot:
         """The camera at its first video frame."""
         return self.shots[view, min(frame for v, frame in self.shots if v == view and frame >= 0)]
@@ -69,7 +73,9 @@ def read_index(root: Path) -> Index:
 
 def _load_json(root: Path, path: Path) -> Any:
     if not root.is_dir():
-        raise UserInputError(f"data.root: there is no folder {root}{_nearest_sibling(root)}; set data.root to the scene")
+        raise UserInputError(
+            f"data.root: there is no folder {root}{_nearest_sibling(root)}; set data.root to the scene"
+        )
     if not any(root.iterdir()):
         raise UserInputError(f"data.root: the folder {root} is empty; expected {NAME} and data/ with the images")
     try:

@@ -1,4 +1,9 @@
-"""Matting of a raw image by its difference from the background plate of the same camera."""
+"""Matting of a raw image by its difference from the background plate of the same camera.
+
+A shadow scales the plate without changing its hue, so a pixel belongs to the object where no scaling within a shadow's
+range explains it. Along the rim the opacity a solves the compositing equation I = a F + (1 - a) B, with F from the
+object's inside and B the shaded plate from just outside.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +12,76 @@ from scipy import ndimage
 
 from pacnerf_lpo.data.images import fill_small_holes
 
+SHADE_RANGE = (0.25, 1.1)
+"""What a shadow (or light thrown back by the object) multiplies the plate with."""
+SMOOTHING = 0.8
+"""Standard deviation of the filter that holds pixel noise down before the threshold [pixels]."""
+NOISE_FACTOR = 8.0
+"""The threshold in multiples of the image's own median residual, at least THRESHOLD_FLOOR."""
+THRESHOLD_FLOOR = 0.05
+RIM = 2
+"""Half-width of the band in which opacity is estimated [pixels]."""
+NOISE_MARGIN = 0.15
+"""Opacities this close to 0 or 1 count as 0 or 1."""
+REACH = 2.0
+"""Standard deviation of the window that carries colours into the rim [pixels]."""
+PIECE_FRACTION = 0.01
+"""Pieces smaller than this fraction of the largest one are noise."""
+HOLE_FRACTION = 0.002
+"""Enclosed gaps smaller than this fraction of the object are misses, larger ones are holes."""
+
 
 def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Opacity of the object [0..1, (H, W)] from an image and its background plate [0..1, (H, W, 3)]."""
-    ratio = (image * background).sum(-1, keepdims=True) / np.maximum((background**2).sum(-1, keepdims=True), 1e-6)
-    residual = np.linalg.norm(image - background * np.clip(ratio, 0.3, 1.0), axis=-1)
-    solid = ndimage.gaussian_filter(residual, 0.7) > 0.08
+    return matte(image, background)[1]
+
+
+def matte(image: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)]."""
+    shade = shade_factor(image, background)
+    solid = solid_region(image, background, shade)
+    inside, outside = ndimage.binary_erosion(solid, iterations=RIM), ~ndimage.binary_dilation(solid, iterations=RIM)
+    plate = background * spread(shade[..., None], ~ndimage.binary_dilation(solid))
+    alpha = rim_opacity(image, plate, spread(image, inside))
+    alpha = np.where(inside, 1.0, np.where(outside, 0.0, alpha)).astype(np.float32)
+    return unmix_onto_white(image, plate, alpha), alpha
+
+
+def shade_factor(image: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Scale of the plate that explains each pixel best, within a shadow's range [(H, W)]."""
+    scale = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)
+    return np.clip(scale, *SHADE_RANGE)
+
+
+def solid_region(image: np.ndarray, background: np.ndarray, shade: np.ndarray) -> np.ndarray:
+    """Pixels that no shading of the plate explains, without specks and small gaps [(H, W), bool]."""
+    residual = ndimage.gaussian_filter(image - background * shade[..., None], (SMOOTHING, SMOOTHING, 0))
+    distance = np.linalg.norm(residual, axis=-1)
+    solid = distance > max(THRESHOLD_FLOOR, NOISE_FACTOR * float(np.median(distance)))
     labels, count = ndimage.label(solid)
-    if count:
-        solid = labels == 1 + np.argmax(np.bincount(labels.ravel())[1:])
-    return fill_small_holes(solid, int(0.005 * solid.sum())).astype(np.float32)
+    if count == 0:
+        return solid
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    solid = (areas >= PIECE_FRACTION * areas.max())[labels] & solid
+    return fill_small_holes(solid, int(HOLE_FRACTION * solid.sum()))
 
 
-def unmix_onto_white(image: np.ndarray, background: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The object's own colour composed onto white (H, W, 3): C = I - (1 - alpha) B + (1 - alpha)."""
-    behind = 1.0 - alpha[..., None]
-    return np.clip(image - behind * background + behind, 0.0, 1.0)
+def spread(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values (H, W, C) continued from ``known`` pixels into the others, by a normalised Gaussian window."""
+    weight = ndimage.gaussian_filter(known.astype(np.float32), REACH, truncate=4.0)[..., None]
+    total = ndimage.gaussian_filter(values * known[..., None], (REACH, REACH, 0), truncate=4.0)
+    return np.where(known[..., None], values, total / np.maximum(weight, 1e-6))
+
+
+def rim_opacity(image: np.ndarray, plate: np.ndarray, object_colour: np.ndarray) -> np.ndarray:
+    """Least-squares solution a of I = a F + (1 - a) B [(H, W)], with both ends cut off by NOISE_MARGIN."""
+    step = object_colour - plate
+    alpha = ((image - plate) * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-6)
+    return np.clip((alpha - NOISE_MARGIN) / (1.0 - 2.0 * NOISE_MARGIN), 0.0, 1.0)
+
+
+def unmix_onto_white(image: np.ndarray, plate: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """The object composed onto white (H, W, 3): I - (1 - a) B + (1 - a), and pure white where a = 0."""
+    opacity = alpha[..., None]
+    return np.where(opacity > 0.0, np.clip(image + (1.0 - opacity) * (1.0 - plate), 0.0, 1.0), 1.0)

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from pacnerf_lpo.data import checks
 from pacnerf_lpo.data.images import area_average, on_white, read_png
 from pacnerf_lpo.data.index import Index, read_index
-from pacnerf_lpo.data.matting import difference_matte, unmix_onto_white
+from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.types import Video
 
@@ -66,7 +66,7 @@ def read_pac_nerf(
     """Read a multi-view video, matte it where it is raw, and scale it.
 
     views: file ids of the cameras wanted (None: all); frames: how many from the first (None: all);
-    image_scale: 0 < scale <= 1, by area averaging; background: which images, "auto" takes matted ones where there are any.
+    image_scale: 0 < scale <= 1, by area averaging; background: which images, "auto" takes matted ones if there are any.
     Raises UserInputError for every inconsistency found, before any image is decoded where that is possible.
     """
     root = Path(root)
@@ -78,7 +78,7 @@ def read_pac_nerf(
     height, width = checks.check_image_files(files.needed())
     intrinsics = torch.tensor(np.stack([index.camera(view).intrinsic for view in files.views]), dtype=torch.float32)
     poses = torch.tensor(np.stack([index.camera(view).camera_to_world for view in files.views]), dtype=torch.float32)
-    checks.check_intrinsics_fit(index, files.views, height, width)
+    checks.check_intrinsics_fit(index, files.views, (height, width))
 
     scaled = (max(1, round(height * image_scale)), max(1, round(width * image_scale)))
     images, silhouettes = load_images(files, scaled)
@@ -119,8 +119,7 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
         if files.matted:
             colour, silhouette = on_white(pixels)
         else:
-            silhouette = difference_matte(pixels[..., :3], plates[view])
-            colour = unmix_onto_white(pixels[..., :3], plates[view], silhouette)
+            colour, silhouette = matte(pixels[..., :3], plates[view])
         both = torch.from_numpy(np.concatenate((colour, silhouette[..., None]), axis=-1))
         both = area_average(both, *scaled)
         images[place], silhouettes[place] = both[..., :3], both[..., 3]
@@ -130,7 +129,7 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
 
 
 def in_threads(work: Callable[[T], None], items: Sequence[T], message: str) -> None:
-    """Do ``work`` on every item; the first error is raised. A progress bar appears when it takes more than two seconds."""
+    """Do ``work`` on every item and raise the first error. A progress bar appears when it takes over two seconds."""
     with ThreadPoolExecutor() as pool:
         try:
             for _ in tqdm(pool.map(work, items), total=len(items), desc=message, delay=2.0, leave=False):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from pytorch_lightning import LightningDataModule
+from pytorch_lightning import LightningDataModule, Trainer
 from torch.utils.data import DataLoader
 
-from pacnerf_lpo.data import checks
+from pacnerf_lpo.data import checks, coverage
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
 from pacnerf_lpo.data.index import read_index
@@ -25,7 +26,7 @@ class VideoData(LightningDataModule):
         test_views: file ids of the views held out; None for the rest.
         frames: how many frames, from the first; None for all.
         image_scale: 0 < scale <= 1; images are area averaged.
-        background: ``matted`` images, ``raw`` ones matted by their background plates, or ``auto``: matted where there are.
+        background: ``matted`` images, ``raw`` ones matted by their background plates, or ``auto``: matted if any.
 
     Attributes (after :meth:`prepare`):
         video: all used views. train, test: indices into its view axis. box: the corners.
@@ -63,13 +64,14 @@ class VideoData(LightningDataModule):
         views = sorted({*train, *test})
         video = read_pac_nerf(root, views, self.frames, self.image_scale, self.background)
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
-        checks.check_visible(video, self.train)
-        checks.check_box_seen(video, box, self.train)
+        coverage.check_visible(video, self.train)
+        coverage.check_box_seen(video, box, self.train)
         self.box, self.video = box, video
         return self
 
     def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        train = checks.check_views("train_views", available if self.train_views is None else self.train_views, available)
+        wanted = available if self.train_views is None else self.train_views
+        train = checks.check_views("train_views", wanted, available)
         rest = [view for view in available if view not in train]
         test = checks.check_views("test_views", rest if self.test_views is None else self.test_views, available)
         checks.check_overlap(train, test)
@@ -95,4 +97,7 @@ class VideoData(LightningDataModule):
 
     def train_dataloader(self) -> DataLoader:
         """The running phase decides its batches; they are handed on as they are."""
-        return DataLoader(self.trainer.lightning_module.batches(self), batch_size=None)
+        if not isinstance(self.trainer, Trainer):
+            raise RuntimeError("VideoData has no trainer; hand it to Trainer.fit(phase, datamodule=...)")
+        phase: Any = self.trainer.lightning_module
+        return DataLoader(phase.batches(self), batch_size=None)
