@@ -1,0 +1,70 @@
+"""Does every training view show the object, and the box around it? Checked on the loaded video, before training."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from torch import Tensor
+
+from pacnerf_lpo.data.cameras import hits_box, pixel_rays
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.types import Box, Video
+
+log = logging.getLogger(__name__)
+
+OUTSIDE_WARNING = 0.01
+"""Fraction of a frame-0 silhouette that may lie outside the box before a warning."""
+OUTSIDE_ERROR = 0.99
+"""Fraction beyond which the object counts as missed."""
+
+
+def check_visible(video: Video, train: Sequence[int]) -> None:
+    """Every training view (index) shows the object at the first frame; later it may leave the image."""
+    for index in train:
+        view, shown = video.view_ids[index], (video.silhouettes[index] > 0.5).flatten(1).any(dim=1)
+        if not shown.any():
+            raise UserInputError(
+                f"{video.source}: view {view} never shows the object (all its images are white); leave it out of "
+                "data.train_views or mend its images"
+            )
+        if not shown[0]:
+            raise UserInputError(
+                f"{video.source}: view {view} shows no object at frame {video.frame_ids[0]}, where the shape is learnt"
+                "; leave it out of data.train_views or mend that image"
+            )
+
+
+def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
+    """Every training view (index) sees the box; a warning where part of the object lies outside it at frame 0."""
+    seen = {video.view_ids[index]: _rays_through(video, box, index) for index in train}
+    corners = f"{list(box.lower)} to {list(box.upper)} m"
+    blind = ", ".join(str(view) for view, inside in seen.items() if not inside.any())
+    if blind:
+        raise UserInputError(
+            f"data.box_lower, data.box_upper: training view {blind} does not see the box {corners}; move the box to "
+            "the object or leave the view out"
+        )
+    outside = {}
+    for index in train:
+        silhouette, view = video.silhouettes[index, 0].flatten() > 0.5, video.view_ids[index]
+        outside[view] = float((silhouette & ~seen[view]).sum() / silhouette.sum())
+    if min(outside.values()) > OUTSIDE_ERROR:
+        raise UserInputError(
+            f"data.box_lower, data.box_upper: the box {corners} misses the object in every training view at frame 0; "
+            "move the box to the object"
+        )
+    worst = max(outside, key=lambda view: outside[view])
+    if outside[worst] > OUTSIDE_WARNING:
+        log.warning(
+            "data.box_lower, data.box_upper: %.0f%% of the object in view %d at frame 0 lies outside the box %s; "
+            "enlarge it, or that part cannot be learnt",
+            100 * outside[worst],
+            worst,
+            corners,
+        )
+
+
+def _rays_through(video: Video, box: Box, index: int) -> Tensor:
+    height, width = video.images.shape[2:4]
+    return hits_box(pixel_rays(video.intrinsics[index], video.camera_to_world[index], height, width), box)
