@@ -7,7 +7,7 @@ from torch import Tensor
 
 from pacnerf_lpo.render.ray_march import occupied_cells
 from pacnerf_lpo.scene.activation import alpha
-from pacnerf_lpo.scene.trilinear import CORNERS, gather, stencil
+from pacnerf_lpo.scene.trilinear import CORNERS, Shape, gather, stencil
 from pacnerf_lpo.types import FieldGrid
 
 RELATIVE_ALPHA = 1e-3
@@ -18,31 +18,32 @@ def sample_particles(grid: FieldGrid, generator: torch.Generator) -> Tensor:
 
     ``generator`` lives on the CPU, so that a seed gives the same particles on every device.
     """
-    candidates = jittered_positions(grid, generator)
-    opacity = alpha(_interpolate(grid.density[..., None], grid, candidates).squeeze(1), 1.0)
-    return candidates[opacity.detach() >= particle_threshold(grid)]
+    return particle_alpha(grid, generator)[0]
 
 
-def jittered_positions(grid: FieldGrid, generator: torch.Generator) -> Tensor:
-    """Eight positions [m, (8 * cells, 3)] in each cell that can hold a particle."""
+def particle_alpha(grid: FieldGrid, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Freshly sampled particles [m, (N, 3)] and their alpha (N,), the latter differentiable in the density."""
+    threshold = RELATIVE_ALPHA * float(alpha(grid.density.detach().max(), 1.0))
+    candidates = _jittered(grid, threshold, generator)
+    points = stencil(candidates, grid.lower, grid.dx, _shape(grid))
+    opacity = alpha(gather(grid.density.reshape(-1, 1), points).squeeze(1), 1.0)
+    kept = (opacity.detach() >= threshold).nonzero().squeeze(1)
+    return candidates.index_select(0, kept), opacity.index_select(0, kept)
+
+
+def _jittered(grid: FieldGrid, threshold: float, generator: torch.Generator) -> Tensor:
     with torch.no_grad():
-        cells = occupied_cells(grid, 1.0, particle_threshold(grid))[:-1, :-1, :-1].nonzero()
+        cells = occupied_cells(grid, 1.0, threshold)[:-1, :-1, :-1].nonzero()
         octants = torch.tensor(CORNERS, device=cells.device)
         jitter = torch.rand(len(cells), 8, 3, generator=generator, dtype=grid.density.dtype).to(cells.device)
         return ((cells[:, None] + (octants + jitter) / 2) * grid.dx + grid.lower).flatten(0, 1)
 
 
-def particle_threshold(grid: FieldGrid) -> float:
-    """Alpha below which a position is no particle."""
-    return RELATIVE_ALPHA * float(alpha(grid.density.detach().max(), 1.0))
-
-
 def interpolate(grid: FieldGrid, positions: Tensor) -> tuple[Tensor, Tensor]:
     """Raw density (N,) and features (N, 12) of the field at positions [m, (N, 3)]. Differentiable."""
-    density = _interpolate(grid.density[..., None], grid, positions).squeeze(1)
-    return density, _interpolate(grid.features, grid, positions)
+    points = stencil(positions, grid.lower, grid.dx, _shape(grid))
+    return gather(grid.density.reshape(-1, 1), points).squeeze(1), gather(grid.features.flatten(0, 2), points)
 
 
-def _interpolate(values: Tensor, grid: FieldGrid, positions: Tensor) -> Tensor:
-    shape = (values.shape[0], values.shape[1], values.shape[2])
-    return gather(values.flatten(0, 2), stencil(positions, grid.lower, grid.dx, shape))
+def _shape(grid: FieldGrid) -> Shape:
+    return grid.density.shape[0], grid.density.shape[1], grid.density.shape[2]

@@ -68,8 +68,8 @@ class TrainingLength:
     Args:
         steps: optimiser steps.
         scaling_steps: numbers of steps after which the voxel size halves.
-        halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the weight
-            schedules still see all of them. None: all.
+        halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the
+            weight schedules still see all of them. None: all.
 
     Raises:
         UserInputError: the numbers do not form a schedule.
@@ -78,13 +78,14 @@ class TrainingLength:
     def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None):
         if sorted(set(scaling_steps)) != scaling_steps or not all(0 < step < steps for step in scaling_steps):
             raise UserInputError(
-                f"phases.static length: scaling_steps {scaling_steps} must increase and lie between 0 and steps = {steps}"
+                f"phases.static.length: scaling_steps {scaling_steps} must increase and lie between 0 and "
+                f"steps = {steps}"
             )
         self.steps, self.scaling_steps = steps, scaling_steps
         self.halvings = len(scaling_steps) if halvings is None else halvings
         if not 0 <= self.halvings <= len(scaling_steps):
             raise UserInputError(
-                f"phases.static length: halvings = {self.halvings} must lie between 0 and the "
+                f"phases.static.length: halvings = {self.halvings} must lie between 0 and the "
                 f"{len(scaling_steps)} scaling_steps"
             )
 
@@ -99,4 +100,4 @@ class TrainingLength:
 
 def _check_positive(name: str, value: float) -> None:
     if value <= 0:
-        raise UserInputError(f"phases.static schedule: {name} = {value:g} must be positive")
+        raise UserInputError(f"phases.static: schedule with {name} = {value:g} must be positive")

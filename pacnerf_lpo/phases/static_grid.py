@@ -12,11 +12,10 @@ from torch.nn.functional import normalize
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import surface_area, transmittance_entropy
-from pacnerf_lpo.particles.sampling import interpolate, sample_particles
+from pacnerf_lpo.particles.sampling import interpolate, particle_alpha, sample_particles
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
-from pacnerf_lpo.render.ray_march import CUTOFF, box_interval, march, shade
-from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import ParticleState, Rays
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
 class StaticGridModule(AbstractPhase):
     """Static voxel optimisation of PAC-NeRF (Li et al., ICLR 2023) with the options of the LPO supplement, appendix A.
 
-    loss = MSE + view_invariant_weight * MSE(random view directions) + entropy + surface regulariser, over one random ray
-    batch of one random training view per step. Step k draws from ``seed + k``: a resumed run repeats itself.
+    loss = MSE + view_invariant_weight * MSE(random view directions) + entropy + surface regulariser, over one random
+    ray batch of one random training view per step. Step k draws from its own seed: a resumed run repeats itself.
 
     Args:
         base_spacing: coarsest voxel size dx0 [m].
@@ -43,7 +42,7 @@ class StaticGridModule(AbstractPhase):
         rays_per_step: rays in a batch.
         grid_rate: Adam rate of density and features.
         network_rate: Adam rate of the colour network.
-        cutoff: samples whose alpha or weight is smaller are skipped.
+        min_weight: samples that would add less to their ray are not coloured (1e-7 in PAC-NeRF).
         seed: seed of views, rays and particles.
     """
 
@@ -62,13 +61,18 @@ class StaticGridModule(AbstractPhase):
         rays_per_step: int = 1024,
         grid_rate: float = 0.1,
         network_rate: float = 1e-3,
-        cutoff: float = CUTOFF,
+        min_weight: float = MIN_WEIGHT,
         seed: int = 0,
     ):
         super().__init__()
         if base_spacing <= 0:
             raise UserInputError(f"phases.static.base_spacing = {base_spacing:g} m must be positive")
-        self.base_spacing, self.rays_per_step, self.cutoff, self.seed = base_spacing, rays_per_step, cutoff, seed
+        self.base_spacing, self.rays_per_step, self.min_weight, self.seed = (
+            base_spacing,
+            rays_per_step,
+            min_weight,
+            seed,
+        )
         self.entropy_weight, self.entropy_schedule = entropy_weight, entropy_schedule
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
@@ -108,7 +112,7 @@ class StaticGridModule(AbstractPhase):
         """The loss of one step."""
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch)
         rays, measured = self._draw_rays(generator)
-        samples = march(self.field.grid(), rays, self.base_spacing, self.cutoff)
+        samples = march(self.field.grid(), rays, self.base_spacing, self.min_weight)
         pixel = squared_error(shade(samples, self.colour).colour, measured)
         entropy = transmittance_entropy(samples.transmittance)
         surface = self._surface(generator)
@@ -196,6 +200,6 @@ class StaticGridModule(AbstractPhase):
         return self._rays_through_box[view]
 
     def _surface(self, generator: torch.Generator) -> Tensor:
-        grid = self.field.grid()
-        density, _ = interpolate(grid, sample_particles(grid, generator))
-        return surface_area(alpha(density, 1.0), self.field.dx)
+        """The surface regulariser over freshly jittered particles."""
+        opacity = particle_alpha(self.field.grid(), generator)[1]
+        return surface_area(opacity, self.field.dx)

@@ -17,7 +17,8 @@ from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, weights_of
 from pacnerf_lpo.types import FieldGrid, Rays
 
 NEAR = 0.1
-CUTOFF = 1e-7
+MIN_ALPHA = 1e-7
+MIN_WEIGHT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def render_rays(
     base_dx: float,
     background: float = 1.0,
     directions: Tensor | None = None,
-    cutoff: float = CUTOFF,
+    min_weight: float = MIN_WEIGHT,
 ) -> Rendering:
     """Render rays through a grid. Differentiable in ``grid.density``, ``grid.features`` and the colour weights.
 
@@ -64,18 +65,18 @@ def render_rays(
         base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
         background: grey value behind everything.
         directions: view directions given to the colour network instead of the rays' own [(R, 3)].
-        cutoff: samples whose alpha or weight is smaller are skipped.
+        min_weight: samples that would add less to their ray are not coloured; they still attenuate.
     """
-    return shade(march(grid, rays, base_dx, cutoff), colour, background, directions)
+    return shade(march(grid, rays, base_dx, min_weight), colour, background, directions)
 
 
-def march(grid: FieldGrid, rays: Rays, base_dx: float, cutoff: float = CUTOFF) -> March:
+def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT) -> March:
     """Find the samples that contribute, their weights and features: the part of rendering that knows no colour."""
     delta = sample_length(grid.dx, base_dx)
-    points, lengths = _occupied_samples(grid, rays, delta, cutoff)
+    points, lengths = _occupied_samples(grid, rays, delta)
     density = gather(grid.density.reshape(-1, 1), points).squeeze(1)
-    weights, transmittance = _compose(density, lengths, delta, cutoff)
-    keep = (weights.detach() >= cutoff).nonzero().squeeze(1)
+    weights, transmittance = _compose(density, lengths, delta)
+    keep = (weights.detach() >= min_weight).nonzero().squeeze(1)
     ray = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
     return March(
         gather(grid.features.flatten(0, 2), points.select(keep)),
@@ -104,8 +105,8 @@ def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tens
     return torch.minimum(one, two).amax(1).clamp_min(NEAR), torch.maximum(one, two).amin(1)
 
 
-def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float, cutoff: float) -> tuple[Stencil, Tensor]:
-    """Samples every dx/2 in cells where alpha can reach ``cutoff``, and their number on each ray."""
+def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stencil, Tensor]:
+    """Samples every dx/2 in cells where alpha can reach 1e-7, and their number on each ray."""
     with torch.no_grad():
         shape = (grid.density.shape[0], grid.density.shape[1], grid.density.shape[2])
         upper = grid.lower + grid.dx * (torch.tensor(shape, device=grid.lower.device) - 1)
@@ -117,17 +118,17 @@ def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float, cutoff: float) 
         entry = rays.origins.index_select(0, ray)
         positions = torch.addcmul(entry, rays.directions.index_select(0, ray), distance[:, None])
         cell, fraction = cell_of(positions, grid.lower, grid.dx, shape)
-        keep = occupied_cells(grid, delta, cutoff).flatten().index_select(0, cell).nonzero().squeeze(1)
+        keep = occupied_cells(grid, delta, MIN_ALPHA).flatten().index_select(0, cell).nonzero().squeeze(1)
         lengths = torch.bincount(ray.index_select(0, keep), minlength=len(steps))
         return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
 
 
-def occupied_cells(grid: FieldGrid, delta: float, cutoff: float) -> Tensor:
-    """True where alpha reaches ``cutoff`` at one of the cell's corners [(X, Y, Z), bool], cells by lowest node.
+def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
+    """True where alpha reaches ``min_alpha`` at one of the cell's corners [(X, Y, Z), bool], cells by lowest node.
 
     Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
     """
-    occupied = alpha(grid.density.detach(), delta) >= cutoff
+    occupied = alpha(grid.density.detach(), delta) >= min_alpha
     for axis in range(3):
         shifted = torch.zeros_like(occupied)
         count = occupied.shape[axis] - 1
@@ -136,11 +137,11 @@ def occupied_cells(grid: FieldGrid, delta: float, cutoff: float) -> Tensor:
     return occupied
 
 
-def _compose(density: Tensor, lengths: Tensor, delta: float, cutoff: float) -> tuple[Tensor, Tensor]:
+def _compose(density: Tensor, lengths: Tensor, delta: float) -> tuple[Tensor, Tensor]:
     """Weights T alpha (M,) of the samples and final transmittance (R,); sums run in float64 over all rays at once."""
     depth = optical_depth(density, delta)
     opacity = -(-depth).expm1()
-    visible = opacity.detach() >= cutoff
+    visible = opacity.detach() >= MIN_ALPHA
     total = torch.where(visible, depth, 0).double().cumsum(0)
     total = torch.cat((total.new_zeros(1), total))
     end = lengths.cumsum(0)

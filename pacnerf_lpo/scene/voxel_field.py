@@ -68,8 +68,8 @@ class VoxelField(nn.Module):
         if not largest >= OBJECT_ALPHA:
             raise UserInputError(
                 f"static phase: the object has vanished (largest alpha {largest:.1e} at spacing {self.dx:g} m); "
-                "lower phases.static.surface_weight, or check that data.box_lower and data.box_upper enclose the object "
-                "in frame 0"
+                "lower phases.static.surface_weight, or check that data.box_lower and data.box_upper enclose the "
+                "object in frame 0"
             )
 
     def _occupied_region(self) -> tuple[slice, ...]:
