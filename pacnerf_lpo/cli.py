@@ -13,6 +13,7 @@ from typing import cast
 
 import pytorch_lightning as pl
 from jsonargparse import ArgumentError
+from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
 from pytorch_lightning.utilities.warnings import PossibleUserWarning
 
@@ -82,7 +83,7 @@ class PhaseCLI(LightningCLI):
         files = config_files(words)
         try:
             self.config = parser.parse_args(words)
-        except ArgumentError as error:
+        except (ArgumentError, OmegaConfBaseException) as error:
             raise explain(error, parser, files) from error
 
     def instantiate_classes(self) -> None:

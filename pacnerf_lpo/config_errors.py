@@ -50,6 +50,9 @@ def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> 
     if "is abstract" in text:
         listing = ", ".join(_class_names(parser, where))
         return UserInputError(f"{where} is not chosen yet; give it a class_path first, one of {listing}")
+    if found := re.search(r"Interpolation key '(.+)' not found\s+full_key: (\S+)", text):
+        hint = "set it, for instance by the --config of a scene"
+        return UserInputError(f"{found[2]} refers to {found[1]}, which is not set; {hint}")
     if found := re.search(r"arguments are required: (.+)", text):
         return UserInputError(f"missing: {found[1]}; give it with --{found[1].split(',')[0]} or in a --config file")
     if expected := dict.fromkeys(re.findall(r"Expected a <class '([^']+)'>", text)):

@@ -40,7 +40,12 @@ def final_positions(run_dir: Path) -> torch.Tensor:
 def start(words: list[str]) -> subprocess.Popen:
     root = Path(__file__).resolve().parents[1]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", "import sys; from tests import fake_run; sys.exit(fake_run.main(sys.argv[1:]))", *words]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from tests import fake_run; sys.exit(fake_run.main(sys.argv[1:]))",
+        *words,
+    ]
     return subprocess.Popen(command, cwd=root, env=environment, stderr=subprocess.PIPE, text=True)
 
 

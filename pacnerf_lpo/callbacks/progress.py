@@ -51,7 +51,7 @@ class PhaseProgress(ProgressBar):
         now = time.monotonic()
         if self._enabled and (now - self._shown >= self._interval or done == self._total):
             self._shown = now
-            self._show(done, now, describe(outputs, cast(AbstractPhase, pl_module)))
+            self._show(done, now, describe(trainer.callback_metrics, cast(AbstractPhase, pl_module)))
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         """Leave the finished bar on the screen."""
@@ -77,8 +77,7 @@ class PhaseProgress(ProgressBar):
             self._bar = None
 
 
-def describe(outputs: torch.Tensor | Mapping[str, Any] | None, phase: AbstractPhase) -> str:
-    """``loss 0.0123, E 1.2e+05 Pa``: the loss of a step and the current values of a phase."""
-    loss = outputs["loss"] if isinstance(outputs, Mapping) else outputs
-    metrics = {} if loss is None else {"loss": f"{float(loss):.4g}"}
-    return ", ".join(f"{name} {value}" for name, value in {**metrics, **phase.progress_metrics()}.items())
+def describe(metrics: Mapping[str, torch.Tensor], phase: AbstractPhase) -> str:
+    """``loss 0.0123, E 1.2e+05 Pa``: the loss a phase has logged and its current values."""
+    losses = [f"loss {value:.4g}" for name, value in metrics.items() if name.rpartition("/")[2] == "loss"]
+    return ", ".join([*losses[:1], *(f"{name} {value}" for name, value in phase.progress_metrics().items())])

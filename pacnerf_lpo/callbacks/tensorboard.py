@@ -16,7 +16,7 @@ class PhaseLogger(TensorBoardLogger):
 
     Args:
         run_dir: events go to its folder ``tensorboard``.
-        phase: put before every tag: ``physics/loss``.
+        phase: put before every tag that does not begin with it: ``physics/loss``.
         first_step: optimiser steps of all phases before this one.
     """
 
@@ -26,9 +26,12 @@ class PhaseLogger(TensorBoardLogger):
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         """Log scalars at a step of the phase."""
-        tagged = {f"{self.phase}/{name}": value for name, value in metrics.items() if name != "epoch"}
+        tagged = {self._tag(name): value for name, value in metrics.items() if name != "epoch"}
         super().log_metrics(tagged, self.first_step + (step or 0))
 
     def log_image(self, name: str, image: Tensor, step: int) -> None:
         """Log an image [0..1, (H, W, 3)] at a step of the phase."""
-        self.experiment.add_image(f"{self.phase}/{name}", image, self.first_step + step, dataformats="HWC")
+        self.experiment.add_image(self._tag(name), image, self.first_step + step, dataformats="HWC")
+
+    def _tag(self, name: str) -> str:
+        return name if name.startswith(f"{self.phase}/") else f"{self.phase}/{name}"

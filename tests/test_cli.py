@@ -1,0 +1,109 @@
+"""What a user sees when the command line or the configuration is wrong: one line, and a status that is not 0."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pacnerf_lpo import cli
+from pacnerf_lpo.__main__ import COMMANDS, main
+from tests import fake_run
+
+MATERIAL = "physics:\n  material:\n    class_path: {}\n    init_args:\n      {}\n"
+
+
+@pytest.fixture
+def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Runs ``fit`` with one more configuration file or option, and returns the one line it prints."""
+
+    def run(*words: str, config: str | None = None) -> str:
+        extra = list(words)
+        if config is not None:
+            (tmp_path / "mine.yaml").write_text(config)
+            extra += ["--config", str(tmp_path / "mine.yaml")]
+        status = fake_run.main([*fake_run.arguments(tmp_path / "run"), *extra])
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert status == 2
+        assert len(lines) == 1, lines
+        assert not (tmp_path / "run").exists()
+        return lines[0]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("config", "expected"),
+    [
+        ("physics:\n  roh: 900\n", "mine.yaml, line 2: unknown key physics.roh; did you mean physics.rho?"),
+        ("physcs:\n  rho: 900\n", "unknown key physcs.rho; did you mean physics.rho?"),
+        ("outer_loop:\n  runds: 2\n", "unknown key outer_loop.runds; did you mean outer_loop.rounds?"),
+        ("trainer:\n  logger: false\n", "unknown key trainer.logger"),
+        (
+            MATERIAL.format("FakeMaterial", "nuu: 0.1"),
+            "line 5: unknown key physics.material.init_args.nuu; did you mean",
+        ),
+        (
+            MATERIAL.format("FakeMaterail", "nu: 0.1"),
+            "no FakeMaterail; known are FakeMaterial; did you mean FakeMaterial?",
+        ),
+        (MATERIAL.format("FakeMaterial", "E: stiff"), "line 5: physics.material.E: expected float, got stiff"),
+        (MATERIAL.format("FakeMaterial", "E: -1e5"), "E = -100000 Pa is not a possible Young's modulus"),
+        ("phases:\n  static:\n    class_path: FakePhse\n", "phases.static: there is no FakePhse; known are FakePhase"),
+        ("data: [a: {\n", "mine.yaml, line 2: not valid YAML"),
+        ("just words\n", "mine.yaml: expected sections"),
+        ("outer_loop:\n  rounds: ${nowhere.rounds}\n", "outer_loop.rounds refers to nowhere.rounds, which is not set"),
+        ("outer_loop:\n  rounds: -1\n", "outer_loop.rounds = -1"),
+    ],
+)
+def test_mistake_in_a_config_file(complain, config: str, expected: str):
+    assert expected in complain(config=config)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--config", "nowhere.yaml"], "--config nowhere.yaml: No such file or directory"),
+        (["--physics.roh=900"], "unknown key physics.roh; did you mean physics.rho?"),
+        (["--outer_loop.rounds=two"], "outer_loop.rounds: expected int, got two"),
+        (["--data.root=missing"], "missing: no such folder"),
+        (["--resume", "nowhere"], "give no other option"),
+    ],
+)
+def test_mistake_on_the_command_line(complain, words: list[str], expected: str):
+    assert expected in complain(*words)
+
+
+def test_missing_option(capsys: pytest.CaptureFixture[str]):
+    assert fake_run.main(["--physics.material=FakeMaterial"]) == 2
+    assert "missing: data.root" in capsys.readouterr().err
+
+
+def test_resume_needs_a_run_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert fake_run.main(["--resume", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.strip() == f"pacnerf-lpo: {tmp_path} is not a run directory: it has no config.yaml"
+
+
+def test_a_failed_evaluation_keeps_the_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def broken(run_dir: Path) -> None:
+        raise ValueError("no font")
+
+    monkeypatch.setattr(cli, "finish", broken)
+    assert fake_run.main(fake_run.arguments(tmp_path / "run")) == 1
+    assert "the fit is complete but its evaluation failed" in capsys.readouterr().err
+    assert '"finished"' in (tmp_path / "run" / "manifest.json").read_text()
+
+
+def test_unknown_command(capsys: pytest.CaptureFixture[str]):
+    assert main(["evalaute", "runs/demo"]) == 2
+    assert capsys.readouterr().err.strip() == "pacnerf-lpo: there is no command evalaute; did you mean evaluate?"
+
+
+def test_help_names_every_command_without_loading_torch():
+    code = "import sys; from pacnerf_lpo.__main__ import main; main(['--help']); sys.exit('torch' in sys.modules)"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert all(name in shown.stdout for name in COMMANDS)
