@@ -51,7 +51,7 @@ def start(words: list[str]) -> subprocess.Popen:
 
 def wait_for(path: Path, process: subprocess.Popen) -> None:
     """Until the file is there; the process must not end before."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 180
     while not path.exists():
         assert process.poll() is None, process.communicate()[1]
         assert time.monotonic() < deadline
