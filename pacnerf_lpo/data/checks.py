@@ -128,15 +128,15 @@ def check_times(index: Index, views: Sequence[int], frames: Sequence[int]) -> li
             raise UserInputError(f"{where}: times do not increase ({after:g} s follows {before:g} s); mend 'time'")
         if abs(after - before - step) > STEP_TOLERANCE * step:
             raise UserInputError(
-                f"{where}: frames are not evenly spaced ({after - before:.4g} s after the last, {step:.4g} s on average); "
-                "mend 'time' or cut the video with data.frames"
+                f"{where}: frames are not evenly spaced ({after - before:.4g} s after the last, not {step:.4g} s)"
+                "; mend 'time' or cut the video with data.frames"
             )
     for view in views:
         for frame, time in zip(frames, times, strict=True):
             if abs(index.shots[view, frame].time - time) > STEP_TOLERANCE * step:
                 raise UserInputError(
-                    f"{index.where(view, frame)}: taken at {index.shots[view, frame].time:g} s, but view {views[0]} has "
-                    f"this frame at {time:g} s; cameras must be synchronous, mend 'time'"
+                    f"{index.where(view, frame)}: taken at {index.shots[view, frame].time:g} s, but in view {views[0]} "
+                    f"at {time:g} s; cameras must be synchronous, mend 'time'"
                 )
     return times
 
@@ -179,7 +179,7 @@ def check_intrinsics_fit(index: Index, views: Sequence[int], size: tuple[int, in
             raise UserInputError(f"{where}: focal lengths {fx:g}, {fy:g} must be positive; mend 'intrinsic'")
         if abs(skew) > 1e-3 * fx or tilt != 0 or last != [0, 0, 1]:
             raise UserInputError(
-                f"{where}: 'intrinsic' must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew; rectify the images"
+                f"{where}: 'intrinsic' must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew; rectify"
             )
         if not (0 < cx < size[1] and 0 < cy < size[0]):
             raise UserInputError(

@@ -77,12 +77,6 @@ class VideoData(LightningDataModule):
         checks.check_overlap(train, test)
         return train, test
 
-    @property
-    def frame_rate(self) -> float:
-        """Frames per second of the video [1/s]."""
-        times = self.video.times
-        return float((len(times) - 1) / (times[-1] - times[0]))
-
     def rays(self, view: int) -> Rays:
         """All ``H * W`` rays of a view (index into ``video``), row by row; computed once and kept."""
         if view not in self._rays:

@@ -1,0 +1,146 @@
+"""A scene in PAC-NeRF's layout from particle trajectories: shaded discs, seen by a hemisphere of cameras.
+
+Good enough to test and to try things on: one directional light and an ambient term on smooth normals, so that all
+cameras see the same colours, antialiased rims, camera noise. There is no shadow, no highlight and no ground.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+from scipy.spatial import cKDTree
+
+from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.data.index import NAME
+from pacnerf_lpo.errors import UserInputError
+
+SUPERSAMPLING = 2
+NEIGHBOURS = 32
+AMBIENT = 0.45
+LIGHT = np.array([0.35, 0.9, 0.25]) / np.linalg.norm([0.35, 0.9, 0.25])
+BRIGHTEST = 250.0 / 255.0
+"""The object stays below pure white, which means background."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Fixed cameras: ``camera_to_world`` [rotation and metres, (V, 3, 4)] and ``intrinsics`` [pixels, (V, 3, 3)]."""
+
+    camera_to_world: np.ndarray
+    intrinsics: np.ndarray
+
+
+def hemisphere_rig(
+    views: int = 11,
+    image_size: int = 128,
+    target: tuple[float, float, float] = (0.0, 0.42, 0.0),
+    distance: float = 2.5,
+    field_of_view: float = 30.0,
+) -> Rig:
+    """Cameras about ``target`` [m] at ``distance`` [m], 12 to 72 degrees above it; ``field_of_view`` [degrees]."""
+    turn = np.arange(views)
+    azimuth = 2.0 * np.pi * turn / views
+    elevation = np.radians(12.0 + 60.0 * (turn * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0))
+    back = np.stack(
+        (np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)), axis=-1
+    )
+    right = np.cross([0.0, 1.0, 0.0], back)
+    right /= np.linalg.norm(right, axis=-1, keepdims=True)
+    up = np.cross(back, right)
+    poses = np.stack((right, up, back, np.asarray(target) + distance * back), axis=-1)
+    focal = 0.5 * image_size / np.tan(np.radians(field_of_view) / 2.0)
+    intrinsic = np.array([[focal, 0.0, image_size / 2.0], [0.0, focal, image_size / 2.0], [0.0, 0.0, 1.0]])
+    return Rig(poses, np.repeat(intrinsic[None], views, axis=0))
+
+
+def write_scene(
+    root: str | Path,
+    trajectories: np.ndarray,
+    colours: np.ndarray,
+    rig: Rig,
+    image_size: int,
+    radius: float,
+    noise: float = 0.0,
+    frame_rate: float = 24.0,
+    truth: dict[str, Any] | None = None,
+    seed: int = 0,
+) -> Path:
+    """Render and write a scene; the same arguments give the same files.
+
+    trajectories: particle positions [m, (F, N, 3)]; colours: [0..1, (N, 3)]; rig: cameras for ``image_size`` x
+    ``image_size`` pixels; radius: of the discs drawn, about the particle spacing [m]; noise: standard deviation of
+    the camera's noise on the object, in 0..1; frame_rate: [1/s]; truth: written as ``truth.json``, for an evaluation.
+    Raises UserInputError where ``root`` holds something already.
+    """
+    root = Path(root)
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise UserInputError(f"{root}: is there already and not empty; choose another folder or remove it")
+    (root / "data").mkdir(parents=True)
+    generator = np.random.default_rng(seed)
+    entries = []
+    for frame, positions in enumerate(trajectories):
+        shaded = shade(positions, colours)
+        for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
+            image = draw_discs(positions, shaded, pose, intrinsic, image_size, radius)
+            image = add_noise(image, noise, generator)
+            Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")
+            entries.append(
+                {
+                    "file_path": f"./data/r_{view}_{frame}.png",
+                    "time": frame / frame_rate,
+                    "c2w": pose.tolist(),
+                    "intrinsic": intrinsic.tolist(),
+                }
+            )
+    (root / NAME).write_text(json.dumps(entries))
+    if truth is not None:
+        (root / "truth.json").write_text(json.dumps(truth, indent=1))
+    return root
+
+
+def shade(positions: np.ndarray, colours: np.ndarray) -> np.ndarray:
+    """Diffuse colours of particles [0..1, (N, 3)]; the normal points away from the neighbours' mean position."""
+    _, neighbours = cKDTree(positions).query(positions, k=min(NEIGHBOURS, len(positions)))
+    away = positions - positions[neighbours.reshape(len(positions), -1)].mean(axis=1)
+    normals = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-12)
+    light = AMBIENT + (1.0 - AMBIENT) * np.maximum(normals @ LIGHT, 0.0)
+    return np.clip(colours * light[:, None], 0.0, BRIGHTEST)
+
+
+def draw_discs(
+    positions: np.ndarray, colours: np.ndarray, pose: np.ndarray, intrinsic: np.ndarray, image_size: int, radius: float
+) -> np.ndarray:
+    """Opaque discs on white [0..1, (image_size, image_size, 3)], painted from the farthest to the nearest."""
+    size = SUPERSAMPLING * image_size
+    scale = np.diag([SUPERSAMPLING, SUPERSAMPLING, 1.0])
+    pixels, depth = project(torch.from_numpy(positions), torch.from_numpy(scale @ intrinsic), torch.from_numpy(pose))
+    order = torch.argsort(depth, descending=True)
+    order = order[depth[order] > radius]
+    centres = pixels[order].numpy()
+    reach = SUPERSAMPLING * intrinsic[0, 0] * radius / depth[order].numpy()
+
+    half = int(np.ceil(reach.max(initial=1.0)))
+    span = np.arange(-half, half + 1)
+    columns = np.floor(centres[:, :1]).astype(int) + span
+    rows = np.floor(centres[:, 1:]).astype(int) + span
+    across = (columns + 0.5 - centres[:, :1]) ** 2 / reach[:, None] ** 2
+    down = (rows + 0.5 - centres[:, 1:]) ** 2 / reach[:, None] ** 2
+    across[(columns < 0) | (columns >= size)] = np.inf
+    down[(rows < 0) | (rows >= size)] = np.inf
+    particle, row, column = np.nonzero(down[:, :, None] + across[:, None, :] < 1.0)
+
+    image = np.ones((size, size, 3))
+    image[rows[particle, row], columns[particle, column]] = colours[order.numpy()[particle]]
+    return image.reshape(image_size, SUPERSAMPLING, image_size, SUPERSAMPLING, 3).mean(axis=(1, 3))
+
+
+def add_noise(image: np.ndarray, noise: float, generator: np.random.Generator) -> np.ndarray:
+    """Gaussian noise on the object's pixels; the white around it stays pure."""
+    noisy = np.clip(image + noise * generator.standard_normal(image.shape), 0.0, BRIGHTEST)
+    return np.where((image < 1.0).any(axis=-1, keepdims=True), noisy, 1.0)
