@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from pacnerf_lpo import __version__
+from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
 
-# command: (what it does, module with the function run)
+# command: (what it does, module with the function run); fit reads its own arguments, the others' are those of run
 COMMANDS = {
     "fit": ("identify geometry and material from a multi-view video", "pacnerf_lpo.commands.fit"),
     "evaluate": ("image metrics and parameter errors of a run", "pacnerf_lpo.commands.evaluate"),
@@ -51,8 +52,10 @@ def _dispatch(words: list[str]) -> int:
         near = get_close_matches(words[0], COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
         raise UserInputError(f"there is no command {words[0]}; {hint}")
-    run: Callable[[list[str]], int] = import_module(COMMANDS[words[0]][1]).run
-    return run(words[1:])
+    module = import_module(COMMANDS[words[0]][1])
+    if words[0] != "fit":
+        return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
+    return module.run(words[1:])
 
 
 def _help() -> str:

@@ -21,7 +21,7 @@ from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.callbacks.progress import PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
-from pacnerf_lpo.config_errors import config_files, explain
+from pacnerf_lpo.config_errors import HelpFormatter, config_files, explain
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
@@ -59,6 +59,7 @@ class PhaseCLI(LightningCLI):
                 "exit_on_error": False,
                 "prog": "pacnerf-lpo fit",
                 "description": DESCRIPTION,
+                "formatter_class": HelpFormatter,
             },
             args=list(args),
             run=False,
@@ -69,6 +70,7 @@ class PhaseCLI(LightningCLI):
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Declare the sections of the configuration."""
         parser.add_argument("--resume", metavar="RUN_DIR", help="Go on with this run; takes no other option.")
+        parser.add_argument("--truth", type=str | None, help="A truth.json to compare with at the end, or demo.")
         parser.add_class_arguments(self._datamodule_class, "data")
         parser.add_class_arguments(self.physics_class, "physics")
         for role in ("static", "velocity", "physics"):
@@ -162,21 +164,27 @@ def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], phy
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
     """
     _quieten_lightning()
-    run_dir = PhaseCLI(_expand_resume(args), datamodule_class, physics_class).run()
+    phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
+    run_dir = phases.run()
     try:
-        finish(run_dir)
+        finish(run_dir, phases.config.truth)
     except Exception as error:
         again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
 
 
-def finish(run_dir: Path) -> None:
-    """Evaluate a complete run and write its report."""
-    from pacnerf_lpo.evaluation import evaluate_run
-    from pacnerf_lpo.report import write_report
+def finish(run_dir: Path, truth: str | None) -> None:
+    """Evaluate a complete run, show the evaluation in TensorBoard, and write the report."""
+    from pacnerf_lpo.callbacks.tensorboard import log_evaluation
+    from pacnerf_lpo.evaluation.evaluate import evaluate_run
+    from pacnerf_lpo.evaluation.run_directory import Run
+    from pacnerf_lpo.evaluation.tables import markdown_table
+    from pacnerf_lpo.report.html import write_report
 
-    evaluate_run(run_dir)
+    results = evaluate_run(run_dir, truth)
+    log_evaluation(Run(run_dir), results)
+    print(markdown_table(results))
     print(f"report: {write_report(run_dir)}")
 
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import inspect
 import itertools
 import re
 from collections.abc import Iterable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args
 
 import yaml
-from jsonargparse import ArgumentParser
+from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from pacnerf_lpo.errors import UserInputError
+
+
+class HelpFormatter(argparse.RawDescriptionHelpFormatter, DefaultHelpFormatter):
+    """Keeps the line breaks of a command's description, and with them its examples."""
 
 
 def config_files(args: Sequence[str]) -> list[Path]:
@@ -32,35 +38,58 @@ def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> 
         files: the configuration files, searched for the wrong name.
     """
     text = str(error)
-    keys = re.findall(r'Parser key "([^"]+)"', text)
-    where = ".".join(keys)
-    if found := re.search(r"unrecognized arguments: -*([^\s=]+)", text):
-        return _unknown(found[1], _declared(parser), files)
-    if found := re.search(r"Group '(.+)' does not accept option '(.+)'", text):
-        return _unknown(f"{found[1]}.{found[2]}", _declared(parser), files)
-    if found := re.search(r"(?:class_path '([^']+)'[^']*)?Option '([^']+)' is not accepted", text):
-        prefix = f"{where}.init_args." if found[1] else ""
-        known = _init_arguments(found[1]) if found[1] else _declared(parser)
-        return _unknown(prefix + found[2], [prefix + name for name in known], files)
-    if found := re.search(r"Expected a dot import path string: (\S+)", text):
-        choices = _class_names(parser, where)
-        listing = f"; known are {', '.join(choices)}" if choices else ""
-        place, near = _place(found[1], files), _nearest(found[1], choices)
-        return UserInputError(f"{place}{where}: there is no {found[1]}{listing}{near}")
-    if "is abstract" in text:
-        listing = ", ".join(_class_names(parser, where))
-        return UserInputError(f"{where} is not chosen yet; give it a class_path first, one of {listing}")
-    if found := re.search(r"Interpolation key '(.+)' not found\s+full_key: (\S+)", text):
-        hint = "set it, for instance by the --config of a scene"
-        return UserInputError(f"{found[2]} refers to {found[1]}, which is not set; {hint}")
-    if found := re.search(r"arguments are required: (.+)", text):
-        return UserInputError(f"missing: {found[1]}; give it with --{found[1].split(',')[0]} or in a --config file")
-    if expected := dict.fromkeys(re.findall(r"Expected a <class '([^']+)'>", text)):
-        value = re.search(r"(?:Got value|Given value): (.+)", text)
-        wanted = " or ".join("null" if name == "NoneType" else name for name in expected)
-        place = _place(keys[-1].split(".")[-1], files) if keys else ""
-        return UserInputError(f"{place}{where}: expected {wanted}, got {value[1] if value else 'something else'}")
+    where = ".".join(re.findall(r'Parser key "([^"]+)"', text))
+    for explanation in (_unknown_key, _unknown_class, _missing, _wrong_type):
+        if message := explanation(text, where, parser, files):
+            return UserInputError(message)
     return UserInputError(" ".join(text.split()))
+
+
+def _unknown_key(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
+    known = [action.dest for action in parser._actions if action.dest]
+    if found := re.search(r"unrecognized arguments: -*([^\s=]+)", text):
+        key = found[1]
+    elif found := re.search(r"Group '(.+)' does not accept option '(.+)'", text):
+        key = f"{found[1]}.{found[2]}"
+    elif found := re.search(r"class_path '([^']+)'[^']*Option '([^']+)' is not accepted", text):
+        key = f"{where}.init_args.{found[2]}"
+        known = [f"{where}.init_args.{name}" for name in inspect.signature(_import(found[1])).parameters]
+    elif found := re.search(r"Option '([^']+)' is not accepted", text):
+        key = found[1]
+    else:
+        return None
+    return f"{_place(key.split('.')[-1], files)}unknown key {key}{_nearest(key, known)}"
+
+
+def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
+    names = _class_names(parser, where)
+    listing = ", ".join(names)
+    if "is abstract" in text:
+        return f"{where} is not chosen yet; give it a class_path first, one of {listing}"
+    if found := re.search(r"Expected a dot import path string: (\S+)", text):
+        known = f"; known are {listing}" if names else ""
+        return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{_nearest(found[1], names)}"
+    return None
+
+
+def _missing(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
+    if found := re.search(r"Interpolation key '(.+)' not found\s+full_key: (\S+)", text):
+        return f"{found[2]} refers to {found[1]}, which is not set; set it, for instance by the --config of a scene"
+    if found := re.search(r"arguments are required: (.+)", text):
+        first = found[1].split(",")[0]
+        optional = any(action.dest == first and action.option_strings for action in parser._actions)
+        return f"missing: {found[1]}" + (f"; give it with --{first} or in a --config file" if optional else "")
+    return None
+
+
+def _wrong_type(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
+    expected = dict.fromkeys(re.findall(r"Expected a <class '([^']+)'>", text))
+    if not expected:
+        return None
+    value = re.search(r"(?:Got value|Given value): (.+)", text)
+    wanted = " or ".join("null" if name == "NoneType" else name for name in expected)
+    place = _place(where.split(".")[-1], files) if where else ""
+    return f"{place}{where}: expected {wanted}, got {value[1] if value else 'something else'}"
 
 
 def _check_yaml(path: Path) -> Path:
@@ -78,10 +107,6 @@ def _check_yaml(path: Path) -> Path:
     return path
 
 
-def _unknown(key: str, known: Iterable[str], files: Sequence[Path]) -> UserInputError:
-    return UserInputError(f"{_place(key.split('.')[-1], files)}unknown key {key}{_nearest(key, known)}")
-
-
 def _nearest(name: str, known: Iterable[str]) -> str:
     match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f"; did you mean {match[0]}?" if match else ""
@@ -96,13 +121,9 @@ def _place(word: str, files: Sequence[Path]) -> str:
     return ""
 
 
-def _declared(parser: ArgumentParser) -> list[str]:
-    return [action.dest for action in parser._actions if action.dest]
-
-
-def _init_arguments(class_path: str) -> list[str]:
+def _import(class_path: str) -> type:
     module, _, name = class_path.rpartition(".")
-    return list(inspect.signature(getattr(__import__(module, fromlist=[name]), name)).parameters)
+    return getattr(import_module(module), name)
 
 
 def _class_names(parser: ArgumentParser, key: str) -> list[str]:

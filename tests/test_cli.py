@@ -89,7 +89,7 @@ def test_resume_needs_a_run_directory(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_failed_evaluation_keeps_the_fit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    def broken(run_dir: Path) -> None:
+    def broken(run_dir: Path, truth: str | None) -> None:
         raise ValueError("no font")
 
     monkeypatch.setattr(cli, "finish", broken)

@@ -26,7 +26,7 @@ STEMS = ["00_static", "01_velocity", "02_r1_physics", "03_r1_correction"]
 @pytest.fixture(autouse=True)
 def no_evaluation(monkeypatch: pytest.MonkeyPatch, small_threads: None) -> None:
     """The fake particles cannot be rendered."""
-    monkeypatch.setattr(cli, "finish", lambda run_dir: None)
+    monkeypatch.setattr(cli, "finish", lambda run_dir, truth: None)
 
 
 def read_manifest(run_dir: Path) -> dict:

@@ -1,1 +1,33 @@
-"""One module per command, each with ``run(args) -> exit status``."""
+"""One module per command; the arguments and the docstring of its function ``run`` are the command line and its help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+
+def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
+    """Call ``run`` with a command line; returns the exit status.
+
+    Args:
+        run: typed function with a Google docstring.
+        name: of the command, as it is typed.
+        words: what follows it.
+
+    Raises:
+        UserInputError: the words do not fit the function.
+    """
+    from inspect import getdoc
+
+    from jsonargparse import ArgumentError, ArgumentParser
+
+    from pacnerf_lpo.config_errors import HelpFormatter, explain
+
+    description = (getdoc(run) or "").split("\n\nArgs:")[0]
+    parser = ArgumentParser(prog=name, description=description, formatter_class=HelpFormatter, exit_on_error=False)
+    parser.add_function_arguments(run, as_positional=True)
+    try:
+        config = parser.parse_args(list(words))
+    except ArgumentError as error:
+        raise explain(error, parser, []) from error
+    run(**vars(config))
+    return 0
