@@ -9,7 +9,7 @@ import functools
 import json
 import math
 import urllib.error
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -44,6 +44,24 @@ class ImageMetrics:
             "ssim": self.ssim,
             "lpips": self.lpips if isinstance(self.lpips, float) else str(self.lpips),
         }
+
+
+@dataclass(frozen=True)
+class ImageScores:
+    """The metrics of every image: ``psnr`` [dB], ``ssim``, ``lpips`` or :class:`Missing`; tensors of one shape."""
+
+    psnr: Tensor
+    ssim: Tensor
+    lpips: Tensor | Missing
+
+    def mean(self, where: Tensor) -> ImageMetrics:
+        """The average over the images that the boolean mask or index ``where`` selects."""
+        distance = self.lpips
+        return ImageMetrics(
+            psnr=self.psnr[where].mean().item(),
+            ssim=self.ssim[where].mean().item(),
+            lpips=distance if isinstance(distance, Missing) else distance[where].mean().item(),
+        )
 
 
 def psnr(predicted: Tensor, measured: Tensor) -> Tensor:
@@ -97,27 +115,10 @@ def lpips(predicted: Tensor, measured: Tensor) -> Tensor | Missing:
         return torch.stack([network(a, b).reshape(()) for a, b in pairs])
 
 
-def image_metrics(predicted: Tensor, measured: Tensor) -> ImageMetrics:
-    """All three metrics of a stack of images, (B, H, W, 3) in 0..1, averaged over the stack."""
+def image_scores(predicted: Tensor, measured: Tensor) -> ImageScores:
+    """All three metrics of every image of a stack, (B, H, W, 3) in 0..1."""
     predicted, measured = predicted.clamp(0, 1), measured.clamp(0, 1)
-    distance = lpips(predicted, measured)
-    return ImageMetrics(
-        psnr=psnr(predicted, measured).mean().item(),
-        ssim=ssim(predicted, measured).mean().item(),
-        lpips=distance if isinstance(distance, Missing) else distance.mean().item(),
-    )
-
-
-def mean_metrics(videos: Sequence[ImageMetrics]) -> ImageMetrics:
-    """Average over the videos of several views; LPIPS is missing as soon as it is missing for one."""
-    distances = [video.lpips for video in videos]
-    missing = [distance for distance in distances if isinstance(distance, Missing)]
-    known = [distance for distance in distances if not isinstance(distance, Missing)]
-    return ImageMetrics(
-        psnr=sum(video.psnr for video in videos) / len(videos),
-        ssim=sum(video.ssim for video in videos) / len(videos),
-        lpips=missing[0] if missing else sum(known) / len(known),
-    )
+    return ImageScores(psnr(predicted, measured), ssim(predicted, measured), lpips(predicted, measured))
 
 
 @functools.cache

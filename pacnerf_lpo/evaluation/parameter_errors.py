@@ -102,7 +102,7 @@ def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = Fal
         fluid: the fitted ``mu`` is a viscosity [Pa s].
 
     Raises:
-        UserInputError: a fitted name without a defined error measure.
+        UserInputError: a true parameter without a defined error measure.
     """
     true = truth.parameters if truth.fluid else complete_elastic_pair(truth.parameters)
     incomparable = {"mu", "E", "nu"} if fluid != truth.fluid else set()
@@ -144,8 +144,7 @@ def velocity_error(found: tuple[float, ...], true: tuple[float, ...]) -> float:
 
 
 def _comparable(name: str, true: Mapping[str, float]) -> bool:
-    measure = _measure(name)
-    return name in true and (true[name] > 0 or measure != "log10")
+    return name in true and (true[name] > 0 or _measure(name) != "log10")
 
 
 def _parameter_error(name: str, found: float, true: float) -> ParameterError:

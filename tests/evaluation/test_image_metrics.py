@@ -8,7 +8,7 @@ import torch
 from scipy.ndimage import correlate1d
 
 from pacnerf_lpo.evaluation import image_metrics
-from pacnerf_lpo.evaluation.image_metrics import ImageMetrics, Missing
+from pacnerf_lpo.evaluation.image_metrics import Missing
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_psnr_of_a_constant_offset_is_its_closed_form():
 
 def test_psnr_of_equal_images_is_infinite_and_becomes_null_in_json():
     image = torch.rand(1, 16, 16, 3)
-    metrics = image_metrics.image_metrics(image, image)
+    metrics = image_metrics.image_scores(image, image).mean(torch.tensor([0]))
     assert math.isinf(metrics.psnr)
     assert metrics.as_dict()["psnr"] is None
     assert metrics.ssim == pytest.approx(1.0, abs=1e-6)
@@ -49,9 +49,7 @@ def ssim_by_definition(x: np.ndarray, y: np.ndarray) -> float:
     c1, c2 = 0.01**2, 0.03**2
     return float(
         np.mean(
-            (2 * mean_x * mean_y + c1)
-            * (2 * covariance + c2)
-            / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
+            (2 * mean_x * mean_y + c1) * (2 * covariance + c2) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
         )
     )
 
@@ -63,12 +61,11 @@ def test_ssim_agrees_with_its_definition(pair):
     np.testing.assert_allclose(image_metrics.ssim(predicted, measured).numpy(), expected, atol=1e-4)
 
 
-def test_metrics_average_over_the_images_of_a_video(pair):
-    predicted, measured = pair
-    per_image = [image_metrics.image_metrics(a[None], b[None]) for a, b in zip(*pair, strict=True)]
-    together = image_metrics.image_metrics(predicted, measured)
-    assert together.psnr == pytest.approx(sum(m.psnr for m in per_image) / 2, rel=1e-5)
-    assert together.ssim == pytest.approx(sum(m.ssim for m in per_image) / 2, rel=1e-5)
+def test_scores_are_averaged_over_the_chosen_images(pair):
+    scores = image_metrics.image_scores(*pair)
+    mean = scores.mean(torch.tensor([True, True]))
+    assert mean.psnr == pytest.approx(scores.psnr.sum().item() / 2, rel=1e-5)
+    assert scores.mean(torch.tensor([1])).ssim == pytest.approx(scores.ssim[1].item(), rel=1e-6)
 
 
 def test_lpips_without_torchvision_says_how_to_get_it(pair, monkeypatch):
@@ -77,7 +74,7 @@ def test_lpips_without_torchvision_says_how_to_get_it(pair, monkeypatch):
 
     monkeypatch.setattr("torchmetrics.image.lpip.LearnedPerceptualImagePatchSimilarity", refuse)
     image_metrics._lpips_network.cache_clear()
-    value = image_metrics.image_metrics(*pair).lpips
+    value = image_metrics.image_scores(*pair).mean(torch.tensor([0, 1])).lpips
     image_metrics._lpips_network.cache_clear()
     assert str(value) == "n/a (torchvision is not installed: pip install 'pacnerf-lpo[lpips]')"
 
@@ -103,7 +100,7 @@ def test_lpips_is_the_mean_of_the_network_over_images(pair, monkeypatch):
         return (a - b).abs().mean()[None]
 
     monkeypatch.setattr(image_metrics, "_lpips_network", lambda: network)
-    value = image_metrics.image_metrics(*pair).lpips
+    value = image_metrics.image_scores(*pair).mean(torch.tensor([0, 1])).lpips
     assert seen == [(1, 3, 24, 31)] * 2
     assert value == pytest.approx((pair[0] - pair[1]).abs().mean().item(), rel=1e-5)
 
@@ -114,10 +111,3 @@ def test_real_lpips_of_equal_images_is_zero(pair):
     if isinstance(value, Missing):
         pytest.skip(str(value))
     assert value.abs().max() < 1e-6
-
-
-def test_mean_over_views_keeps_a_missing_metric_missing():
-    one, other = ImageMetrics(20.0, 0.9, 0.1), ImageMetrics(30.0, 0.8, Missing("why"))
-    mean = image_metrics.mean_metrics([one, other])
-    assert (mean.psnr, mean.ssim, mean.lpips) == (25.0, pytest.approx(0.85), Missing("why"))
-    assert image_metrics.mean_metrics([one, one]).lpips == pytest.approx(0.1)

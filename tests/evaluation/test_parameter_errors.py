@@ -60,12 +60,12 @@ def test_a_viscosity_is_never_compared_with_a_shear_modulus():
 
 def test_a_parameter_whose_true_value_is_unknown_or_zero_is_left_out():
     assert set(parameter_errors({"E": 1e5, "eta": 3.0}, truth(E=1e5, eta=0.0))) == {"E"}
-    assert parameter_errors({"tau_y": 1e5}, truth(E=1e5)) == {}
+    assert parameter_errors({"tau_y": 1e5, "ground_height": 0.01}, truth(E=1e5)) == {}
 
 
 def test_a_parameter_without_a_measure_is_refused():
     with pytest.raises(UserInputError, match="no error measure for the parameter 'hardness'"):
-        parameter_errors({"hardness": 1.0}, truth(E=1.0))
+        parameter_errors({"hardness": 1.0}, truth(hardness=1.0))
 
 
 def test_velocity_error_is_a_length():

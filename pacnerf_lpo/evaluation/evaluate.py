@@ -1,0 +1,166 @@
+"""Image quality and parameter errors of every phase of a run: ``results.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.data.assets import demo_scene
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.evaluation.image_metrics import ImageScores, Missing, image_scores, mean_squared_error
+from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth, velocity_error
+from pacnerf_lpo.evaluation.prediction import render_stage
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.manifest import write_atomically
+
+RESULTS_FILE = "results.json"
+DEMO_TRUTH = "demo"
+
+
+def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[str, Any]:
+    """Measure every finished phase of a run on its training and test views, and write ``results.json``.
+
+    Each phase is simulated and rendered into every view; the static phase at frame 0 only. No truth is opened unless it
+    is given.
+
+    Args:
+        run_dir: folder that ``pacnerf-lpo fit`` wrote.
+        truth: a truth.json, or ``demo`` for that of the shipped scene.
+
+    Returns:
+        What was written.
+
+    Raises:
+        UserInputError: the run or the truth cannot be read.
+    """
+    run = Run(run_dir)
+    answer = None if truth is None else read_truth(demo_scene() / "truth.json" if str(truth) == DEMO_TRUTH else truth)
+    video = run.data.video
+    results: dict[str, Any] = {
+        "format": 1,
+        "scene": run.scene,
+        "material": type(run.physics.material).__name__,
+        "views": {
+            "train": [video.view_ids[i] for i in run.data.train],
+            "test": [video.view_ids[i] for i in run.data.test],
+        },
+        "frames": list(video.frame_ids),
+        "times_s": video.times.tolist(),
+        "guess": _with_units(run, run.physics.guess),
+        "free": list(run.physics.free_names),
+        "phases": [_evaluate_stage(run, stage, answer) for stage in run.stages],
+    }
+    if answer is not None:
+        results["truth_errors"] = results["phases"][-1]["truth_errors"]
+        results["hidden_effects"] = answer.hidden_effects
+    write_atomically(run.run_dir / RESULTS_FILE, json.dumps(results, indent=1, allow_nan=False).encode())
+    return results
+
+
+def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, Any]:
+    state, record = stage.state, stage.record
+    velocity = state.velocity.mean(0).tolist()
+    parameters = {**run.physics.guess, **state.physics}
+    result: dict[str, Any] = {
+        "stem": stage.stem,
+        "label": stage.label,
+        "round": record.round,
+        "phase": record.phase,
+        "seconds": record.seconds,
+        "steps": record.steps,
+        "particles": len(state.positions),
+        "spacing_m": state.spacing,
+        "parameters": _with_units(run, parameters),
+        "velocity": velocity,
+    }
+    if truth is not None:
+        errors = parameter_errors(parameters, truth, fluid=_is_fluid(run))
+        result["truth_errors"] = {name: error.as_dict() for name, error in errors.items()}
+        if truth.velocity is not None and stage.moves:
+            result["velocity_error"] = {
+                "true": list(truth.velocity),
+                "error": velocity_error(tuple(velocity), truth.velocity),
+                "unit": "m/s",
+            }
+    try:
+        return {**result, **_measure_images(run, stage)}
+    except SimulationError as error:
+        return {**result, "error": str(error)}
+
+
+def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
+    """Metrics of a phase: means over training and test views, of all frames and of the first, and image by image."""
+    frames = len(run.data.video.times) if stage.moves else 1
+    shape = (len(run.data.video.view_ids), frames)
+    table = {name: torch.zeros(shape) for name in ("psnr", "ssim", "lpips", "rms", "blank_rms", "silhouette_iou")}
+    missing: Missing | None = None
+    for frame, view, image, opacity in render_stage(run, stage):
+        scores, missing = _score(run, view, frame, image, opacity)
+        for name, value in scores.items():
+            table[name][view, frame] = value
+    scores_all = ImageScores(table["psnr"], table["ssim"], missing or table["lpips"])
+    if missing is not None:
+        del table["lpips"]
+    first = ImageScores(*(_first_frame(x) for x in (scores_all.psnr, scores_all.ssim, scores_all.lpips)))
+    return {
+        "image_metrics": _by_set(run, scores_all) if stage.moves else {"train": None, "test": None},
+        "first_frame_metrics": _by_set(run, first),
+        "images": {name: _finite(values) for name, values in table.items()},
+    }
+
+
+def _score(run: Run, view: int, frame: int, image: Tensor, opacity: Tensor) -> tuple[dict[str, Tensor], Missing | None]:
+    """Numbers of one image; where an occluder hides the scene, prediction and measurement are taken as equal."""
+    video = run.data.video
+    measured, valid = video.images[view, frame][None], video.valid[view][None, ..., None]
+    predicted = torch.where(valid, image[None], measured)
+    scores = image_scores(predicted, measured)
+    silhouettes = (opacity > 0.5) & video.valid[view], (video.silhouettes[view, frame] > 0.5) & video.valid[view]
+    numbers = {
+        "psnr": scores.psnr[0],
+        "ssim": scores.ssim[0],
+        "rms": mean_squared_error(predicted, measured)[0].sqrt(),
+        "blank_rms": mean_squared_error(torch.ones_like(measured), measured)[0].sqrt(),
+        "silhouette_iou": intersection_over_union(*silhouettes),
+    }
+    if isinstance(scores.lpips, Missing):
+        return numbers, scores.lpips
+    return {**numbers, "lpips": scores.lpips[0]}, None
+
+
+def intersection_over_union(one: Tensor, other: Tensor) -> Tensor:
+    """Overlap of two boolean masks, 1 where both are empty."""
+    union = (one | other).sum()
+    return torch.where(union > 0, (one & other).sum() / union.clamp_min(1), torch.ones(()))
+
+
+def _with_units(run: Run, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    described = run.physics.parameters
+    return {
+        name: {"value": value, "unit": described[name].unit, "label": described[name].label}
+        for name, value in values.items()
+    }
+
+
+def _is_fluid(run: Run) -> bool:
+    """Whether mu is a viscosity: told by its unit."""
+    mu = run.physics.parameters.get("mu")
+    return mu is not None and "s" in mu.unit
+
+
+def _by_set(run: Run, scores: ImageScores) -> dict[str, dict[str, Any] | None]:
+    sets = {"train": run.data.train, "test": run.data.test}
+    return {name: scores.mean(torch.tensor(views)).as_dict() if views else None for name, views in sets.items()}
+
+
+def _first_frame(values: Tensor | Missing) -> Any:
+    return values if isinstance(values, Missing) else values[:, :1]
+
+
+def _finite(values: Tensor) -> list[list[float | None]]:
+    return [[value if abs(value) < float("inf") else None for value in row] for row in values.tolist()]

@@ -1,0 +1,131 @@
+"""What a finished phase predicts for the video: particle positions and rendered images, kept on disk for later looks.
+
+``RUN/predictions/<stem>/positions.npy`` [m, (F, N, 3) float32] and ``images.npy`` [(V, F, H, W, 3) uint8]; the static
+phase has one frame. They are read memory-mapped and are made anew when the particle state is newer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.lib.format import open_memmap
+from torch import Tensor
+
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.render.image import render_view
+from pacnerf_lpo.scene.colour import ColourNetwork
+from pacnerf_lpo.types import ParticleState, Rays
+
+FOLDER = "predictions"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A motion and its images.
+
+    positions: [m, (F, N, 3), float32]
+    images: [0..255, (V, F, H, W, 3), uint8], views in the order of the video's first axis
+    """
+
+    positions: np.ndarray
+    images: np.ndarray
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """Height of the lowest particle over the ground at each frame [m, (F,)]."""
+        return np.asarray(self.positions[..., 1].min(axis=1))
+
+
+def predict(run: Run, stage: Stage) -> Prediction:
+    """Simulate and render a phase, or read it where that was done before.
+
+    Raises:
+        SimulationError: the motion with the phase's parameters is unstable.
+    """
+    if not _is_current(run, stage):
+        for _ in render_stage(run, stage):
+            pass
+    return read_prediction(run, stage)
+
+
+def read_prediction(run: Run, stage: Stage) -> Prediction:
+    """Open what was predicted before, memory-mapped."""
+    folder = prediction_folder(run, stage)
+    return Prediction(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in ("positions", "images")))
+
+
+def prediction_folder(run: Run, stage: Stage) -> Path:
+    """Where a phase's prediction is kept."""
+    return run.run_dir / FOLDER / stage.stem
+
+
+def simulate(run: Run, stage: Stage) -> Tensor:
+    """Positions at every frame of the video [m, (F, N, 3)]; the static phase has frame 0 only."""
+    if not stage.moves:
+        return stage.state.positions[None]
+    run.physics.halvings = 0
+    return run.physics.simulate(stage.state, len(run.data.video.times))
+
+
+def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Tensor]]:
+    """Render every frame into every view, and keep positions and images on disk.
+
+    Yields:
+        frame and view index, image [0..1, (H, W, 3)], opacity [0..1, (H, W)].
+    """
+    positions = simulate(run, stage)
+    renderer = StateRenderer(stage.state)
+    views, _, height, width, _ = run.data.video.images.shape
+    folder = prediction_folder(run, stage)
+    folder.mkdir(parents=True, exist_ok=True)
+    images = open_memmap(
+        folder / "images.npy", mode="w+", dtype=np.uint8, shape=(views, len(positions), height, width, 3)
+    )
+    for frame, points in enumerate(positions):
+        grid = renderer.grid(points)
+        for view in range(views):
+            image, opacity = renderer.image(grid, run.data.rays(view), (height, width))
+            images[view, frame] = to_bytes(image)
+            yield frame, view, image, opacity
+    images.flush()
+    np.save(folder / "positions.npy", positions.numpy().astype(np.float32))
+
+
+class StateRenderer:
+    """Renders the particles of a state at any positions, with the state's appearance and colour network."""
+
+    def __init__(self, state: ParticleState):
+        self.state = state
+        self.colour = ColourNetwork()
+        self.colour.load_state_dict(state.colour_network)
+
+    @torch.no_grad()
+    def grid(self, positions: Tensor):
+        """The field of the particles at these positions [m, (N, 3)]."""
+        return particles_to_grid(positions, self.state.density, self.state.features, self.state.spacing)
+
+    def image(self, grid, rays: Rays, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """Image [0..1, (H, W, 3)] and opacity [(H, W)] of a field."""
+        return render_view(grid, self.colour, rays, size, self.state.base_spacing)
+
+    @torch.no_grad()
+    def particle_colours(self, direction: tuple[float, float, float] = (0.0, -0.6, -0.8)) -> Tensor:
+        """RGB of every particle seen along one unit direction [0..1, (N, 3)]."""
+        directions = torch.tensor(direction).expand(len(self.state.features), 3)
+        return self.colour(self.state.features, directions)
+
+
+def to_bytes(image: Tensor) -> np.ndarray:
+    """Values in 0..1 to 0..255, rounded."""
+    return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).numpy()
+
+
+def _is_current(run: Run, stage: Stage) -> bool:
+    files = [prediction_folder(run, stage) / f"{name}.npy" for name in ("images", "positions")]
+    written = stage.state_path.stat().st_mtime
+    return all(file.is_file() and file.stat().st_mtime >= written for file in files)

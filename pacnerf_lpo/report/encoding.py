@@ -1,0 +1,53 @@
+"""Images and numbers as text inside an HTML page."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+
+import numpy as np
+from PIL import Image
+
+
+def data_uri(content: bytes, kind: str) -> str:
+    """A data URI, such as ``data:image/webp;base64,...``."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def base64_array(values: np.ndarray) -> str:
+    """The raw little-endian bytes of an array, base64."""
+    return base64.b64encode(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()).decode()
+
+
+def atlas_columns(frames: int) -> int:
+    """Columns of an atlas of that many frames."""
+    return math.ceil(math.sqrt(frames))
+
+
+def atlas(frames: np.ndarray, size: tuple[int, int], quality: int) -> str:
+    """All frames of a view in one WebP picture, row by row, as a data URI.
+
+    Args:
+        frames: [0..255, (F, H, W, 3), uint8]
+        size: (width, height) of one frame in the picture.
+        quality: WebP quality, 0..100.
+    """
+    columns = atlas_columns(len(frames))
+    rows = math.ceil(len(frames) / columns)
+    sheet = Image.new("RGB", (columns * size[0], rows * size[1]), "white")
+    for index, frame in enumerate(frames):
+        image = Image.fromarray(np.ascontiguousarray(frame))
+        if image.size != size:
+            image = image.resize(size, Image.Resampling.BOX)
+        sheet.paste(image, (index % columns * size[0], index // columns * size[1]))
+    content = io.BytesIO()
+    sheet.save(content, "WEBP", quality=quality, method=4)
+    return data_uri(content.getvalue(), "image/webp")
+
+
+def quantised(positions: np.ndarray) -> tuple[np.ndarray, list[float], list[float]]:
+    """Positions [m, (..., 3)] as 16-bit integers within their bounding box: integers, lower corner, extent [m]."""
+    lower = positions.reshape(-1, 3).min(0)
+    extent = np.maximum(positions.reshape(-1, 3).max(0) - lower, 1e-9)
+    return np.rint((positions - lower) / extent * 65535).astype(np.uint16), lower.tolist(), extent.tolist()

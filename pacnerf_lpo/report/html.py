@@ -1,0 +1,89 @@
+"""One self-contained page that shows what a run found: no network, no other file."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
+from pacnerf_lpo.evaluation.parameter_errors import Truth
+from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report import sections
+from pacnerf_lpo.report.payload import build_payload
+from pacnerf_lpo.report.verdict import judge
+
+REPORT_FILE = "report.html"
+SCRIPTS = ("base.js", "charts.js", "images.js", "viewer.js", "curves.js")
+
+
+def write_report(run_dir: str | Path) -> Path:
+    """Write ``report.html`` into the run directory; evaluates the run first where that has not been done.
+
+    Args:
+        run_dir: folder that ``pacnerf-lpo fit`` wrote.
+
+    Returns:
+        The page's path.
+
+    Raises:
+        UserInputError: it is no run directory, or no phase of it is finished.
+    """
+    run = Run(run_dir)
+    results_path = run.run_dir / RESULTS_FILE
+    results = json.loads(results_path.read_text()) if _is_complete(run, results_path) else evaluate_run(run_dir)
+    payload = build_payload(run, results, _known_truth(results))
+    page = render_page(run, results, payload)
+    path = run.run_dir / REPORT_FILE
+    write_atomically(path, page.encode())
+    return path
+
+
+def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]) -> str:
+    """The page as text."""
+    shown = [phase for phase in results["phases"] if "images" in phase]
+    moving = [phase for phase in shown if phase["phase"] != "static"]
+    verdict = judge(results, (moving or shown)[-1], payload["contact"])
+    data = json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    return Template(_asset("report.html")).substitute(
+        title=html.escape(f"{results['scene']}: {sections.found_sentence(results)}"),
+        style=_asset("report.css"),
+        scripts="\n".join(_asset(name) for name in SCRIPTS),
+        data=data,
+        eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
+        found=sections.found_heading(results),
+        grade=verdict.grade,
+        headline=html.escape(verdict.headline),
+        remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
+        figures=sections.key_figures(results),
+        parameters=sections.parameter_table(results),
+        quality=sections.quality_table(results),
+        times=sections.time_bars(results),
+        config=html.escape((run.run_dir / CONFIG_FILE).read_text()),
+        state=sections.state_line(run.manifest.status, results),
+    )
+
+
+def _is_complete(run: Run, results_path: Path) -> bool:
+    """Whether the results cover every finished phase as it is now."""
+    if not results_path.is_file():
+        return False
+    evaluated = [phase["stem"] for phase in json.loads(results_path.read_text())["phases"]]
+    newest = max(stage.state_path.stat().st_mtime for stage in run.stages)
+    return evaluated == [stage.stem for stage in run.stages] and results_path.stat().st_mtime >= newest
+
+
+def _known_truth(results: Mapping[str, Any]) -> Truth | None:
+    errors = results.get("truth_errors")
+    if errors is None:
+        return None
+    return Truth({name: error["true"] for name, error in errors.items()}, False, None, {})
+
+
+def _asset(name: str) -> str:
+    return (files("pacnerf_lpo.report") / "assets" / name).read_text()

@@ -1,0 +1,153 @@
+"""The data behind the report's pictures and charts, small enough to travel inside the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from pacnerf_lpo.evaluation.parameter_errors import Truth
+from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.report.curves import Curve, read_curves
+from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quantised
+from pacnerf_lpo.report.quantities import symbol
+from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
+
+IMAGE_BUDGET = 6_500_000
+LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
+MAX_STAGES = 3
+MAX_PARTICLES = 10_000
+CONTACT_CELLS = 1.5
+
+
+def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> int | None:
+    """First frame in which a particle feels the ground: its quadratic kernel, 1.5 cells wide, reaches it.
+
+    Args:
+        lowest: height of the lowest particle at each frame [m, (F,)]
+        spacing: grid spacing [m]
+        ground: height of the ground [m]
+    """
+    touching = lowest - ground < CONTACT_CELLS * spacing
+    return int(touching.argmax()) if touching.any() else None
+
+
+def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
+    """The moving phases whose images go into the page: the first and the last ones, at most three."""
+    measured = {phase["stem"] for phase in results["phases"] if "images" in phase}
+    moving = [stage for stage in run.stages if stage.moves and stage.stem in measured]
+    return moving if len(moving) <= MAX_STAGES else [moving[0], *moving[-(MAX_STAGES - 1) :]]
+
+
+def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = None) -> dict[str, Any]:
+    """Everything the page's scripts read.
+
+    Args:
+        run: the run.
+        results: its ``results.json``.
+        truth: true parameters, drawn as lines where given.
+    """
+    stages = shown_stages(run, results)
+    video = run.data.video
+    last = stages[-1] if stages else run.last
+    prediction = read_prediction(run, last)
+    return {
+        "views": [
+            {"id": number, "set": "train" if i in run.data.train else "test"} for i, number in enumerate(video.view_ids)
+        ],
+        "frames": list(video.frame_ids),
+        "times": [round(time, 5) for time in video.times.tolist()],
+        "contact": contact_frame(prediction.lowest, last.state.spacing, last.state.physics.get("ground_height", 0.0)),
+        "images": build_images(run, stages),
+        "residuals": [_residuals(results, stage) for stage in stages],
+        "particles": build_particles(last, prediction),
+        "curves": build_curves(read_curves(run.run_dir, run.stages), results, truth),
+    }
+
+
+def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
+    """Measured, modelled and residual images of every view as atlases, reduced until they fit the budget."""
+    video, predictions = run.data.video, [read_prediction(run, stage) for stage in stages]
+    scale = _common_scale(run, predictions[-1]) if stages else 1.0
+    height, width = video.images.shape[2:4]
+    for longest, quality in LADDER:
+        ratio = min(1.0, longest / max(height, width))
+        size = (round(width * ratio), round(height * ratio))
+        measured: list[str] = []
+        models: list[list[str]] = [[] for _ in stages]
+        residuals: list[list[str]] = [[] for _ in stages]
+        for view in range(len(video.view_ids)):
+            truth = video.images[view]
+            measured.append(atlas(to_bytes(truth), size, quality))
+            for index, prediction in enumerate(predictions):
+                images = prediction.images[view]
+                models[index].append(atlas(images, size, quality))
+                residual = signed_residual(_values(images), truth)
+                residual *= video.valid[view]
+                residuals[index].append(atlas(to_bytes(residual_colours(residual, scale)), size, quality))
+        weight = sum(len(uri) for part in (measured, *models, *residuals) for uri in part)
+        if weight <= IMAGE_BUDGET:
+            break
+    return {
+        "width": size[0],
+        "height": size[1],
+        "columns": atlas_columns(video.images.shape[1]),
+        "scale": scale,
+        "stages": [stage.label for stage in stages],
+        "measured": measured,
+        "model": models,
+        "residual": residuals,
+    }
+
+
+def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
+    """Positions at every frame (16 bit) and colours (8 bit) of at most 10,000 particles."""
+    positions = np.asarray(prediction.positions)
+    count = positions.shape[1]
+    chosen = np.random.default_rng(0).permutation(count)[:MAX_PARTICLES]
+    colours = to_bytes(StateRenderer(stage.state).particle_colours())[chosen]
+    integers, lower, extent = quantised(positions[:, chosen])
+    return {
+        "count": len(chosen),
+        "of": count,
+        "frames": len(positions),
+        "lower": lower,
+        "extent": extent,
+        "positions": base64_array(integers),
+        "colours": base64_array(colours),
+        "radius": 0.31 * stage.state.spacing * (count / len(chosen)) ** (1 / 3),
+    }
+
+
+def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any], truth: Truth | None) -> dict[str, Any]:
+    """Losses, one chart per phase, and parameters and velocity, one chart each."""
+    loss = curves.get("loss", Curve("loss", "1"))
+    parameters = []
+    for name in [*results["free"], "v_x", "v_y", "v_z"]:
+        if name in curves:
+            curve = curves[name]
+            true = truth.parameters.get(name) if truth else None
+            log = curve.unit.startswith("Pa")
+            parameters.append(
+                {"title": symbol(name), "unit": curve.unit, "log": log, "parts": curve.parts, "truth": true}
+            )
+    return {"loss": [{"title": part[0], "parts": [part]} for part in loss.parts], "parameters": parameters}
+
+
+def _residuals(results: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
+    phase = next(phase for phase in results["phases"] if phase["stem"] == stage.stem)
+    return {"label": stage.label, "rms": [[round(value, 5) for value in row] for row in phase["images"]["rms"]]}
+
+
+def _common_scale(run: Run, prediction: Prediction) -> float:
+    measured = run.data.video.images
+    every = [signed_residual(_values(prediction.images[view]), measured[view]) for view in range(len(measured))]
+    return residual_scale(torch.cat([part.flatten() for part in every]))
+
+
+def _values(images: np.ndarray) -> torch.Tensor:
+    """Bytes to values in 0..1."""
+    return torch.from_numpy(images.astype(np.float32) / 255)

@@ -1,0 +1,44 @@
+"""Physical values as a person writes them: symbols, SI prefixes, few digits."""
+
+from __future__ import annotations
+
+import math
+
+NU, RHO = "\N{GREEK SMALL LETTER NU}", "\N{GREEK SMALL LETTER RHO}"
+SYMBOLS = {"E": "E", "nu": NU, "mu": "μ", "kappa": "κ", "tau_y": "τ_Y", "eta": "η", "theta": "θ", "rho": RHO}
+PREFIXES = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def symbol(name: str) -> str:
+    """The usual symbol of a parameter, or its name where there is none."""
+    return SYMBOLS.get(name, name)
+
+
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """``103 kPa``, ``0.296``, ``39.8°``: a value with its unit.
+
+    Pressures and viscosities take the prefix that leaves one to three digits before the point.
+
+    Example:
+        >>> quantity(103.2e3, "Pa")
+        '103 kPa'
+    """
+    if unit == "1":
+        return f"{value:.{digits}g}"
+    if unit == "deg":
+        return f"{value:.{digits}g}°"
+    if not unit.startswith("Pa") or value == 0 or not math.isfinite(value):
+        return f"{value:.{digits}g} {unit}"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))) / 3 + 1e-12) * 3
+    exponent = min(max(exponent, min(PREFIXES)), max(PREFIXES))
+    return f"{value / 10**exponent:.{digits}g} {PREFIXES[exponent]}{unit}"
+
+
+def duration(seconds: float) -> str:
+    """``42 s``, ``3 min 05 s``, ``1 h 12 min``."""
+    if seconds < 99.5:
+        return f"{seconds:.0f} s" if seconds >= 9.95 else f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 100:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,0 +1,150 @@
+"""The parts of the report that are plain HTML: what was recovered, tables, times."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pacnerf_lpo.evaluation.tables import describe_error
+from pacnerf_lpo.report.quantities import duration, quantity, symbol
+from pacnerf_lpo.report.verdict import explained
+
+
+def found_sentence(results: Mapping[str, Any]) -> str:
+    """``E = 103 kPa, ν = 0.296``: the identified parameters."""
+    found = results["phases"][-1]["parameters"]
+    return ", ".join(
+        f"{symbol(name)} = {quantity(found[name]['value'], found[name]['unit'])}" for name in results["free"]
+    )
+
+
+def found_heading(results: Mapping[str, Any]) -> str:
+    """The identified parameters as the page's heading."""
+    found = results["phases"][-1]["parameters"]
+    parts = [
+        f'<span class="found"><i>{_symbol_html(name)}</i>&thinsp;=&thinsp;'
+        f"{html.escape(quantity(found[name]['value'], found[name]['unit']))}</span>"
+        for name in results["free"]
+    ]
+    return " ".join(parts) or "every parameter was known"
+
+
+def parameter_table(results: Mapping[str, Any]) -> str:
+    """Guess → identified, and the truth with the error where it is known."""
+    last, guess = results["phases"][-1], results["guess"]
+    errors = last.get("truth_errors")
+    head = "<th>parameter</th><th>guess</th><th></th><th>identified</th>"
+    head += "<th>true</th><th>error</th>" if errors is not None else ""
+    rows = []
+    for name, found in last["parameters"].items():
+        known = name not in results["free"]
+        if known and found["value"] == 0:
+            continue
+        cells = [
+            f'<td class="name"><i>{_symbol_html(name)}</i> <span>{html.escape(found["label"])}</span></td>',
+            f"<td>{_cell(guess[name])}</td><td class=arrow>{'known' if known else '→'}</td>",
+            f"<td class=strong>{_cell(found)}</td>",
+        ]
+        if errors is not None:
+            cells.append(_truth_cells(errors.get(name), found["unit"]))
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    rows.append(_velocity_row(last, errors is not None))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def key_figures(results: Mapping[str, Any]) -> str:
+    """A handful of large numbers."""
+    shown = [phase for phase in results["phases"] if "images" in phase]
+    moving = [phase for phase in shown if phase["phase"] != "static"]
+    figures = []
+    if moving:
+        for views, label in (("test", "PSNR, held-out views"), ("train", "PSNR, training views")):
+            metrics = moving[-1]["image_metrics"][views]
+            if metrics is not None:
+                figures.append((_decibel(metrics["psnr"]), label))
+        everything = range(len(moving[-1]["images"]["rms"]))
+        share = max(explained(moving[-1], everything), 0.0)
+        figures.append((f"{100 * share:.1f} %", "image explained, all views"))
+    figures.append((f"{results['phases'][-1]['particles']:,}".replace(",", "&#8239;"), "particles"))
+    figures.append((duration(sum(phase["seconds"] for phase in results["phases"])), "computation"))
+    return "".join(f"<div class=figure><b>{value}</b><span>{label}</span></div>" for value, label in figures)
+
+
+def quality_table(results: Mapping[str, Any]) -> str:
+    """PSNR, SSIM and LPIPS by phase and view set."""
+    rows: list[str] = []
+    notes: dict[str, None] = {}
+    for phase in results["phases"]:
+        if "error" in phase:
+            notes[f"{phase['label']}: {phase['error']}"] = None
+            continue
+        for views, title in (("train", "training"), ("test", "held out")):
+            metrics = phase["image_metrics"][views]
+            scope = "all frames" if metrics is not None else "frame 0"
+            metrics = metrics or phase["first_frame_metrics"][views]
+            if metrics is None:
+                continue
+            lpips = metrics["lpips"]
+            if isinstance(lpips, str):
+                notes[f"LPIPS: {lpips}"] = None
+            cells = (phase["label"], title, scope, _decibel(metrics["psnr"]), f"{metrics['ssim']:.3f}")
+            last = "n/a" if isinstance(lpips, str) else f"{lpips:.3f}"
+            rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in (*cells, last)) + "</tr>")
+    head = "".join(f"<th>{text}</th>" for text in ("phase", "views", "frames", "PSNR", "SSIM", "LPIPS"))
+    foot = "".join(f"<p class=note>{html.escape(note)}</p>" for note in notes)
+    return f"<table class=quality><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{foot}"
+
+
+def time_bars(results: Mapping[str, Any]) -> str:
+    """Computation time of each phase as bars."""
+    longest = max((phase["seconds"] for phase in results["phases"]), default=0) or 1
+    return "".join(
+        f"<div class=bar><span>{phase['label']}</span>"
+        f"<div><i style='width:{100 * phase['seconds'] / longest:.1f}%'></i></div>"
+        f"<b>{duration(phase['seconds'])}</b><small>{phase['steps']} steps</small></div>"
+        for phase in results["phases"]
+    )
+
+
+def state_line(status: str, results: Mapping[str, Any]) -> str:
+    """Says so when the run did not finish."""
+    if status == "finished":
+        return ""
+    return (
+        f"<p class=warning>This run is {status}: what follows is the state after {results['phases'][-1]['label']}.</p>"
+    )
+
+
+def _truth_cells(error: Mapping[str, Any] | None, unit: str) -> str:
+    if error is None:
+        return "<td class=muted>unknown</td><td></td>"
+    return f"<td>{html.escape(quantity(error['true'], unit))}</td><td>{describe_error(error)}</td>"
+
+
+def _velocity_row(phase: Mapping[str, Any], with_truth: bool) -> str:
+    row = (
+        "<tr><td class=name><i>v<sub>0</sub></i> <span>initial velocity</span></td><td></td><td></td>"
+        f"<td class=strong>{_vector(phase['velocity'])}</td>"
+    )
+    if with_truth:
+        error = phase.get("velocity_error")
+        row += f"<td>{_vector(error['true'])}</td><td>{error['error']:.3f} m/s</td>" if error else "<td></td><td></td>"
+    return f"{row}</tr>"
+
+
+def _vector(components: Sequence[float]) -> str:
+    return "({:.2f}, {:.2f}, {:.2f}) m/s".format(*(value + 0.0 for value in components)).replace("-", "\N{MINUS SIGN}")
+
+
+def _symbol_html(name: str) -> str:
+    base, _, index = symbol(name).partition("_")
+    return f"{html.escape(base)}<sub>{html.escape(index)}</sub>" if index else html.escape(base)
+
+
+def _cell(value: Mapping[str, Any]) -> str:
+    return html.escape(quantity(value["value"], value["unit"]))
+
+
+def _decibel(psnr: float | None) -> str:
+    return "exact" if psnr is None else f"{psnr:.2f} dB"

@@ -1,0 +1,28 @@
+"""A finished example run, evaluated once with a closed-form motion in place of the engine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pacnerf_lpo.evaluation.evaluate import evaluate_run
+from pacnerf_lpo.mpm.physics import Physics
+from tests.report.example_run import falling, write_example_run
+
+
+@pytest.fixture(scope="session")
+def example_motion() -> Iterator[None]:
+    """Every simulation follows the closed form."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Physics, "simulate", lambda self, state, frames: falling(state, frames))
+        yield
+
+
+@pytest.fixture(scope="session")
+def evaluated_run(tmp_path_factory: pytest.TempPathFactory, example_motion: None) -> Path:
+    """A run directory with results.json, truth known."""
+    folder = write_example_run(tmp_path_factory.mktemp("runs") / "example")
+    evaluate_run(folder, "demo")
+    return folder

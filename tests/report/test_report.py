@@ -1,0 +1,221 @@
+"""The HTML page: self-contained, honest, small, and its parts agree with the results."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pacnerf_lpo.evaluation.prediction import predict
+from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.report.curves import read_curves, split_unit
+from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
+from pacnerf_lpo.report.html import write_report
+from pacnerf_lpo.report.payload import contact_frame
+from pacnerf_lpo.report.quantities import duration, quantity
+from pacnerf_lpo.report.verdict import judge
+
+
+@pytest.fixture(scope="module")
+def page(evaluated_run) -> str:
+    return write_report(evaluated_run).read_text()
+
+
+@pytest.fixture(scope="module")
+def data(page) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S).group(1))
+
+
+class Balance(HTMLParser):
+    """Collects what is opened and closed, and every address."""
+
+    VOID = frozenset({"meta", "input", "br"})
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.addresses = [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_is_well_formed_self_contained_and_small(page):
+    parser = Balance()
+    parser.feed(page)
+    assert parser.open == []
+    assert parser.addresses == []
+    assert "http://www.w3.org/2000/svg" in page  # the SVG name space, the only address in the page
+    assert set(re.findall(r"https?://[\w./]+", page)) == {"http://www.w3.org/2000/svg"}
+    assert len(page) < 10e6
+
+
+def test_first_screen_says_what_was_recovered_and_how_good_it_is(page):
+    head = page[: page.index('id="comparison"')]
+    for text in (
+        "97 kPa",
+        "0.31",
+        "30 kPa",
+        "100 kPa",
+        "0.013 in log10",
+        "(0.00, \N{MINUS SIGN}0.50, 0.00) m/s",
+        "PSNR, held-out views",
+    ):
+        assert text in head
+
+
+def test_atlases_hold_the_frames_of_each_view(data, evaluated_run):
+    run = Run(evaluated_run)
+    images, width = data["images"], data["images"]["width"]
+    assert [view["set"] for view in data["views"]] == ["train", "test", "train", "train"]
+    assert len(images["measured"]) == 4 and len(images["model"]) == len(images["stages"]) == 3
+    sheet = np.asarray(Image.open(io.BytesIO(base64.b64decode(images["model"][-1][1].split(",")[1]))).convert("RGB"))
+    row, column = divmod(3, images["columns"])
+    shown = sheet[row * width : (row + 1) * width, column * width : (column + 1) * width]
+    predicted = predict(run, run.last).images[1, 3]
+    assert np.abs(shown.astype(int) - predicted).mean() < 6  # WebP, quality 85
+
+
+def test_particles_decode_to_their_positions(data, evaluated_run):
+    cloud = data["particles"]
+    packed = np.frombuffer(base64.b64decode(cloud["positions"]), "<u2").reshape(cloud["frames"], cloud["count"], 3)
+    positions = np.array(cloud["lower"]) + packed / 65535 * np.array(cloud["extent"])
+    run = Run(evaluated_run)
+    expected = predict(run, run.last).positions
+    assert cloud["of"] == cloud["count"] == expected.shape[1]
+    order = np.lexsort(np.round(positions[0], 3).T), np.lexsort(np.round(expected[0], 3).T)
+    # half a step of 16 bits within an extent of about 1 m
+    np.testing.assert_allclose(positions[4][order[0]], expected[4][order[1]], atol=2e-5)
+
+
+def test_curves_of_parameters_and_losses(data):
+    assert [chart["title"] for chart in data["curves"]["parameters"]] == ["E", "\N{GREEK SMALL LETTER NU}"]
+    young = data["curves"]["parameters"][0]
+    assert (young["unit"], young["log"], young["truth"]) == ("Pa", True, 1e5)
+    assert [part[0] for part in young["parts"]] == ["physics, round 1"]
+    assert young["parts"][0][1][:3] == [0, 1, 2]
+    assert [chart["title"] for chart in data["curves"]["loss"]] == [
+        "static",
+        "velocity",
+        "physics, round 1",
+        "correction, round 1",
+    ]
+
+
+def test_curves_are_empty_without_events(evaluated_run, tmp_path):
+    assert read_curves(tmp_path, Run(evaluated_run).stages) == {}
+
+
+def test_report_evaluates_a_run_that_has_not_been(evaluated_run, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(evaluated_run, copy, ignore=shutil.ignore_patterns("results.json"))
+    text = write_report(copy).read_text()
+    assert (copy / "results.json").is_file()
+    assert "0.013 in log10" not in text  # no truth was given
+
+
+def test_report_of_an_unfinished_run_says_so(evaluated_run, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(evaluated_run, copy)
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["status"] = "interrupted"
+    manifest["phases"] = manifest["phases"][:1]
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    text = write_report(copy).read_text()
+    assert "This run is interrupted: what follows is the state after static." in text
+
+
+def test_scripts_run_in_a_javascript_engine(page):
+    """Syntax only: the pictures are looked at by people."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no JavaScript engine (node) here")
+    script = re.search(r"<script>(.*?)</script>", page, re.S).group(1)
+    subprocess.run([node, "--check", "-"], input=script.encode(), check=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (103.2e3, "Pa", "103 kPa"),
+        (999.96e3, "Pa", "1 MPa"),
+        (1.54e4, "Pa", "15.4 kPa"),
+        (212.0, "Pa s", "212 Pa s"),
+        (0.2963, "1", "0.296"),
+        (39.84, "deg", "39.8°"),
+        (0.0123, "m", "0.0123 m"),
+        (0.0, "Pa", "0 Pa"),
+    ],
+)
+def test_quantities_are_written_as_people_write_them(value, unit, text):
+    assert quantity(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(4.24, "4.2 s"), (42.4, "42 s"), (185, "3 min 05 s"), (7.2e3, "2 h 00 min")]
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_units_in_tags():
+    assert split_unit("E [Pa]") == ("E", "Pa")
+    assert split_unit("v_x [m|s]") == ("v_x", "m/s")
+    assert split_unit("loss") == ("loss", "1")
+
+
+def test_contact_begins_where_the_kernel_reaches_the_ground():
+    lowest = np.array([0.5, 0.2, 0.149, 0.3])
+    assert contact_frame(lowest, 0.1) == 2
+    assert contact_frame(lowest, 0.1, ground=-0.1) is None
+    assert contact_frame(lowest, 0.1, ground=0.1) == 1
+
+
+def test_atlas_and_quantisation():
+    frames = np.zeros((5, 8, 8, 3), np.uint8)
+    frames[4] = 200
+    sheet = np.asarray(Image.open(io.BytesIO(base64.b64decode(atlas(frames, (4, 4), 90).split(",")[1]))).convert("RGB"))
+    assert sheet.shape == (8, 12, 3) and atlas_columns(5) == 3
+    assert abs(int(sheet[6, 6, 0]) - 200) < 12
+    points = np.array([[[0.0, 1.0, 2.0], [1.0, 3.0, 2.0]]])
+    integers, lower, extent = quantised(points)
+    np.testing.assert_allclose(np.array(lower) + integers / 65535 * np.array(extent), points, atol=1e-4)
+
+
+def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0.95):
+    rms = np.array([[train] * 6, [train] * 6, [test] * 6])
+    rms[:, 3:] *= after
+    phase = {
+        "images": {
+            "rms": rms.tolist(),
+            "blank_rms": np.full((3, 6), 0.2).tolist(),
+            "silhouette_iou": np.full((3, 6), overlap).tolist(),
+        }
+    }
+    return judge({"views": {"train": [0, 1], "test": [2]}}, phase, contact=3)
+
+
+def test_verdict_grades_by_the_share_of_the_held_out_image():
+    assert verdict_of(0.02, 0.02).grade == "good"  # 1 - 0.01
+    assert verdict_of(0.02, 0.05).grade == "fair"  # 1 - 0.0625
+    assert verdict_of(0.02, 0.1).grade == "poor"
+    assert "99.0 % of the image in 1 views it never saw" in verdict_of(0.02, 0.02).headline
+    assert "farther from the video than an empty scene" in verdict_of(0.02, 0.3).headline
+
+
+def test_verdict_remarks_name_sparse_views_and_contact():
+    assert verdict_of(0.02, 0.02).remarks == ()
+    assert "where no camera looked" in verdict_of(0.01, 0.05).remarks[0]
+    assert "From contact on (frame 3)" in verdict_of(0.02, 0.02, after=3.0).remarks[0]
