@@ -1,0 +1,153 @@
+"""Reverse-mode differentiation of a local law while its kernel is compiled.
+
+A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands it emits Taichi expressions and leaves a
+record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel. Nothing is stored between
+kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no adjoint written by its author.
+Called with floats the same function computes floats, which is how a law is read and tested by itself.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pacnerf_lpo.mpm.runtime import keep, ti
+
+Pullback = Callable[[list], Sequence]
+
+
+class Record:
+    """The operations of one evaluation, in order."""
+
+    def __init__(self) -> None:
+        self._steps: list[tuple[Sequence, Sequence, Pullback]] = []
+
+    def variables(self, values: Sequence) -> list["Scalar"]:
+        """Independent variables from Taichi expressions."""
+        return [Scalar(self, value) for value in values]
+
+    def step(self, values: Sequence, operands: Sequence, pullback: Pullback) -> list["Scalar"]:
+        """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None = zero)."""
+        results = [Scalar(self, value) for value in values]
+        self._steps.append((results, operands, pullback))
+        return results
+
+    def pull_back(self, seeds: Sequence[tuple[Any, Any]], variables: Sequence["Scalar"]) -> list:
+        """Emit the adjoint: gradients of sum(seed * output) by ``variables``, as expressions (0.0 where none)."""
+        adjoint: dict[Scalar, Any] = {}
+
+        def add(operand: Any, value: Any) -> None:
+            if isinstance(operand, Scalar) and value is not None:
+                adjoint[operand] = keep(adjoint[operand] + value if operand in adjoint else value)
+
+        for output, seed in seeds:
+            add(output, seed)
+        for results, operands, pullback in reversed(self._steps):
+            if any(result in adjoint for result in results):
+                for operand, value in zip(operands, pullback([adjoint.get(r) for r in results]), strict=True):
+                    add(operand, value)
+        return [adjoint.get(variable, 0.0) for variable in variables]
+
+
+class Scalar:
+    """A number inside a law: a Taichi expression that remembers how it was computed."""
+
+    def __init__(self, record: Record, value: Any):
+        self.record, self.value = record, keep(value)
+
+    def _unary(self, value: Any, derivative: Callable[[], Any]) -> "Scalar":
+        return self.record.step([value], [self], lambda g: [g[0] * derivative()])[0]
+
+    def _binary(self, value: Any, other: Any, pullback: Callable[[Any], Sequence]) -> "Scalar":
+        return self.record.step([value], [self, other], lambda g: pullback(g[0]))[0]
+
+    def __add__(self, other: Any) -> "Scalar":
+        return self._binary(self.value + plain(other), other, lambda g: (g, g))
+
+    def __sub__(self, other: Any) -> "Scalar":
+        return self._binary(self.value - plain(other), other, lambda g: (g, -g))
+
+    def __rsub__(self, other: Any) -> "Scalar":
+        return self._unary(other - self.value, lambda: -1.0)
+
+    def __neg__(self) -> "Scalar":
+        return self._unary(-self.value, lambda: -1.0)
+
+    def __mul__(self, other: Any) -> "Scalar":
+        return self._binary(self.value * plain(other), other, lambda g: (g * plain(other), g * self.value))
+
+    def __truediv__(self, other: Any) -> "Scalar":
+        if not isinstance(other, Scalar):
+            return self * (1.0 / other)
+        ratio = keep(self.value / other.value)
+        return self._binary(ratio, other, lambda g: (g / other.value, -g * ratio / other.value))
+
+    def __rtruediv__(self, other: Any) -> "Scalar":
+        ratio = keep(other / self.value)
+        return self._unary(ratio, lambda: -ratio / self.value)
+
+    def __pow__(self, power: int) -> "Scalar":
+        result = self
+        for _ in range(abs(power) - 1):
+            result = result * self
+        return result if power > 0 else 1.0 / result
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __gt__(self, other: Any) -> Any:
+        return keep(self.value > plain(other))
+
+    def __lt__(self, other: Any) -> Any:
+        return keep(self.value < plain(other))
+
+    def __ge__(self, other: Any) -> Any:
+        return keep(self.value >= plain(other))
+
+    def __le__(self, other: Any) -> Any:
+        return keep(self.value <= plain(other))
+
+
+def plain(value: Any) -> Any:
+    """The expression of a Scalar; anything else unchanged."""
+    return value.value if isinstance(value, Scalar) else value
+
+
+def sqrt(x: Any) -> Any:
+    """Square root; its derivative at 0 counts as 0, so that a norm has the gradient 0 at the origin."""
+    if not isinstance(x, Scalar):
+        return math.sqrt(x)
+    root = keep(ti.sqrt(x.value))
+    return x._unary(root, lambda: ti.select(root > 0.0, 0.5 / root, 0.0))
+
+
+def log(x: Any) -> Any:
+    """Natural logarithm."""
+    return x._unary(ti.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
+
+
+def exp(x: Any) -> Any:
+    """Exponential."""
+    if not isinstance(x, Scalar):
+        return math.exp(x)
+    value = keep(ti.exp(x.value))
+    return x._unary(value, lambda: value)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """``yes`` where the condition holds, else ``no``; both are evaluated, so both must be finite."""
+    record = next((x.record for x in (yes, no) if isinstance(x, Scalar)), None)
+    if isinstance(condition, bool):
+        return yes if condition else no
+    value = ti.select(condition, plain(yes), plain(no))
+    if record is None:
+        return keep(value)
+    return record.step([value], [yes, no], lambda g: (ti.select(condition, g[0], 0.0), ti.select(condition, 0.0, g[0])))[0]
+
+
+def maximum(x: Any, y: Any) -> Any:
+    """The larger; the gradient goes to ``x`` where they are equal."""
+    return where(x >= y, x, y)
+
+
+def minimum(x: Any, y: Any) -> Any:
+    """The smaller; the gradient goes to ``x`` where they are equal."""
+    return where(x <= y, x, y)

@@ -1,0 +1,28 @@
+"""Resistance of the surrounding medium, at low speed."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from pacnerf_lpo.mpm.effects.base import BodyForce
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.point import Point
+
+
+class LinearDrag(BodyForce):
+    """Acceleration -c v: Stokes drag per unit mass.
+
+    Signature: the fall approaches a terminal velocity g / c. Easily confused with a smaller gravity or a wrong frame rate.
+
+    Args:
+        drag: rate c [1/s].
+    """
+
+    parameters = {"drag": Parameter("drag", "1/s", Identity(), (-100.0, 1000.0), "drag rate")}  # noqa: RUF012
+    null = {"drag": 0.0}  # noqa: RUF012
+
+    def __init__(self, drag: float = 0.0):
+        super().__init__({"drag": drag})
+
+    @staticmethod
+    def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
+        return [-c.drag * v for v in point.v]

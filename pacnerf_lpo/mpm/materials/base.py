@@ -1,0 +1,59 @@
+"""What a material is: named parameters, and one local law. Add one by adding one file like those beside this one."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import ClassVar
+
+from torch import Tensor
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.point import Point
+from pacnerf_lpo.mpm.tensors import Tensor3
+
+
+class Material(ABC):
+    """A constitutive law with the initial guess of its parameters.
+
+    Subclasses list ``parameters`` and give :meth:`coefficients` and :meth:`law`; no adjoint is to be written.
+
+    Args:
+        guess: initial value of every parameter [SI].
+        known: names of parameters that are not identified.
+    Raises:
+        UserInputError: a value outside its bounds, or an unknown name in ``known``.
+    """
+
+    parameters: ClassVar[dict[str, Parameter]]
+
+    def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
+        where = type(self).__name__
+        self.guess = {name: self.parameters[name].check(float(value), where) for name, value in guess.items()}
+        for name in known:
+            if name not in self.parameters:
+                raise UserInputError(f"{where}.known: {name!r} is no parameter of it; choose from {', '.join(self.parameters)}")
+        self.known = tuple(known)
+
+    @property
+    def free_names(self) -> list[str]:
+        """Names of the parameters that are identified."""
+        return [name for name in self.parameters if name not in self.known]
+
+    @staticmethod
+    @abstractmethod
+    def coefficients(p: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """What the law uses, from the parameters [SI, scalars]; evaluated once per simulation, in torch."""
+
+    @staticmethod
+    @abstractmethod
+    def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
+        """New deformation gradient and Kirchhoff stress [Pa] of one particle, from the trial state and the coefficients.
+
+        Plain arithmetic with the functions of ``mpm.differentiation`` and ``mpm.tensors``; moduli times ``point.stiffness``.
+        """
+
+
+def lame(E: Tensor, nu: Tensor) -> dict[str, Tensor]:
+    """Lamé coefficients mu and lambda [Pa] from Young's modulus [Pa] and Poisson's ratio."""
+    return {"mu": E / (2 * (1 + nu)), "lam": E * nu / ((1 + nu) * (1 - 2 * nu))}

@@ -1,0 +1,14 @@
+"""Parameters that several materials share."""
+
+from pacnerf_lpo.mpm.parameters import Log10, Parameter, Saturated
+
+YOUNG = Parameter("E", "Pa", Log10(), (0.0, 1e12), "Young's modulus")
+POISSON = Parameter("nu", "1", Saturated(), (-0.45, 0.45), "Poisson's ratio", scale=0.05)
+SHEAR = Parameter("mu", "Pa", Log10(), (0.0, 1e12), "shear modulus")
+BULK = Parameter("kappa", "Pa", Log10(), (0.0, 1e12), "bulk modulus")
+YIELD = Parameter("tau_y", "Pa", Log10(), (0.0, 1e12), "yield stress")
+
+
+def named(*parameters: Parameter) -> dict[str, Parameter]:
+    """Parameters by name, in order."""
+    return {p.name: p for p in parameters}

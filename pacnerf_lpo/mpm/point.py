@@ -1,0 +1,118 @@
+"""What a local law sees of one particle, and the evaluation of all local laws there with their adjoint."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from pacnerf_lpo.mpm.differentiation import Record, plain
+from pacnerf_lpo.mpm.tensors import Tensor3
+
+
+@dataclass(frozen=True)
+class Point:
+    """One particle during one substep; every number may enter a law and is differentiated through.
+
+    F: trial deformation gradient (I + dt C) F of this substep [(3, 3)]
+    C: velocity gradient [1/s, (3, 3)]
+    x: position [m, (3,)];  X: position at time 0 [m, (3,)];  v: velocity [m/s, (3,)]
+    t: time since frame 0 [s];  dt: substep [s]
+    mass: [kg];  volume: of the undeformed particle [m^3];  stiffness: factor on the moduli [1]
+    """
+
+    F: Tensor3
+    C: Tensor3
+    x: list[Any]
+    X: list[Any]
+    v: list[Any]
+    t: Any
+    dt: Any
+    mass: Any
+    volume: Any
+    stiffness: Any
+
+
+Law = Callable[[Point, SimpleNamespace], tuple[Tensor3, Tensor3]]
+Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
+
+
+@dataclass(frozen=True)
+class LocalLaws:
+    """The local laws of one simulator: what its kernels are compiled from (hashable: kernels are shared between equals).
+
+    law: (point, coefficients) -> (new deformation gradient, Kirchhoff stress [Pa])
+    accelerations: (point, coefficients) -> body acceleration [m/s^2], one per effect
+    ground: (velocity of a node at or below y = 0, coefficients) -> the velocity the ground lets it have [m/s]
+    names: of the coefficients of law, ground and effects, in order.
+    """
+
+    law: Law
+    accelerations: tuple[Acceleration, ...]
+    ground: Callable[[list[Any], SimpleNamespace], list[Any]]
+    names: tuple[str, ...]
+
+
+class Evaluation:
+    """All local laws at one particle, emitted into the kernel that is being compiled.
+
+    F_new, tau: new deformation gradient and Kirchhoff stress [Pa], nested lists of expressions
+    velocity: velocity after dt of body acceleration [m/s]
+    """
+
+    _data_oriented = True
+
+    def __init__(self, laws: LocalLaws, F, C, x, X, v, t, dt, mass, volume, stiffness, coefficients: Sequence):
+        self._record = Record()
+        row = self._record.variables
+        self._point = Point([row(r) for r in F], [row(r) for r in C], row(x), row(X), row(v), *row([t, dt, mass, volume, stiffness]))
+        self._coefficients = row(coefficients)
+        named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
+        self._F_new, self._tau = laws.law(self._point, named)
+        self._velocity = list(self._point.v)
+        for acceleration in laws.accelerations:
+            a = acceleration(self._point, named)
+            self._velocity = [u + self._point.dt * c for u, c in zip(self._velocity, a, strict=True)]
+        self.F_new, self.tau = _values(self._F_new), _values(self._tau)
+        self.velocity = [plain(u) for u in self._velocity]
+
+    def pull_back(self, gF, gtau, gv) -> "Adjoint":
+        """Emit the adjoint, given the adjoints of F_new, tau and velocity as nested lists of expressions."""
+        p = self._point
+        seeds = [
+            *((a, g) for row, grow in zip(self._F_new + self._tau, gF + gtau, strict=True) for a, g in zip(row, grow, strict=True)),
+            *zip(self._velocity, gv, strict=True),
+        ]
+        inputs = [*sum(p.F, []), *sum(p.C, []), *p.x, *p.X, *p.v, p.mass, p.stiffness, *self._coefficients]
+        return Adjoint(self._record.pull_back(seeds, inputs))
+
+
+class Adjoint:
+    """Adjoints of what a law saw, as nested lists of expressions."""
+
+    _data_oriented = True
+
+    def __init__(self, g: list):
+        self.F, self.C = [g[0:3], g[3:6], g[6:9]], [g[9:12], g[12:15], g[15:18]]
+        self.x, self.X, self.v = g[18:21], g[21:24], g[24:27]
+        self.mass, self.stiffness, self.coefficients = g[27], g[28], g[29:]
+
+
+class GroundEvaluation:
+    """The ground law at one node, emitted into the kernel that is being compiled."""
+
+    _data_oriented = True
+
+    def __init__(self, laws: LocalLaws, velocity: list, coefficients: Sequence):
+        self._record = Record()
+        self._u, self._coefficients = self._record.variables(velocity), self._record.variables(coefficients)
+        named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
+        self._out = laws.ground(self._u, named)
+        self.velocity = [plain(u) for u in self._out]
+
+    def pull_back(self, g: list) -> list:
+        """Adjoints of the velocity (3) and of every coefficient."""
+        return self._record.pull_back(list(zip(self._out, g, strict=True)), self._u + self._coefficients)
+
+
+def _values(tensor: Tensor3) -> list[list[Any]]:
+    return [[plain(a) for a in row] for row in tensor]

@@ -1,0 +1,200 @@
+"""A rollout frame by frame, forward and backward: checkpoints, recomputation, grids that follow the particles, failures.
+
+Memory: one state per frame, and all substeps of as many of the last frames as fit the budget (at least one). The backward pass
+recomputes the substeps of every other frame from its checkpoint.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm import kernels
+from pacnerf_lpo.mpm.kernels import CAUSES, NOT_YET, STATE
+from pacnerf_lpo.mpm.point import LocalLaws
+from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
+
+MOST_NODES = 1 << 25
+"""A grid of 2^25 nodes is half a gigabyte; particles spread wider than that have left the scene."""
+MASS_FLOOR = 1e-10
+"""A node lighter than this fraction of the mean particle mass stays at rest."""
+
+
+class Engine:
+    """Runs and differentiates rollouts of one discretisation.
+
+    Args:
+        laws: what the kernels are compiled from.
+        dx: node spacing [m].
+        substeps: per frame.
+        frame_dt: [s].
+        gravity: [m/s^2].
+        dtype: ``"f32"`` or ``"f64"``.
+        slices: CPU threads; 1 on CUDA.
+        cuda: run on CUDA.
+        memory: for the substeps of whole frames kept from forward to backward [bytes].
+    """
+
+    def __init__(self, laws: LocalLaws, dx: float, substeps: int, frame_dt: float, gravity: tuple[float, float, float], dtype: str,
+                 slices: int, cuda: bool, memory: float):  # fmt: skip
+        self._forward, self._adjoint = kernels.build(laws, dtype, cuda, slices)
+        self.dx, self.substeps, self.frame_dt, self.gravity = dx, substeps, frame_dt, gravity
+        self._slices, self._cuda, self._memory = slices, cuda, memory
+        self._spare: list[Tape] = []
+        self._scratch: Tape | None = None
+        self._nodes = torch.empty(0)
+
+    def prepare(self, positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, coefficients: Tensor) -> "Run":
+        """Pack the inputs of one rollout."""
+        zeros = positions.new_zeros
+        identity = torch.eye(3, dtype=positions.dtype, device=positions.device).reshape(1, 9).expand(len(positions), 9)
+        state = torch.cat([positions, velocity, zeros(len(positions), 9), identity], 1).contiguous()
+        constants = torch.cat([mass[:, None], stiffness[:, None], positions], 1).contiguous()
+        dt = self.frame_dt / self.substeps
+        head = [self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, *self.gravity, MASS_FLOOR * float(mass.mean()), 0.0]
+        numbers = torch.cat([positions.new_tensor(head), coefficients.to(positions)])
+        return Run(self, state, constants, numbers, len(coefficients))
+
+    def tape(self, run: "Run") -> Tape:
+        """A tape for one kept frame, reused when there is one of the right size."""
+        matching = [tape for tape in self._spare if tape.states[0].numel() == run.state.numel()]
+        self._spare = matching[1:]
+        return matching[0] if matching else Tape(run.particles, self.substeps, run.state, keep=True)
+
+    def give_back(self, tape: Tape) -> None:
+        """Let the next rollout reuse a tape."""
+        self._spare.append(tape)
+
+    def kept_frames(self, run: "Run") -> int:
+        """How many frames' substeps fit the memory budget; at least one."""
+        return max(1, int(self._memory // Tape.bytes(run.particles, self.substeps, run.grid(run.state, 1), run.state)))
+
+
+class Run:
+    """One rollout in progress: its inputs and its grid buffers."""
+
+    def __init__(self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int):
+        self._engine, self.state, self._constants, self._numbers = engine, state, constants, numbers
+        self.particles, self._coefficients = len(state), coefficients
+        self._slices = self.particles if engine._cuda else engine._slices
+        self._chunk = -(-self.particles // self._slices)
+        self._spans = torch.zeros(6 * engine._slices, dtype=torch.int32, device=state.device)
+        self._momentum = state.new_zeros(0)
+
+    def grid(self, state: Tensor, margin: int) -> Grid:
+        """The grid for the frame that starts at ``state``."""
+        gravity = state.new_tensor(self._engine.gravity)
+        return enclosing_grid(state.view(-1, STATE), self._engine.dx, self._engine.frame_dt, gravity, margin)
+
+    def frame(self, index: int, tape: Tape) -> None:
+        """Fill the tape of frame interval ``index`` from its first state; widen the grid until it holds the motion.
+
+        Raises:
+            SimulationError: NaN, CFL violation, or particles spread beyond any reasonable grid.
+        """
+        start, margin = tape.states[0].clone(), 1
+        while True:
+            grid = self.grid(start, margin)
+            if grid.nodes > MOST_NODES:
+                raise SimulationError(index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells")
+            failures = self._advance(index, tape, grid)
+            if min(failures) == NOT_YET:
+                return
+            self._momentum.zero_()
+            if failures[2] > min(failures):
+                raise SimulationError(index, min(failures), CAUSES[failures.index(min(failures))])
+            margin *= 4
+            tape.states[0].copy_(start)
+
+    def _advance(self, index: int, tape: Tape, grid: Grid) -> list[int]:
+        tape.fit(grid)
+        common, status = self._common(index, grid)
+        S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
+        step = self._engine._forward
+        step.bind(before=x[0], now=x[0], ahead=x[1], velocity_in=u[0], velocity_out=u[0], contact=contacts[0], substep=0,
+                  finish=0, begin=1, keep_all=int(tape.keep), **common)  # fmt: skip
+        step()
+        for s in range(1, S):
+            step(before=x[s - 1], now=x[s], ahead=x[s + 1], velocity_in=u[s - 1], velocity_out=u[s], contact=contacts[s],
+                 substep=s, finish=1)  # fmt: skip
+        step(before=x[S - 1], now=x[S], velocity_in=u[S - 1], substep=S, finish=1, begin=0, keep_all=1)
+        tape.grid = grid
+        return status.tolist()
+
+    def start_adjoint(self) -> None:
+        """Set the adjoints of state, constants and coefficients to zero."""
+        self.of_state = torch.zeros_like(self.state)
+        self.of_constants = torch.zeros_like(self._constants)
+        rows = 1 if self._engine._cuda else self._slices
+        self.of_coefficients = torch.zeros(rows, self._coefficients, dtype=torch.float64, device=self.state.device)
+
+    def frame_adjoint(self, index: int, tape: Tape) -> None:
+        """Pull the adjoint of the state back over frame interval ``index``."""
+        common, status = self._common(index, tape.grid)
+        S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
+        node = torch.empty_like(u[0])
+        step = self._engine._adjoint
+        step.bind(now=x[S], before=x[S - 1], gradient=self.of_state.view(-1), node=node, velocity=u[S - 1], contact=contacts[S - 1],
+                  of_constants=self.of_constants.view(-1), of_coefficients=self.of_coefficients.view(-1), substep=S, begun=0, finished=1, **common)  # fmt: skip
+        step()
+        for s in range(S - 1, 0, -1):
+            step(now=x[s], before=x[s - 1], velocity=u[s - 1], contact=contacts[s - 1], substep=s, begun=1)
+        step(now=x[0], substep=0, begun=1, finished=0)
+
+    def _common(self, index: int, grid: Grid) -> tuple[dict, Tensor]:
+        wanted = 4 * grid.nodes * self._engine._slices
+        if self._momentum.numel() < wanted:
+            self._momentum = self.state.new_zeros(wanted * 5 // 4)
+        self._numbers[8] = index * self._engine.frame_dt
+        self._dims = torch.tensor([self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device)
+        self._status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=self.state.device)
+        return {
+            "momentum": self._momentum, "constants": self._constants.view(-1), "numbers": self._numbers, "dims": self._dims,
+            "spans": self._spans, "status": self._status, "slices": self._slices, "chunk": self._chunk,
+        }, self._status  # fmt: skip
+
+
+class Rollout(torch.autograd.Function):
+    """Positions at every frame, from packed inputs; see :class:`~pacnerf_lpo.mpm.simulator.Simulator`."""
+
+    @staticmethod
+    def forward(ctx, engine: Engine, frames: int, recording: bool, report: Callable, positions, velocity, mass, stiffness, coefficients):
+        run = engine.prepare(positions, velocity, mass, stiffness, coefficients)
+        intervals = frames - 1
+        kept_from = intervals - engine.kept_frames(run) if recording else intervals
+        state, scratch = run.state.reshape(-1), Tape(run.particles, engine.substeps, run.state, keep=False)
+        checkpoints, tapes = [], {}
+        out = positions.new_empty(frames, *positions.shape)
+        out[0] = positions
+        for index in range(intervals):
+            tape = tapes[index] = engine.tape(run) if index >= kept_from else scratch
+            tape.states[0].copy_(state)
+            checkpoints.append(state.clone() if recording else None)
+            run.frame(index, tape)
+            state = tape.states[-1]
+            out[index + 1] = state.view(-1, STATE)[:, :3]
+        if recording:
+            ctx.run, ctx.engine, ctx.checkpoints = run, engine, checkpoints
+            ctx.tapes = {index: tape for index, tape in tapes.items() if tape.keep}
+        return out
+
+    @staticmethod
+    def backward(ctx, of_out):  # type: ignore[override]
+        run, engine = ctx.run, ctx.engine
+        run.start_adjoint()
+        for index in reversed(range(len(ctx.checkpoints))):
+            run.of_state[:, :3] += of_out[index + 1]
+            tape = ctx.tapes.pop(index, None)
+            if tape is None:
+                tape = engine.tape(run)
+                tape.states[0].copy_(ctx.checkpoints[index])
+                run.frame(index, tape)
+            run.frame_adjoint(index, tape)
+            engine.give_back(tape)
+        g, gc = run.of_state, run.of_constants
+        of_positions = g[:, :3] + of_out[0] + gc[:, 2:5]
+        of_coefficients = run.of_coefficients.sum(0).to(g)
+        return None, None, None, None, of_positions, g[:, 3:6], gc[:, 0], gc[:, 1], of_coefficients
+
+

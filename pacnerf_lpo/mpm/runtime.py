@@ -1,0 +1,111 @@
+"""Taichi, imported here and nowhere else: start-up, precision, and launching kernels cheaply.
+
+``ti.init`` runs once per process, at the first simulation. Arrays are torch tensors: Taichi reads and writes their memory, so
+a kernel compiled once serves every number of particles, grid size and time step.
+"""
+
+import contextlib
+import io
+import os
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.errors import UserInputError
+
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+import taichi as ti
+from taichi.lang import impl
+
+REAL = {"f32": ti.f32, "f64": ti.f64}
+TORCH_REAL = {"f32": torch.float32, "f64": torch.float64}
+_started: dict[str, Any] = {}
+
+
+def start(device: str = "cpu", threads: int | None = None) -> int:
+    """Initialise Taichi once per process; return the number of particle slices (CPU threads, or 1 on CUDA).
+
+    Args:
+        device: ``"cpu"`` or ``"cuda"``.
+        threads: CPU threads; default ``PACNERF_LPO_THREADS``, else what torch uses. Ignored after the first call.
+    Raises:
+        UserInputError: unknown device, CUDA not available, or Taichi already runs on the other device.
+    """
+    kind = torch.device(device).type
+    if not _started:
+        if kind not in ("cpu", "cuda"):
+            raise UserInputError(f"simulator device {device!r}: choose 'cpu' or 'cuda'")
+        if kind == "cuda" and not torch.cuda.is_available():
+            raise UserInputError("simulator device 'cuda': no CUDA device is visible to torch; choose 'cpu'")
+        count = threads or int(os.environ.get("PACNERF_LPO_THREADS", 0)) or torch.get_num_threads()
+        arch = ti.cuda if kind == "cuda" else ti.cpu
+        with contextlib.redirect_stdout(io.StringIO()):
+            ti.init(arch=arch, cpu_max_num_threads=count, fast_math=False, offline_cache=True, log_level=ti.ERROR)
+        _started.update(kind=kind, threads=count if kind == "cpu" else 1)
+    if kind != _started["kind"]:
+        raise UserInputError(
+            f"simulator device {device!r}: this process already simulates on {_started['kind']!r}; use one device per process"
+        )
+    return _started["threads"]
+
+
+def keep(value: Any) -> Any:
+    """While a kernel is compiled: store an expression in a local variable, so that using it twice computes it once."""
+    return impl.expr_init(value)
+
+
+def entries(matrix: Any) -> list[list[Any]]:
+    """While a kernel is compiled: the nine expressions of a 3x3 matrix."""
+    builder = impl.get_runtime().compiling_callable.ast_builder()
+    return [[keep(impl.subscript(builder, matrix, i, j)) for j in range(3)] for i in range(3)]
+
+
+class Launcher:
+    """A kernel with its arguments bound: a launch sets only those that change (Taichi's own call costs 10 times more).
+
+    Args:
+        kernel: a ``ti.kernel`` whose parameters are 1-D arrays (contiguous torch tensors) and numbers.
+        dtype: ``"f32"`` or ``"f64"``, the type of decimal constants inside the kernel.
+    """
+
+    def __init__(self, kernel: Callable, dtype: str):
+        self._kernel = kernel._primal  # type: ignore[attr-defined]
+        self._position = {argument.name: (i,) for i, argument in enumerate(self._kernel.arguments)}
+        self._dtype = dtype
+        self._compiled: Any = None
+        self._context: Any = None
+
+    def bind(self, **arguments: Any) -> None:
+        """Set every argument for the launches to come; the first call compiles the kernel. The caller keeps arrays alive."""
+        if self._compiled is None:
+            self._compile([arguments[name] for name in self._position])
+        for name, value in arguments.items():
+            self._set(self._position[name], value)
+
+    def __call__(self, **changed: Any) -> None:
+        """Launch with some arguments changed."""
+        for name, value in changed.items():
+            self._set(self._position[name], value)
+        impl.get_runtime().prog.launch_kernel(self._compiled, self._context)
+
+    def _compile(self, arguments: list) -> None:
+        runtime = impl.get_runtime()
+        runtime.set_default_fp(REAL[self._dtype])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*arguments)]
+        self._compiled = runtime.prog.compile_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), handle)
+        self._context = handle.make_launch_context()
+        runtime.set_default_fp(ti.f32)
+
+    def _set(self, index: tuple[int], value: Any) -> None:
+        if isinstance(value, Tensor):
+            size = value.element_size() * value.numel()
+            self._context.set_arg_external_array_with_shape(index, value.data_ptr(), size, tuple(value.shape), 0)
+        elif isinstance(value, int):
+            self._context.set_arg_int(index, value)
+        else:
+            self._context.set_arg_float(index, value)

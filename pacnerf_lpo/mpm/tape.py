@@ -1,0 +1,81 @@
+"""Where the states of one frame's substeps live, and the grid they live on."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.mpm.kernels import STATE
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes ``origin`` to ``origin + size - 1`` of the infinite grid whose node (0, 0, 0) lies at the world's origin."""
+
+    origin: tuple[int, int, int]
+    size: tuple[int, int, int]
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return self.size[0] * self.size[1] * self.size[2]
+
+    @property
+    def contact_nodes(self) -> int:
+        """Number of nodes with y <= 0 to provide for."""
+        return self.size[0] * max(0, 1 - self.origin[1]) * self.size[2]
+
+
+def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, margin: int) -> Grid:
+    """The grid that holds the particles while they fly freely, and ``margin`` cells more on every side.
+
+    Args:
+        state: particle states [(N, 24)], position and velocity first [m, m/s].
+        dx: node spacing [m].
+        duration: [s].
+        gravity: [m/s^2, (3,)].
+        margin: cells.
+    """
+    x = state[:, :3]
+    straight = x + duration * state[:, 3:6]
+    reached = torch.stack([x, straight, straight + (0.5 * duration**2) * gravity])
+    low, high = reached.amin((0, 1)), reached.amax((0, 1))
+    low[1] = torch.maximum(low[1], torch.clamp(x[:, 1].amin(), max=0.0))
+    first = torch.floor(low / dx - 0.5).long() - margin
+    last = torch.floor(high / dx - 0.5).long() + 2 + margin
+    a, b = first.tolist(), last.tolist()
+    return Grid((a[0], a[1], a[2]), (b[0] - a[0] + 1, b[1] - a[1] + 1, b[2] - a[2] + 1))
+
+
+class Tape:
+    """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
+
+    states: S + 1 views, [(N * 24,)] each
+    velocities: S views, four numbers per node: velocity [m/s] and mass [kg]
+    contacts: S views, velocity before the ground of every node at y <= 0 [m/s]
+    """
+
+    def __init__(self, particles: int, substeps: int, like: Tensor, keep: bool):
+        self.keep, self._substeps = keep, substeps
+        self._states = like.new_empty((substeps + 1 if keep else 1, particles * STATE))
+        self.states = list(self._states) if keep else [self._states[0]] * (substeps + 1)
+        self._buffer = like.new_empty(0)
+        self.velocities: list[Tensor] = []
+        self.contacts: list[Tensor] = []
+
+    def fit(self, grid: Grid) -> None:
+        """Make room for the nodes of a grid."""
+        slots = self._substeps if self.keep else 1
+        sizes = [4 * grid.nodes, max(1, 3 * grid.contact_nodes)]
+        if self._buffer.numel() < slots * sum(sizes):
+            self._buffer = self._buffer.new_empty(slots * sum(sizes) * 5 // 4)
+        velocities, contacts = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
+        repeat = self._substeps // slots
+        self.velocities = list(velocities.view(slots, -1)) * repeat
+        self.contacts = list(contacts.view(slots, -1)) * repeat
+
+    @staticmethod
+    def bytes(particles: int, substeps: int, grid: Grid, like: Tensor) -> int:
+        """Memory of a kept frame."""
+        per_substep = particles * STATE + 4 * grid.nodes + 3 * grid.contact_nodes
+        return like.element_size() * (substeps + 1) * per_substep

@@ -1,0 +1,46 @@
+"""3x3 tensors inside a law: nested lists of numbers (floats, or :class:`~pacnerf_lpo.mpm.differentiation.Scalar`)."""
+
+from typing import Any
+
+Tensor3 = list[list[Any]]
+AXES = range(3)
+
+
+def diagonal(x: Any, y: Any, z: Any) -> Tensor3:
+    """The tensor with these on its diagonal."""
+    return [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]]
+
+
+def product(a: Tensor3, b: Tensor3) -> Tensor3:
+    """a b."""
+    return [[a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in AXES] for i in AXES]
+
+
+def left_cauchy_green(F: Tensor3) -> Tensor3:
+    """b = F Fᵀ, each of its six numbers computed once."""
+    b = {(i, j): F[i][0] * F[j][0] + F[i][1] * F[j][1] + F[i][2] * F[j][2] for i in AXES for j in range(i, 3)}
+    return [[b[min(i, j), max(i, j)] for j in AXES] for i in AXES]
+
+
+def determinant(a: Tensor3) -> Any:
+    """det a."""
+    return (
+        a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1])
+        + a[0][1] * (a[1][2] * a[2][0] - a[1][0] * a[2][2])
+        + a[0][2] * (a[1][0] * a[2][1] - a[1][1] * a[2][0])
+    )
+
+
+def symmetric(a: Tensor3) -> Tensor3:
+    """(a + aᵀ) / 2."""
+    return [[(a[i][j] + a[j][i]) * 0.5 for j in AXES] for i in AXES]
+
+
+def add_isotropic(a: Tensor3, scalar: Any) -> Tensor3:
+    """a + scalar I."""
+    return [[a[i][j] + scalar if i == j else a[i][j] for j in AXES] for i in AXES]
+
+
+def scaled(a: Tensor3, scalar: Any) -> Tensor3:
+    """scalar a."""
+    return [[scalar * a[i][j] for j in AXES] for i in AXES]
