@@ -13,6 +13,8 @@ from pacnerf_lpo.types import Box, Video
 
 log = logging.getLogger(__name__)
 
+FULL_IMAGE = 0.98
+"""A silhouette that covers more of the image than this has no background."""
 OUTSIDE_WARNING = 0.01
 """Fraction of a frame-0 silhouette that may lie outside the box before a warning."""
 OUTSIDE_ERROR = 0.99
@@ -20,7 +22,7 @@ OUTSIDE_ERROR = 0.99
 
 
 def check_visible(video: Video, train: Sequence[int]) -> None:
-    """Every training view (index) shows the object at the first frame; later it may leave the image."""
+    """Every training view (index) shows the object on white at the first frame; later it may leave the image."""
     for index in train:
         view, shown = video.view_ids[index], (video.silhouettes[index] > 0.5).flatten(1).any(dim=1)
         if not shown.any():
@@ -32,6 +34,11 @@ def check_visible(video: Video, train: Sequence[int]) -> None:
             raise UserInputError(
                 f"{video.source}: view {view} shows no object at frame {video.frame_ids[0]}, where the shape is learnt"
                 "; leave it out of data.train_views or mend that image"
+            )
+        if video.silhouettes[index, 0].mean() > FULL_IMAGE:
+            raise UserInputError(
+                f"{video.source}: view {view} has no background at frame {video.frame_ids[0]}; matted images need the "
+                "object on pure white, raw ones (data.background: raw) the background plate of the same camera"
             )
 
 

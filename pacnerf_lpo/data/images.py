@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 
+MODES = ("RGB", "RGBA", "L", "LA", "P", "1")
 HIGHLIGHT_FRACTION = 0.005
 """An enclosed white patch below this fraction of the silhouette is a highlight, a larger one a hole in the object."""
 
@@ -23,6 +24,10 @@ def read_png(path: Path) -> np.ndarray:
     """
     try:
         with Image.open(path) as image:
+            if image.mode not in MODES:
+                raise UserInputError(
+                    f"{path}: pixels of kind {image.mode} are not supported; save it as 8-bit RGB or RGBA"
+                )
             transparent = "A" in image.getbands() or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
     except FileNotFoundError:
@@ -48,9 +53,9 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def on_white(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A matted image as colour on white (H, W, 3) and silhouette (H, W), from RGB on white or from RGBA."""
-    if pixels.shape[-1] == 3:
-        return pixels, white_silhouette(pixels)
+    """A matted image as colour on white (H, W, 3) and silhouette (H, W), from RGB (or opaque RGBA) on white or RGBA."""
+    if pixels.shape[-1] == 3 or pixels[..., 3].min() == 1.0:
+        return pixels[..., :3], white_silhouette(pixels[..., :3])
     alpha = pixels[..., 3:]
     return pixels[..., :3] * alpha + (1.0 - alpha), pixels[..., 3]
 
