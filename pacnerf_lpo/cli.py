@@ -138,7 +138,8 @@ class PhaseCLI(LightningCLI):
 
     def _save_config(self) -> None:
         config = self.config.clone()
-        del config["config"], config["resume"]
+        for name in ("config", "resume"):
+            config.pop(name, None)
         if Path(config.data.root).exists():
             config.data.root = str(Path(config.data.root).resolve())
         write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.parser.dump(config, skip_unset=False).encode())
@@ -206,7 +207,8 @@ def _quieten_lightning() -> None:
     for name in ("pytorch_lightning", "lightning_fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", category=PossibleUserWarning)
-    warnings.filterwarnings("ignore", module="jsonargparse|pytorch_lightning", category=UserWarning)
+    for message in (".*LeafSpec", ".*`IterableDataset` has `__len__`"):
+        warnings.filterwarnings("ignore", message=message)
 
 
 def resume_command(run_dir: Path) -> str:

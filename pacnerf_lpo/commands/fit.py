@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import pacnerf_lpo.mpm.materials
-import pacnerf_lpo.phases  # noqa: F401  (short class names in YAML exist once their modules are imported)
+import pacnerf_lpo.phases.schedules
+import pacnerf_lpo.phases.static_grid  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo import cli
-from pacnerf_lpo.data import VideoData
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm.physics import Physics
 
 
