@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from PIL import Image
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from pacnerf_lpo.data.cameras import project
 from pacnerf_lpo.data.index import NAME
@@ -84,7 +85,7 @@ def write_scene(
     (root / "data").mkdir(parents=True)
     generator = np.random.default_rng(seed)
     entries = []
-    for frame, positions in enumerate(trajectories):
+    for frame, positions in enumerate(tqdm(trajectories, desc=f"drawing {root}", delay=2.0, leave=False)):
         shaded = shade(positions, colours)
         for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
             image = draw_discs(positions, shaded, pose, intrinsic, image_size, radius)

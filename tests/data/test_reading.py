@@ -132,8 +132,9 @@ def test_views_are_chosen_by_file_number(scene):
     assert torch.equal(only.video.images, everything.video.images[[1, 3]])
 
 
-def test_frames_limit(scene):
-    assert load(scene, frames=2).video.images.shape[:2] == (4, 2)
+@pytest.mark.parametrize("frames", [1, 2])
+def test_frames_limit(scene, frames):
+    assert load(scene, frames=frames).video.images.shape[:2] == (4, frames)
 
 
 def test_occluder_masks_rays(scene):
