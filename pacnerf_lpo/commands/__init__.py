@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from pacnerf_lpo.errors import UserInputError
+
+if TYPE_CHECKING:
+    from jsonargparse import ArgumentParser, Namespace
 
 
 def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
@@ -29,5 +35,16 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
         config = parser.parse_args(list(words))
     except ArgumentError as error:
         raise explain(error, parser, []) from error
-    run(**vars(config))
+    run(**vars(_instantiated(parser, config)))
     return 0
+
+
+def _instantiated(parser: ArgumentParser, config: Namespace) -> Namespace:
+    """The arguments with their objects made; a wrong value inside one is the user's mistake, whatever wraps it."""
+    try:
+        return parser.instantiate(config)
+    except ValueError as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, UserInputError):
+            cause = cause.__cause__
+        raise cause or error from None

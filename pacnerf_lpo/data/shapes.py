@@ -89,7 +89,9 @@ def fill(shape: Shape, spacing: float, generator: torch.Generator) -> Tensor:
     points = points + spacing * (torch.rand(points.shape, generator=generator) - 0.5)
     points = points[shape.contains(points)]
     if len(points) == 0:
-        raise UserInputError(f"no particle fits into the {type(shape).__name__} at spacing {spacing:g} m; choose a finer one")
+        raise UserInputError(
+            f"no particle fits into the {type(shape).__name__} at spacing {spacing:g} m; choose a finer one"
+        )
     return points
 
 
