@@ -110,7 +110,7 @@ def neo_hookean(F: Tensor, C: Tensor, dt: float, p: dict[str, Tensor], stiffness
 def newtonian(F: Tensor, C: Tensor, dt: float, p: dict[str, Tensor], stiffness: Tensor) -> tuple[Tensor, Tensor]:
     """tau = kappa (J - J^-6) I + mu J sym(grad v); F = J^(1/3) I carries the volume ratio only."""
     mu, kappa = stiffness * p["mu"], stiffness * p["kappa"]
-    J = (torch.linalg.det(F)[:, None, None] * (1 + dt * trace(C))).clamp(min=SMALLEST_STRETCH)
+    J = torch.linalg.det((EYE + dt * C) @ F)[:, None, None].clamp(min=SMALLEST_STRETCH)
     return J ** (1 / 3) * EYE, kappa * (J - J**-6) * EYE + mu * J * 0.5 * (C + C.mT)
 
 
@@ -184,7 +184,7 @@ class State(NamedTuple):
 class Twin:
     """One physical set-up: law, ground, grid spacing dx [m], time step dt [s], gravity [m/s^2].
 
-    Nodes carrying less than ``lightest_node`` [kg] stay at rest, which keeps the division by the mass finite.
+    Nodes lighter than ``lightest_node`` mean particle masses stay at rest, which keeps the division by the mass finite.
     """
 
     law: Law
@@ -226,12 +226,12 @@ class Twin:
 
     def substep(self, state: State, mass: Tensor, stiffness: Tensor, parameters: dict[str, Tensor], drag: Tensor,
                 friction: Tensor) -> State:  # fmt: skip
-        """P2G, grid update, G2P."""
+        """P2G, grid update, G2P; ``drag`` [1/s] decelerates the particles, a = -c v, before P2G."""
         x, v, C, F = state
         F, tau = self.law(F, C, self.dt, parameters, stiffness[:, None, None])
         nodes, w, arm = self.stencil(x)
         impulse = -self.dt * (self.dx / 2) ** 3 * 4 / self.dx**2 * tau
-        momentum = mass[:, None, None] * v[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
+        momentum = mass[:, None, None] * (v - self.dt * drag * v)[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
         lower = nodes.amin((0, 1))
         shape = nodes.amax((0, 1)) - lower + 1
         flat = (((nodes - lower)[..., 0] * shape[1] + (nodes - lower)[..., 1]) * shape[2] + (nodes - lower)[..., 2]).reshape(-1)
@@ -239,9 +239,9 @@ class Twin:
         coordinates = torch.stack(torch.unravel_index(active, tuple(shape.tolist())), 1) + lower
         node_mass = torch.zeros(len(active), 1, dtype=x.dtype).index_add(0, where, (w * mass[:, None]).reshape(-1, 1))
         node_momentum = torch.zeros(len(active), 3, dtype=x.dtype).index_add(0, where, (w[..., None] * momentum).reshape(-1, 3))
-        heavy = node_mass > self.lightest_node
+        heavy = node_mass > self.lightest_node * mass.detach().mean()
         u = node_momentum / torch.where(heavy, node_mass, 1.0)
-        u = u + self.dt * (torch.tensor(self.gravity, dtype=x.dtype) - drag * u)
+        u = u + self.dt * torch.tensor(self.gravity, dtype=x.dtype)
         u = torch.where(heavy, self.boundary(coordinates, u, friction), 0.0)[where].reshape(len(x), 27, 3)
         v = (w[..., None] * u).sum(1)
         return State(x + self.dt * v, v, 4 / self.dx**2 * (w[..., None] * u).mT @ arm, F)

@@ -1,0 +1,58 @@
+"""The engine behind the signature the tests share with the twin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.mpm import materials
+from pacnerf_lpo.mpm.effects.linear_drag import LinearDrag
+from pacnerf_lpo.mpm.ground import Ground, Separate, Slip, Sticky
+from pacnerf_lpo.mpm.simulator import Simulator
+from tests.mpm.scenes import BY_LAW, DT, DX, FRAMES, SUBSTEPS, Particles
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A law on a ground, with the coefficients that are differentiated when they are given: drag [1/s], friction [1]."""
+
+    law: str
+    ground: str = "sticky"
+    drag: float | None = None
+    friction: float | None = None
+    gravity: tuple[float, float, float] = (0.0, -9.8, 0.0)
+    dx: float = DX
+    dt: float = DT
+    substeps: int = SUBSTEPS
+
+    def coefficients(self, requires_grad: bool = False) -> dict[str, Tensor]:
+        """Coefficients of effects and ground as float64 scalars."""
+        given = {"drag": self.drag, "friction": self.friction}
+        return {k: torch.tensor(v, dtype=torch.float64, requires_grad=requires_grad) for k, v in given.items() if v is not None}
+
+    def simulator(self, dtype: str = "f64") -> Simulator:
+        """The engine's simulator of this set-up, keeping no more than one frame of substeps."""
+        case = BY_LAW[self.law]
+        ground: Ground = {"sticky": Sticky, "slip": Slip}[self.ground]() if self.friction is None else Separate(self.friction)
+        effects = [] if self.drag is None else [LinearDrag()]
+        return Simulator(getattr(materials, self.law)(**case.parameters), ground, dx=self.dx, substeps=self.substeps,
+                         frame_dt=self.dt * self.substeps, gravity=self.gravity, effects=effects, dtype=dtype, memory=0)  # fmt: skip
+
+
+def run_engine(setup: Setup, particles: dict[str, Tensor], parameters: dict[str, Tensor], coefficients: dict[str, Tensor],
+               frames: int = FRAMES, dtype: str = "f64") -> Tensor:  # fmt: skip
+    """Positions at every frame [m, (frames, N, 3)]."""
+    real = {"f64": torch.float64, "f32": torch.float32}[dtype]
+    arrays = [particles[k].to(real) for k in ("positions", "velocity", "mass", "stiffness")]
+    of_effects = {k: v for k, v in coefficients.items() if k == "drag"}
+    of_ground = {k: v for k, v in coefficients.items() if k == "friction"}
+    return setup.simulator(dtype)(*arrays, {**parameters, **of_ground}, frames, of_effects)
+
+
+def simulate(setup: Setup, particles: Particles, frames: int = FRAMES, dtype: str = "f64", **changed: float) -> Tensor:
+    """Roll a set-up out without gradients; ``changed`` replaces parameter values."""
+    parameters = {**BY_LAW[setup.law].parameters, **changed}
+    values = {k: torch.tensor(v, dtype=torch.float64) for k, v in parameters.items()}
+    return run_engine(setup, vars(particles), values, setup.coefficients(), frames, dtype).double()
