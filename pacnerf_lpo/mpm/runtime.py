@@ -57,10 +57,21 @@ def keep(value: Any) -> Any:
     return impl.expr_init(value)
 
 
+def components(vector: Any) -> list[Any]:
+    """While a kernel is compiled: the three expressions of a 3-vector."""
+    builder = impl.get_runtime().compiling_callable.ast_builder()
+    return [keep(impl.subscript(builder, vector, i)) for i in range(3)]
+
+
 def entries(matrix: Any) -> list[list[Any]]:
     """While a kernel is compiled: the nine expressions of a 3x3 matrix."""
     builder = impl.get_runtime().compiling_callable.ast_builder()
     return [[keep(impl.subscript(builder, matrix, i, j)) for j in range(3)] for i in range(3)]
+
+
+def compiling_double() -> bool:
+    """While a kernel is compiled: whether its real numbers are float64."""
+    return impl.get_runtime().default_fp == ti.f64
 
 
 class Launcher:
