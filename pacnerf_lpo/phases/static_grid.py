@@ -38,6 +38,8 @@ class StaticGridModule(AbstractPhase):
         surface_schedule: factor on ``surface_weight`` over the steps.
         length: number of steps and when voxels are scaled.
         view_invariant_weight: weight of the view-invariant pixel loss; 0 leaves it out.
+        silhouette_weight: weight of the squared error between opacity and the matte. Not in the paper, whose losses
+            cannot see white fog in front of the white background; it makes short training enough.
         entropy_limit: largest weight of the transmittance entropy.
         rays_per_step: rays in a batch.
         grid_rate: Adam rate of density and features.
@@ -57,6 +59,7 @@ class StaticGridModule(AbstractPhase):
         surface_schedule: WeightSchedule,
         length: TrainingLength,
         view_invariant_weight: float = 0.0,
+        silhouette_weight: float = 0.0,
         entropy_limit: float = 0.1,
         rays_per_step: int = 1024,
         grid_rate: float = 0.1,
@@ -76,6 +79,7 @@ class StaticGridModule(AbstractPhase):
         self.entropy_weight, self.entropy_schedule = entropy_weight, entropy_schedule
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
+        self.silhouette_weight = silhouette_weight
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
 
@@ -111,35 +115,41 @@ class StaticGridModule(AbstractPhase):
     def training_step(self, batch: int, batch_idx: int) -> Tensor:
         """The loss of one step."""
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch)
-        rays, measured = self._draw_rays(generator)
+        rays, measured, matte = self._draw_rays(generator)
         samples = march(self.field.grid(), rays, self.base_spacing, self.min_weight)
-        pixel = squared_error(shade(samples, self.colour).colour, measured)
-        entropy = transmittance_entropy(samples.transmittance)
-        surface = self._surface(generator)
-        scalings = self.length.scalings(batch)
-        entropy_weight = self.entropy_weight * self.entropy_schedule.factor(batch, scalings)
-        entropy_weight = max(self.entropy_weight, min(entropy_weight, self.entropy_limit))
-        surface_weight = self.surface_weight * self.surface_schedule.factor(batch, scalings)
-        loss = pixel + entropy_weight * entropy + surface_weight * surface
+        terms = {
+            "pixel": squared_error(shade(samples, self.colour).colour, measured),
+            "entropy": transmittance_entropy(samples.transmittance),
+            "surface": surface_area(particle_alpha(self.field.grid(), generator)[1], self.field.dx),
+        }
         if self.view_invariant_weight > 0:
             directions = normalize(torch.randn(len(measured), 3, generator=generator), dim=1).to(measured)
-            view_invariant = squared_error(shade(samples, self.colour, directions=directions).colour, measured)
-            loss = loss + self.view_invariant_weight * view_invariant
-            self.log("static/view_invariant", view_invariant)
-        self.last_psnr = psnr(pixel.item())
-        self.log_dict(
-            {
-                "static/loss": loss,
-                "static/pixel": pixel,
-                "static/psnr": self.last_psnr,
-                "static/entropy": entropy,
-                "static/surface_area": surface,
-                "static/entropy_weight": entropy_weight,
-                "static/surface_weight": surface_weight,
-                "static/spacing": self.field.dx,
-            }
-        )
+            seen = shade(samples, self.colour, directions=directions).colour
+            terms["view_invariant"] = squared_error(seen, measured)
+        if self.silhouette_weight > 0:
+            terms["silhouette"] = squared_error(1 - samples.transmittance, matte)
+        return self._weighted_sum(terms, self.weights_at(batch))
+
+    def _weighted_sum(self, terms: dict[str, Tensor], weights: dict[str, float]) -> Tensor:
+        """The loss, after logging every term, every weight and the voxel size."""
+        loss = torch.stack([weights[name] * term for name, term in terms.items()]).sum()
+        self.last_psnr = psnr(terms["pixel"].item())
+        values: dict[str, Any] = {"loss": loss, "psnr": self.last_psnr, "spacing": self.field.dx, **terms}
+        values.update({f"{name}_weight": weights[name] for name in terms})
+        self.log_dict({f"static/{name}": value for name, value in values.items()})
         return loss
+
+    def weights_at(self, step: int) -> dict[str, float]:
+        """Weight of every term of the loss at a step."""
+        scalings = self.length.scalings(step)
+        entropy = self.entropy_weight * self.entropy_schedule.factor(step, scalings)
+        return {
+            "pixel": 1.0,
+            "entropy": min(entropy, max(self.entropy_limit, self.entropy_weight)),
+            "surface": self.surface_weight * self.surface_schedule.factor(step, scalings),
+            "view_invariant": self.view_invariant_weight,
+            "silhouette": self.silhouette_weight,
+        }
 
     def export_state(self) -> ParticleState:
         """Particles sampled with the fixed seed, at rest, with the field's density and features and no physics.
@@ -180,16 +190,18 @@ class StaticGridModule(AbstractPhase):
         self.field = VoxelField(density, features, lower, checkpoint["static_spacing"], self.base_spacing)
         self._rays_through_box.clear()
 
-    def _draw_rays(self, generator: torch.Generator) -> tuple[Rays, Tensor]:
+    def _draw_rays(self, generator: torch.Generator) -> tuple[Rays, Tensor, Tensor]:
+        """A random batch of one view: rays, colours [(R, 3)] and object opacities [(R,)]."""
         view = self.data.train[int(torch.randint(len(self.data.train), (1,), generator=generator))]
-        candidates = self._candidates(view)
+        candidates = self.pixels_through_box(view)
         pixels = candidates[torch.randint(len(candidates), (self.rays_per_step,), generator=generator)]
-        rays, colours = self.data.rays(view), self.data.video.images[view, 0].flatten(0, 1)
-        chosen = (source.index_select(0, pixels).to(self.device) for source in (rays.origins, rays.directions, colours))
-        origins, directions, measured = chosen
-        return Rays(origins, directions), measured
+        rays, video = self.data.rays(view), self.data.video
+        images, mattes = video.images[view, 0].flatten(0, 1), video.silhouettes[view, 0].flatten()
+        sources = rays.origins, rays.directions, images, mattes
+        origins, directions, measured, matte = (rows.index_select(0, pixels).to(self.device) for rows in sources)
+        return Rays(origins, directions), measured, matte
 
-    def _candidates(self, view: int) -> Tensor:
+    def pixels_through_box(self, view: int) -> Tensor:
         """Pixels of a view whose rays meet the box and no occluder; all others are background whatever the field is."""
         if view not in self._rays_through_box:
             lower = self.field.lower.cpu()
@@ -198,8 +210,3 @@ class StaticGridModule(AbstractPhase):
             free = self.data.video.valid[view].flatten()
             self._rays_through_box[view] = ((enter < leave) & free).nonzero().squeeze(1)
         return self._rays_through_box[view]
-
-    def _surface(self, generator: torch.Generator) -> Tensor:
-        """The surface regulariser over freshly jittered particles."""
-        opacity = particle_alpha(self.field.grid(), generator)[1]
-        return surface_area(opacity, self.field.dx)

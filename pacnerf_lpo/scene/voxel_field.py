@@ -12,7 +12,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.types import FEATURES, Box, FieldGrid
 
-OBJECT_ALPHA = 0.1
+OBJECT_ALPHA = 1e-2
 RELATIVE_ALPHA = 1e-3
 
 

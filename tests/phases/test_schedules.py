@@ -1,0 +1,44 @@
+"""Schedules of the static phase."""
+
+import pytest
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.phases.schedules import Constant, Doubling, DoublingThenHalving, TrainingLength
+
+DAGGER = TrainingLength(2000, [333, 667, 1333])
+
+
+def test_surface_weight_of_the_dagger_baseline():
+    """Doubled every 100 steps to 8 times, halved at each of three scalings, back at the default after the third."""
+    schedule = DoublingThenHalving()
+    factors = {
+        step: schedule.factor(step, DAGGER.scalings(step)) for step in (0, 99, 100, 200, 300, 332, 333, 667, 1333, 1999)
+    }
+    assert factors == {0: 1, 99: 1, 100: 2, 200: 4, 300: 8, 332: 8, 333: 4, 667: 2, 1333: 1, 1999: 1}
+
+
+def test_constant_and_doubling():
+    assert {Constant().factor(step, 2) for step in (0, 500, 5999)} == {1.0}
+    assert [Doubling(1000).factor(step, 0) for step in (0, 999, 1000, 5999)] == [1, 1, 2, 32]
+    assert Doubling(10, limit=4).factor(1000, 0) == 4
+
+
+def test_fewer_halvings_leave_the_weight_schedule_alone():
+    coarse = TrainingLength(2000, [333, 667, 1333], halvings=2)
+    assert [step for step in range(2000) if coarse.refines_before(step)] == [333, 667]
+    assert [step for step in range(2000) if DAGGER.refines_before(step)] == [333, 667, 1333]
+    assert coarse.scalings(1333) == 3
+
+
+@pytest.mark.parametrize(
+    "arguments", [(100, [50, 20]), (100, [100]), (100, [0, 50]), (100, [20, 20]), (100, [50], 2), (100, [50], -1)]
+)
+def test_impossible_lengths(arguments):
+    with pytest.raises(UserInputError, match=r"phases\.static\.length"):
+        TrainingLength(*arguments)
+
+
+@pytest.mark.parametrize("schedule", [Doubling, DoublingThenHalving])
+def test_impossible_period(schedule):
+    with pytest.raises(UserInputError, match="every"):
+        schedule(every=0)
