@@ -150,9 +150,8 @@ def test_resumed_run_gives_the_same_particles(tmp_path, stop):
 def test_logged_values(tmp_path):
     """Every loss and schedule value is logged under static/."""
     data, logged = BallData(), {}
-    phase = static_phase(
-        data, 12, [6], view_invariant_weight=0.1, surface_schedule=DoublingThenHalving(3), grid_rate=1.0
-    )
+    options = {"view_invariant_weight": 0.1, "silhouette_weight": 0.2, "surface_schedule": DoublingThenHalving(3)}
+    phase = static_phase(data, 12, [6], **options, grid_rate=1.0)
 
     class Record(pl.Callback):
         def on_train_batch_end(self, trainer, *_):
@@ -160,27 +159,14 @@ def test_logged_values(tmp_path):
 
     logger = pl.loggers.CSVLogger(tmp_path)
     trainer(callbacks=[Record()], logger=logger, log_every_n_steps=1).fit(phase, datamodule=data)
-    names = {
-        "loss",
-        "pixel",
-        "psnr",
-        "entropy",
-        "surface_area",
-        "entropy_weight",
-        "surface_weight",
-        "spacing",
-        "view_invariant",
-    }
+    terms = ("pixel", "entropy", "surface", "view_invariant", "silhouette")
+    names = {"loss", "psnr", "spacing", *terms, *(f"{term}_weight" for term in terms)}
     assert {f"static/{name}" for name in names} <= set(logged[1])
     assert [logged[step]["static/surface_weight"] for step in (1, 4, 7)] == pytest.approx([1e-3, 2e-3, 2e-3])
     assert [logged[step]["static/spacing"] for step in (6, 7)] == pytest.approx([0.16, 0.08])
     last = logged[12]
-    parts = last["static/pixel"] + 0.1 * last["static/view_invariant"]
-    parts += (
-        last["static/entropy_weight"] * last["static/entropy"]
-        + last["static/surface_weight"] * last["static/surface_area"]
-    )
-    assert last["static/loss"] == pytest.approx(parts, rel=1e-5)
+    total = sum(last[f"static/{term}_weight"] * last[f"static/{term}"] for term in terms)
+    assert last["static/loss"] == pytest.approx(total, rel=1e-5)
 
 
 def test_entropy_weight_is_limited():
