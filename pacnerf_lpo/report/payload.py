@@ -15,11 +15,13 @@ from pacnerf_lpo.report.curves import Curve, read_curves
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quantised
 from pacnerf_lpo.report.quantities import symbol
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
+from pacnerf_lpo.scene.activation import alpha
 
 IMAGE_BUDGET = 6_500_000
 LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
 MAX_STAGES = 3
 MAX_PARTICLES = 10_000
+VISIBLE = 0.3
 CONTACT_CELLS = 1.5
 
 
@@ -104,37 +106,44 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
 
 
 def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
-    """Positions at every frame (16 bit) and colours (8 bit) of at most 10,000 particles."""
+    """Positions at every frame (16 bit) and colours (8 bit) of at most 10,000 particles that can be seen."""
     positions = np.asarray(prediction.positions)
-    count = positions.shape[1]
-    chosen = np.random.default_rng(0).permutation(count)[:MAX_PARTICLES]
+    opacity = alpha(stage.state.density, 1.0)
+    visible = torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
+    chosen = np.random.default_rng(0).permutation(visible)[:MAX_PARTICLES]
     colours = to_bytes(StateRenderer(stage.state).particle_colours())[chosen]
     integers, lower, extent = quantised(positions[:, chosen])
     return {
         "count": len(chosen),
-        "of": count,
+        "of": positions.shape[1],
         "frames": len(positions),
         "lower": lower,
         "extent": extent,
         "positions": base64_array(integers),
         "colours": base64_array(colours),
-        "radius": 0.31 * stage.state.spacing * (count / len(chosen)) ** (1 / 3),
+        "radius": 0.31 * stage.state.spacing * (len(visible) / len(chosen)) ** (1 / 3),
     }
 
 
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any], truth: Truth | None) -> dict[str, Any]:
-    """Losses, one chart per phase, and parameters and velocity, one chart each."""
+    """Losses, one chart per phase; identified parameters, one chart each; the initial velocity."""
     loss = curves.get("loss", Curve("loss", "1"))
-    parameters = []
-    for name in [*results["free"], "v_x", "v_y", "v_z"]:
-        if name in curves:
-            curve = curves[name]
-            true = truth.parameters.get(name) if truth else None
-            log = curve.unit.startswith("Pa")
-            parameters.append(
-                {"title": symbol(name), "unit": curve.unit, "log": log, "parts": curve.parts, "truth": true}
-            )
-    return {"loss": [{"title": part[0], "parts": [part]} for part in loss.parts], "parameters": parameters}
+    parameters = [
+        {
+            "title": symbol(name),
+            "unit": curves[name].unit,
+            "log": curves[name].unit.startswith("Pa"),
+            "truth": truth.parameters.get(name) if truth else None,
+            "lines": [{"label": symbol(name), "parts": curves[name].parts}],
+        }
+        for name in results["free"]
+        if name in curves
+    ]
+    velocity = [{"label": axis, "parts": curves[f"v_{axis}"].parts} for axis in "xyz" if f"v_{axis}" in curves]
+    if velocity:
+        parameters.append({"title": "initial velocity", "unit": "m/s", "log": False, "truth": None, "lines": velocity})
+    losses = [{"title": part[0], "log": True, "lines": [{"label": "loss", "parts": [part]}]} for part in loss.parts]
+    return {"loss": losses, "parameters": parameters}
 
 
 def _residuals(results: Mapping[str, Any], stage: Stage) -> dict[str, Any]:

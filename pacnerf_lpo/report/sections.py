@@ -134,7 +134,9 @@ def _velocity_row(phase: Mapping[str, Any], with_truth: bool) -> str:
 
 
 def _vector(components: Sequence[float]) -> str:
-    return "({:.2f}, {:.2f}, {:.2f}) m/s".format(*(value + 0.0 for value in components)).replace("-", "\N{MINUS SIGN}")
+    return "({:.2f}, {:.2f}, {:.2f}) m/s".format(*(round(value, 2) + 0.0 for value in components)).replace(
+        "-", "\N{MINUS SIGN}"
+    )
 
 
 def _symbol_html(name: str) -> str:

@@ -74,6 +74,9 @@ def write_phases(folder: Path, start: ParticleState) -> None:
             if phase == "physics":
                 writer.add_scalar("physics/E [Pa]", 9.7e4 - 6.7e4 * 0.6**step, first + step)
                 writer.add_scalar("physics/nu [1]", 0.31 - 0.11 * 0.8**step, first + step)
+            if phase in ("velocity", "physics"):
+                for axis, value in zip("xyz", (0.0, -0.5, 0.0), strict=True):
+                    writer.add_scalar(f"{phase}/v_{axis} [m|s]", value * (1 - 0.6**step), first + step)
         first += steps
     writer.close()
     manifest.save()

@@ -101,11 +101,15 @@ def test_particles_decode_to_their_positions(data, evaluated_run):
 
 
 def test_curves_of_parameters_and_losses(data):
-    assert [chart["title"] for chart in data["curves"]["parameters"]] == ["E", "\N{GREEK SMALL LETTER NU}"]
+    assert [chart["title"] for chart in data["curves"]["parameters"]] == [
+        "E",
+        "\N{GREEK SMALL LETTER NU}",
+        "initial velocity",
+    ]
     young = data["curves"]["parameters"][0]
     assert (young["unit"], young["log"], young["truth"]) == ("Pa", True, 1e5)
-    assert [part[0] for part in young["parts"]] == ["physics, round 1"]
-    assert young["parts"][0][1][:3] == [0, 1, 2]
+    assert [part[0] for part in young["lines"][0]["parts"]] == ["physics, round 1"]
+    assert young["lines"][0]["parts"][0][1][:3] == [0, 1, 2]
     assert [chart["title"] for chart in data["curves"]["loss"]] == [
         "static",
         "velocity",

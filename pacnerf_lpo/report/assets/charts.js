@@ -25,11 +25,12 @@ function logTicks(low, high) {
 }
 
 /* Lines over a common x axis.
-   options: series [{label, x, y, colour, dots}], bands [{label, from, to}], log, truth, height, xLabel, cursor, pick(x). */
+   options: series [{label, x, y, colour, dash, faint}], bands [{label, from, to}], log, zero, truth, height, xLabel, format(y),
+   direct: labels at the ends of the lines, cursor, pick(x). */
 function lineChart(host, options) {
   host.textContent = "";
   const width = Math.max(host.clientWidth, 240), height = options.height || 190;
-  const left = 58, right = 12, top = options.bands ? 22 : 8, bottom = 34;
+  const left = 58, right = options.direct ? 22 : 12, top = options.bands ? 22 : 8, bottom = 34;
   const svg = svgElement("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img" }, host);
   const scale = options.log ? Math.log10 : (v) => v;
   const usable = (v) => v !== null && isFinite(v) && (!options.log || v > 0);
@@ -62,21 +63,34 @@ function lineChart(host, options) {
     svgElement("line", { class: "truth", x1: left, x2: width - right, y1: toY(options.truth), y2: toY(options.truth) }, svg);
     svgElement("text", { x: width - right, y: toY(options.truth) - 5, "text-anchor": "end" }, svg, "true");
   }
+  const ends = [];
   for (const series of options.series) {
     const points = series.x.map((x, i) => [x, series.y[i]]).filter((p) => usable(p[1]));
     const path = points.map((p, i) => `${i ? "L" : "M"}${toX(p[0]).toFixed(1)},${toY(p[1]).toFixed(1)}`).join("");
-    svgElement("path", { class: "curve", d: path, stroke: series.colour, "stroke-dasharray": series.dash || "none" }, svg);
+    svgElement("path", { class: "curve", d: path, stroke: series.colour, "stroke-dasharray": series.dash || "none",
+      opacity: series.faint ? 0.3 : 1 }, svg);
+    if (points.length) ends.push([toX(points[points.length - 1][0]), toY(points[points.length - 1][1]), series]);
     if (points.length < 25) for (const p of points) {
       const dot = svgElement("circle", { cx: toX(p[0]), cy: toY(p[1]), r: 2.4, fill: series.colour }, svg);
       svgElement("title", {}, dot, `${series.label}: ${number(p[1])} at ${p[0]}`);
     }
   }
+  if (options.direct) labelEnds(svg, ends);
   if (options.cursor !== undefined)
     svgElement("line", { class: "cursor", x1: toX(options.cursor), x2: toX(options.cursor), y1: top, y2: height - bottom }, svg);
   if (options.pick) svg.onclick = (event) => {
     const box = svg.getBoundingClientRect();
     options.pick(Math.round(Math.min(Math.max(x0 + ((event.clientX - box.left) * (width / box.width) - left) / (width - left - right) * (x1 - x0), x0), x1)));
   };
+}
+
+/* Names at the ends of lines, pushed apart where they would overlap. */
+function labelEnds(svg, ends) {
+  let last = -Infinity;
+  for (const [x, y, series] of ends.sort((a, b) => a[1] - b[1])) {
+    last = Math.max(y, last + 12);
+    svgElement("text", { x: x + 5, y: last + 4 }, svg, series.label).style.fill = series.colour;
+  }
 }
 
 /* Cells of a table as colours: values[row][column]; rows carry a label and a set; bands lie over the columns. */

@@ -98,7 +98,7 @@
 
   function drawLegend() {
     const kind = byId("paint").value, legend = byId("particle-legend");
-    const shown = count < cloud.of ? `${count} of ${cloud.of} particles` : `${count} particles`;
+    const shown = count < cloud.of ? `${count} of ${cloud.of} particles shown` : `${count} particles`;
     if (kind === "colour") { legend.textContent = shown; return; }
     const stops = ramp.map((c) => `rgb(${c.join(",")})`).join(",");
     legend.innerHTML = `${shown} <span>0</span><span class="ramp" style="background:linear-gradient(90deg,${stops})"></span>
