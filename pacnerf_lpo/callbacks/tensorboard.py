@@ -49,6 +49,8 @@ def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
         run: the run.
         results: what ``evaluate_run`` returned.
     """
+    from pacnerf_lpo.report.tensorboard_images import scalar_layout
+
     step = 0
     for stage, result in zip(run.stages, results["phases"], strict=True):
         logger = PhaseLogger(run.run_dir, stage.record.phase, step)
@@ -58,6 +60,8 @@ def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
             logger.log_metrics({k: v for k, v in numbers.items() if isinstance(v, float)}, stage.record.steps)
         if "images" in result:
             _log_comparisons(logger, run, stage)
+        if stage is run.last:
+            logger.experiment.add_custom_scalars(scalar_layout(results))
         logger.finalize("success")
 
 

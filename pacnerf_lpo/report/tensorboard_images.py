@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -31,13 +32,25 @@ def log_comparison(logger: PhaseLogger, tag: str, predicted: Tensor, measured: T
     logger.log_image(f"{tag}: {TITLE}", panel, step)
 
 
-def parameter_layout(tags: Mapping[str, list[str]]) -> dict[str, Any]:
-    """Custom-scalars layout that shows one chart per physical parameter over all phases.
+def scalar_layout(results: Mapping[str, Any]) -> dict[str, Any]:
+    """The page "custom scalars": a chart for each physical parameter, the initial velocity, and the image metrics.
 
     Args:
-        tags: for each parameter the scalar tags it is logged under, such as ``{"E [Pa]": ["physics/E [Pa]"]}``.
+        results: what ``evaluate_run`` returned.
 
     Returns:
-        What ``SummaryWriter.add_custom_scalars`` takes.
+        What ``SummaryWriter.add_custom_scalars`` takes: chapter, chart, and patterns of the tags in it.
     """
-    return {"physical parameters": {name: ["Multiline", found] for name, found in tags.items()}}
+    last = results["phases"][-1]["parameters"]
+    parameters = {}
+    for name in results["free"]:
+        unit = last[name]["unit"]
+        tag = f"{name} [{unit.replace('/', '|')}]"
+        parameters[f"{last[name]['label']} {name} [{unit}]"] = ["Multiline", [f"physics/{re.escape(tag)}"]]
+    parameters["initial velocity [m/s]"] = ["Multiline", [r"(velocity|physics)/v_[xyz].*"]]
+    quality = {
+        f"{metric}, {views} views": ["Multiline", [rf".*/{metric} \({views} views\)"]]
+        for views in ("test", "train")
+        for metric in ("psnr", "ssim")
+    }
+    return {"physical parameters": parameters, "image quality after each phase": quality}
