@@ -35,6 +35,8 @@ def guarded(command: Callable[[], int]) -> int:
         return _complain(error, 2)
     except RunError as error:
         return _complain(error, 1)
+    except OSError as error:  # a full disk, a folder that may not be written
+        return _complain(error, 1)
     except (Interrupted, KeyboardInterrupt) as error:
         return _complain(error, 130)
 

@@ -98,6 +98,8 @@ class PhaseCLI(LightningCLI):
     def run(self) -> Path:
         """Run all phases that are not done yet; returns the run directory."""
         self.datamodule.prepare()
+        for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
+            copy.deepcopy(phase).attach(self.datamodule, self.physics)
         loop: OuterLoop = self.outer_loop
         correction = "correction" in self.phases
         if self.config.resume is None:
@@ -145,7 +147,7 @@ class PhaseCLI(LightningCLI):
         write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.parser.dump(config, skip_unset=False).encode())
 
     def _record_failure(self, error: Exception) -> None:
-        """Record a failure in the manifest; if the user can act on its cause, say it in one line (RunError)."""
+        """Record a failure in the manifest; if the user can act on its cause, say it in one line."""
         loop: OuterLoop = self.outer_loop
         step = loop.next_phase()
         message = f"{loop.run_dir}, phase {step.stem if step else 'none'}: {error}"
@@ -153,7 +155,9 @@ class PhaseCLI(LightningCLI):
             message = f"disk full ({message}); free space, then go on with `{resume_command(loop.run_dir)}`"
         with contextlib.suppress(OSError):
             loop.abandon("failed", message)
-        if isinstance(error, (OSError, SimulationError, UserInputError)):
+        if isinstance(error, UserInputError):
+            raise UserInputError(message) from error
+        if isinstance(error, (OSError, SimulationError)):
             raise RunError(message) from error
 
 

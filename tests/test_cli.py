@@ -10,6 +10,7 @@ import pytest
 
 from pacnerf_lpo import cli
 from pacnerf_lpo.__main__ import COMMANDS, main
+from pacnerf_lpo.errors import UserInputError
 from tests import fake_run
 
 MATERIAL = "physics:\n  material:\n    class_path: {}\n    init_args:\n      {}\n"
@@ -74,6 +75,14 @@ def test_mistake_in_a_config_file(complain, config: str, expected: str):
 )
 def test_mistake_on_the_command_line(complain, words: list[str], expected: str):
     assert expected in complain(*words)
+
+
+def test_phases_check_their_settings_before_anything_is_written(complain, monkeypatch: pytest.MonkeyPatch):
+    def attach(phase, data, physics) -> None:
+        raise UserInputError("hit_frame = 40 but the video has 14 frames; lower hit_frame")
+
+    monkeypatch.setattr(fake_run.FakePhase, "attach", attach)
+    assert "hit_frame = 40" in complain()
 
 
 def test_missing_option(capsys: pytest.CaptureFixture[str]):

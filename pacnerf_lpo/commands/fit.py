@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pacnerf_lpo.mpm.effects
+import pacnerf_lpo.mpm.materials
 import pacnerf_lpo.phases.schedules
 import pacnerf_lpo.phases.static_grid  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo import cli
