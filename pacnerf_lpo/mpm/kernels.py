@@ -14,7 +14,7 @@ import functools
 
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, LocalLaws
 from pacnerf_lpo.mpm.runtime import REAL, Launcher, entries, ti
-from pacnerf_lpo.mpm.transfer import add4, column, gather, gather_adjoint, load4, scatter, stencil, with_fourth
+from pacnerf_lpo.mpm.transfer import column, gather, gather_adjoint, scatter, stencil, with_fourth
 
 STATE = 24
 CONSTANTS = 5
@@ -98,17 +98,16 @@ def reach(spans: ti.template(), slices):
 @ti.func
 def total(field: ti.template(), spans: ti.template(), i, o, size, slices, atomic: ti.template()):
     """Sum over the slices of the four numbers of a node, cleared for the next substep."""
-    q = ti.Vector.zero(float, 4)
+    zero = ti.Vector.zero(float, 4)
+    q = zero
     if ti.static(atomic):
-        q = load4(field, o)
-        for c in ti.static(range(4)):
-            field[o + c] = 0.0
+        q = field[o]
+        field[o] = zero
     else:
         for r in range(slices):
             if spans[6 * r] <= i <= spans[6 * r + 3] + 2:
-                for c in ti.static(range(4)):
-                    q[c] += field[r * size + o + c]
-                    field[r * size + o + c] = 0.0
+                q += field[r * size + o]
+                field[r * size + o] = zero
     return q
 
 
@@ -124,6 +123,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     """
     real = REAL[dtype]
     Reals = ti.types.ndarray(dtype=real, ndim=1)
+    Nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
     Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
     Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
     P = len(laws.names)
@@ -141,15 +141,15 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         cell = inside(first, dims, status, substep)
         A = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx)
         q = with_fourth(mass * ti.Vector(e.velocity) - A @ (f * dx), mass)
-        start = mine + 4 * ((cell[0] * dims[2] + cell[1]) * dims[3] + cell[2])
-        scatter(momentum, start, 4 * dims[3], 4 * dims[2] * dims[3], w, q, column(A, 0, dx), column(A, 1, dx), column(A, 2, dx), cuda)
+        start = mine + (cell[0] * dims[2] + cell[1]) * dims[3] + cell[2]
+        scatter(momentum, start, dims[3], dims[2] * dims[3], w, q, column(A, 0, dx), column(A, 1, dx), column(A, 2, dx), cuda)
         return cell
 
     @ti.func
     def update_node(momentum: ti.template(), velocity: ti.template(), contact: ti.template(), coefficients: ti.template(), numbers: ti.template(),
                     dims: ti.template(), spans: ti.template(), i, j, k, slices):  # fmt: skip
-        o = 4 * ((i * dims[2] + j) * dims[3] + k)
-        q = total(momentum, spans, i, o, 4 * dims[1] * dims[2] * dims[3], slices, cuda)
+        o = (i * dims[2] + j) * dims[3] + k
+        q = total(momentum, spans, i, o, dims[1] * dims[2] * dims[3], slices, cuda)
         u = ti.Vector.zero(float, 3)
         if q[3] > numbers[7]:
             u = ti.Vector([q[0], q[1], q[2]]) / q[3] + numbers[2] * vector(numbers, 4)
@@ -157,11 +157,10 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
             store(contact, 3 * ((i * (1 - dims[5]) + j) * dims[3] + k), u)
             g = GroundEvaluation(laws, [u[0], u[1], u[2]], coefficients)
             u = ti.Vector(g.velocity)
-        store(velocity, o, u)
-        velocity[o + 3] = q[3]
+        velocity[o] = with_fourth(u, q[3])
 
     @ti.kernel
-    def forward(before: Reals, now: Reals, ahead: Reals, velocity_in: Reals, velocity_out: Reals, contact: Reals, momentum: Reals, constants: Reals,
+    def forward(before: Reals, now: Reals, ahead: Reals, velocity_in: Nodes, velocity_out: Nodes, contact: Reals, momentum: Nodes, constants: Reals,
                 numbers: Reals, dims: Ints, spans: Ints, status: Ints, slices: int, chunk: int, substep: int, finish: int, begin: int, keep_all: int):  # fmt: skip
         if ti.static(cuda):
             ti.loop_config(block_dim=128)
@@ -169,7 +168,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
             ti.loop_config(parallelize=threads, block_dim=1)
         for t in range(slices):
             dx, inv_dx, dt = numbers[0], numbers[1], numbers[2]
-            row, plane = 4 * dims[3], 4 * dims[2] * dims[3]
+            row, plane = dims[3], dims[2] * dims[3]
             coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
             low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
             mine = 0
@@ -182,7 +181,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 if finish == 1:
                     first, f, w, _dw = stencil(x, inv_dx)
                     cell = inside(first, dims, status, substep - 1)
-                    m, mi, mj, mk = gather(velocity_in, (cell[0] * plane) + cell[1] * row + 4 * cell[2], row, plane, w)
+                    m, mi, mj, mk = gather(velocity_in, cell[0] * plane + cell[1] * row + cell[2], row, plane, w)
                     v = ti.Vector([m[0], m[1], m[2]])
                     for a in ti.static(range(3)):
                         C[a, 0] = 4.0 * inv_dx * (mi[a] - v[a] * f[0])
@@ -224,10 +223,10 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                             numbers: ti.template(), dims: ti.template(), status: ti.template(), mine, substep):  # fmt: skip
         """Adjoint of G2P and of the motion of one particle; returns the adjoint of its position before, and its first node."""
         dx, inv_dx, dt = numbers[0], numbers[1], numbers[2]
-        row, plane = 4 * dims[3], 4 * dims[2] * dims[3]
+        row, plane = dims[3], dims[2] * dims[3]
         first, f, w, dw = stencil(vector(before, STATE * p), inv_dx)
         cell = inside(first, dims, status, substep)
-        start = cell[0] * plane + cell[1] * row + 4 * cell[2]
+        start = cell[0] * plane + cell[1] * row + cell[2]
         a = gv + dt * gx
         B = (4.0 * inv_dx) * gC
         q, qi, qj, qk = with_fourth(a - B @ f, 0.0), column(B, 0, 1.0), column(B, 1, 1.0), column(B, 2, 1.0)
@@ -239,9 +238,10 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     def update_node_adjoint(momentum: ti.template(), velocity: ti.template(), contact: ti.template(), node: ti.template(), coefficients: ti.template(),
                             numbers: ti.template(), dims: ti.template(), spans: ti.template(), i, j, k, slices):  # fmt: skip
         """Adjoint of the grid update at one node; returns the adjoints of the coefficients of the ground."""
-        o = 4 * ((i * dims[2] + j) * dims[3] + k)
-        q = total(momentum, spans, i, o, 4 * dims[1] * dims[2] * dims[3], slices, cuda)
-        g, u, mass = ti.Vector([q[0], q[1], q[2]]), vector(velocity, o), velocity[o + 3]
+        o = (i * dims[2] + j) * dims[3] + k
+        q = total(momentum, spans, i, o, dims[1] * dims[2] * dims[3], slices, cuda)
+        known = velocity[o]
+        g, u, mass = ti.Vector([q[0], q[1], q[2]]), ti.Vector([known[0], known[1], known[2]]), known[3]
         of_coefficients = ti.Vector.zero(ti.f64, P)
         if j + dims[5] <= 0:
             u = vector(contact, 3 * ((i * (1 - dims[5]) + j) * dims[3] + k))
@@ -253,12 +253,11 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         if mass > numbers[7]:
             h = g / mass
             out = with_fourth(h, -h.dot(u - numbers[2] * vector(numbers, 4)))
-        for c in ti.static(range(4)):
-            node[o + c] = out[c]
+        node[o] = out
         return of_coefficients
 
     @ti.kernel
-    def adjoint(now: Reals, before: Reals, gradient: Reals, node: Reals, velocity: Reals, contact: Reals, momentum: Reals, constants: Reals,
+    def adjoint(now: Reals, before: Reals, gradient: Reals, node: Nodes, velocity: Nodes, contact: Reals, momentum: Nodes, constants: Reals,
                 of_constants: Reals, numbers: Reals, of_coefficients: Doubles, dims: Ints, spans: Ints, status: Ints, slices: int, chunk: int,
                 substep: int, begun: int, finished: int):  # fmt: skip
         if ti.static(cuda):
@@ -267,7 +266,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
             ti.loop_config(parallelize=threads, block_dim=1)
         for t in range(slices):
             dx, inv_dx, dt, volume = numbers[0], numbers[1], numbers[2], numbers[3]
-            row, plane = 4 * dims[3], 4 * dims[2] * dims[3]
+            row, plane = dims[3], dims[2] * dims[3]
             coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
             low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
             mine = 0
@@ -286,7 +285,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                                    [constants[oc + 2 + a] for a in ti.static(range(3))], [v[0], v[1], v[2]],
                                    numbers[8] + dt * substep, dt, mass, volume, constants[oc + 1], coefficients)  # fmt: skip
                     A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
-                    m, mi, mj, mk, slope = gather_adjoint(node, cell[0] * plane + cell[1] * row + 4 * cell[2], row, plane, w, dw,
+                    m, mi, mj, mk, slope = gather_adjoint(node, cell[0] * plane + cell[1] * row + cell[2], row, plane, w, dw,
                                                           with_fourth(mass * u - A @ (f * dx), mass),
                                                           column(A, 0, dx), column(A, 1, dx), column(A, 2, dx))  # fmt: skip
                     h = ti.Vector([m[0], m[1], m[2]])

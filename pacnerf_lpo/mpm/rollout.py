@@ -80,7 +80,7 @@ class Run:
         self._slices = self.particles if engine._cuda else engine._slices
         self._chunk = -(-self.particles // self._slices)
         self._spans = torch.zeros(6 * engine._slices, dtype=torch.int32, device=state.device)
-        self._momentum = state.new_zeros(0)
+        self._momentum = state.new_zeros(0, 4)
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
@@ -143,9 +143,9 @@ class Run:
         step(now=x[0], substep=0, begun=1, finished=0)
 
     def _common(self, index: int, grid: Grid) -> tuple[dict, Tensor]:
-        wanted = 4 * grid.nodes * self._engine._slices
-        if self._momentum.numel() < wanted:
-            self._momentum = self.state.new_zeros(wanted * 5 // 4)
+        wanted = grid.nodes * self._engine._slices
+        if len(self._momentum) < wanted:
+            self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
         self._numbers[8] = index * self._engine.frame_dt
         self._dims = torch.tensor([self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device)
         self._status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=self.state.device)

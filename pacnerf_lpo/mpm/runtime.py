@@ -22,6 +22,8 @@ from taichi.lang import impl
 
 REAL = {"f32": ti.f32, "f64": ti.f64}
 TORCH_REAL = {"f32": torch.float32, "f64": torch.float64}
+OPTIONS: dict[str, Any] = {"fast_math": False, "offline_cache": True, "real_matrix_scalarize": False}
+"""Vectors stay vectors down to LLVM: a 4-vector of a node is one SIMD register."""
 _started: dict[str, Any] = {}
 
 
@@ -43,7 +45,7 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
         count = threads or int(os.environ.get("PACNERF_LPO_THREADS", 0)) or torch.get_num_threads()
         arch = ti.cuda if kind == "cuda" else ti.cpu
         with contextlib.redirect_stdout(io.StringIO()):
-            ti.init(arch=arch, cpu_max_num_threads=count, fast_math=False, offline_cache=True, log_level=ti.ERROR)
+            ti.init(arch=arch, cpu_max_num_threads=count, log_level=ti.ERROR, **OPTIONS)
         _started.update(kind=kind, threads=count if kind == "cpu" else 1)
     if kind != _started["kind"]:
         raise UserInputError(
@@ -78,7 +80,7 @@ class Launcher:
     """A kernel with its arguments bound: a launch sets only those that change (Taichi's own call costs 10 times more).
 
     Args:
-        kernel: a ``ti.kernel`` whose parameters are 1-D arrays (contiguous torch tensors) and numbers.
+        kernel: a ``ti.kernel`` whose parameters are 1-D arrays of numbers or vectors (contiguous torch tensors), and numbers.
         dtype: ``"f32"`` or ``"f64"``, the type of decimal constants inside the kernel.
     """
 
@@ -115,7 +117,7 @@ class Launcher:
     def _set(self, index: tuple[int], value: Any) -> None:
         if isinstance(value, Tensor):
             size = value.element_size() * value.numel()
-            self._context.set_arg_external_array_with_shape(index, value.data_ptr(), size, tuple(value.shape), 0)
+            self._context.set_arg_external_array_with_shape(index, value.data_ptr(), size, (len(value),), 0)
         elif isinstance(value, int):
             self._context.set_arg_int(index, value)
         else:

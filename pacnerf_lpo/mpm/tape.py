@@ -51,7 +51,7 @@ class Tape:
     """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
 
     states: S + 1 views, [(N * 24,)] each
-    velocities: S views, four numbers per node: velocity [m/s] and mass [kg]
+    velocities: S views [(nodes, 4)]: velocity [m/s] and mass [kg]
     contacts: S views, velocity before the ground of every node at y <= 0 [m/s]
     """
 
@@ -71,7 +71,7 @@ class Tape:
             self._buffer = self._buffer.new_empty(slots * sum(sizes) * 5 // 4)
         velocities, contacts = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
         repeat = self._substeps // slots
-        self.velocities = list(velocities.view(slots, -1)) * repeat
+        self.velocities = list(velocities.view(slots, -1, 4)) * repeat
         self.contacts = list(contacts.view(slots, -1)) * repeat
 
     @staticmethod
