@@ -25,7 +25,7 @@ class Log10:
     """value = 10**free, for positive quantities spanning decades (moduli, viscosities)."""
 
     def to_free(self, value: float) -> float:
-        return math.log10(value)
+        return math.log10(value) if value > 0 else -math.inf
 
     def to_physical(self, free: Tensor) -> Tensor:
         return 10.0**free
