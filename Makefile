@@ -15,7 +15,7 @@ demo: $(INSTALLED)
 	@echo "$(abspath $(RUN))/report.html"
 
 test: lint
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q --numprocesses 2
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

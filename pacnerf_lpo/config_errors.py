@@ -136,6 +136,7 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
 
 def _concrete_subclasses(base: type) -> list[type]:
     found = [] if inspect.isabstract(base) else [base]
-    for child in type.__subclasses__(base):
+    children: list[type] = type.__subclasses__(base)
+    for child in children:
         found += _concrete_subclasses(child)
     return found
