@@ -35,11 +35,6 @@ class Prediction:
     positions: np.ndarray
     images: np.ndarray
 
-    @property
-    def lowest(self) -> np.ndarray:
-        """Height of the lowest particle over the ground at each frame [m, (F,)]."""
-        return np.asarray(self.positions[..., 1].min(axis=1))
-
 
 def predict(run: Run, stage: Stage) -> Prediction:
     """Simulate and render a phase, or read it where that was done before.

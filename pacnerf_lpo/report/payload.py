@@ -16,6 +16,7 @@ from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quan
 from pacnerf_lpo.report.quantities import symbol
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.types import ParticleState
 
 IMAGE_BUDGET = 6_500_000
 LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
@@ -62,7 +63,11 @@ def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = No
         ],
         "frames": list(video.frame_ids),
         "times": [round(time, 5) for time in video.times.tolist()],
-        "contact": contact_frame(prediction.lowest, last.state.spacing, last.state.physics.get("ground_height", 0.0)),
+        "contact": contact_frame(
+            prediction.positions[:, visible_particles(last.state), 1].min(axis=1),
+            last.state.spacing,
+            last.state.physics.get("ground_height", 0.0),
+        ),
         "images": build_images(run, stages),
         "residuals": [_residuals(results, stage) for stage in stages],
         "particles": build_particles(last, prediction),
@@ -108,8 +113,7 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
 def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
     """Positions at every frame (16 bit) and colours (8 bit) of at most 10,000 particles that can be seen."""
     positions = np.asarray(prediction.positions)
-    opacity = alpha(stage.state.density, 1.0)
-    visible = torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
+    visible = visible_particles(stage.state)
     chosen = np.random.default_rng(0).permutation(visible)[:MAX_PARTICLES]
     colours = to_bytes(StateRenderer(stage.state).particle_colours())[chosen]
     integers, lower, extent = quantised(positions[:, chosen])
@@ -123,6 +127,12 @@ def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
         "colours": base64_array(colours),
         "radius": 0.31 * stage.state.spacing * (len(visible) / len(chosen)) ** (1 / 3),
     }
+
+
+def visible_particles(state: ParticleState) -> np.ndarray:
+    """Indices of the particles at least 0.3 times as opaque as the most opaque one; the others are next to massless."""
+    opacity = alpha(state.density, 1.0)
+    return torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
 
 
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any], truth: Truth | None) -> dict[str, Any]:

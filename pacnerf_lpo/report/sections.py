@@ -124,17 +124,17 @@ def _truth_cells(error: Mapping[str, Any] | None, unit: str) -> str:
 
 def _velocity_row(phase: Mapping[str, Any], with_truth: bool) -> str:
     row = (
-        "<tr><td class=name><i>v<sub>0</sub></i> <span>initial velocity</span></td><td></td><td></td>"
+        "<tr><td class=name><i>v<sub>0</sub></i> <span>initial velocity [m/s]</span></td><td></td><td></td>"
         f"<td class=strong>{_vector(phase['velocity'])}</td>"
     )
     if with_truth:
         error = phase.get("velocity_error")
-        row += f"<td>{_vector(error['true'])}</td><td>{error['error']:.3f} m/s</td>" if error else "<td></td><td></td>"
+        row += f"<td>{_vector(error['true'])}</td><td>{error['error']:.3f}</td>" if error else "<td></td><td></td>"
     return f"{row}</tr>"
 
 
 def _vector(components: Sequence[float]) -> str:
-    return "({:.2f}, {:.2f}, {:.2f}) m/s".format(*(round(value, 2) + 0.0 for value in components)).replace(
+    return "({:.2f}, {:.2f}, {:.2f})".format(*(round(value, 2) + 0.0 for value in components)).replace(
         "-", "\N{MINUS SIGN}"
     )
 

@@ -70,7 +70,7 @@ def test_first_screen_says_what_was_recovered_and_how_good_it_is(page):
         "30 kPa",
         "100 kPa",
         "0.013 in log10",
-        "(0.00, \N{MINUS SIGN}0.50, 0.00) m/s",
+        "(0.00, \N{MINUS SIGN}0.50, 0.00)",
         "PSNR, held-out views",
     ):
         assert text in head

@@ -21,7 +21,7 @@ function logTicks(low, high) {
     for (const m of high - low > 2.5 ? [1] : [1, 2, 5]) found.push(d + Math.log10(m));
   const inside = found.filter((t) => t >= low - 1e-9 && t <= high + 1e-9);
   if (inside.length > 7) return inside.filter((_, i) => i % Math.ceil(inside.length / 6) === 0);
-  return inside.length >= 2 ? inside : ticks(low, high, 3);
+  return inside.length >= 2 ? inside : ticks(10 ** low, 10 ** high, 3).map(Math.log10);
 }
 
 /* Lines over a common x axis.
