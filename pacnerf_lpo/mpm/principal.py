@@ -42,7 +42,7 @@ def symmetric_eigen(b):
         half = 0.5 * S.determinant()
         r = ti.min(ti.abs(half), 1.0)
         c = 0.8660254 + r * (0.1655 - 0.0316 * r)
-        for _ in ti.static(range(3)):
+        for _ in ti.static(range(3 if compiling_double() else 2)):
             c -= (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0)
         distinct = 2.0 * c
         if half < 0.0:
@@ -74,33 +74,6 @@ def symmetric_eigen(b):
     return values, U
 
 
-@ti.func
-def product(a, b):
-    return a @ b
-
-
-@ti.func
-def left_cauchy_green(F):
-    return F @ F.transpose()
-
-
-@ti.func
-def rotated(U, a):
-    """U a Uᵀ."""
-    return U @ a @ U.transpose()
-
-
-@ti.func
-def unrotated(U, a):
-    """Uᵀ a U."""
-    return U.transpose() @ a @ U
-
-
-@ti.func
-def product_transposed(a, b):
-    return a @ b.transpose()
-
-
 def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
     """New deformation gradient and Kirchhoff stress [Pa] of an isotropic law given in principal log-strains.
 
@@ -111,39 +84,44 @@ def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
         mapping: the law, see :data:`ReturnMap`; it may use any number of the local law.
     """
     record: Record = F[0][0].record
-    flat_F = [a for row in F for a in row]
-    plain_F = _matrix([plain(a) for a in flat_F])
-    values, U = (keep(x) for x in symmetric_eigen(left_cauchy_green(plain_F)))
-    beta = [keep(ti.max(x, SMALLEST_BETA)) for x in components(values)]
+    f = [[plain(a) for a in row] for row in F]
+    values, vectors = symmetric_eigen(ti.Matrix(_symmetric(lambda i, j: _dot(f[i], f[j]))))
+    U, beta = entries(keep(vectors)), [keep(ti.max(x, SMALLEST_BETA)) for x in components(keep(values))]
+    columns = _transposed(U)
+    across: dict[tuple[int, int], Any] = {}
 
     def strain_adjoint(g: list) -> list:
-        along = _diagonal([0.0 if g[i] is None else g[i] / beta[i] for i in AXES])
-        return _flat(product(rotated(U, along), plain_F))
+        along = [0.0 if g[i] is None else 0.5 * g[i] / beta[i] for i in AXES]
+        middle = _symmetric(lambda i, j: along[i] if i == j else across.get((i, j), 0.0))
+        of_b = _symmetric(_rotation(U, middle))
+        return [2.0 * a for a in _flat(_product(of_b, f))]
 
-    strain = record.step([0.5 * ti.log(x) for x in beta], flat_F, strain_adjoint)
+    strain = record.step([0.5 * ti.log(x) for x in beta], [a for row in F for a in row], strain_adjoint)
 
     def floored(e: list[Any]) -> tuple[list[Any], list[Any]]:
         return mapping([maximum(x, LOG_SMALLEST_STRETCH) for x in e])
 
     new, stress = floored(strain)
     ratio = [exp(new[i] - strain[i]) for i in AXES]
-    R, tau = (keep(rotated(U, _diagonal([plain(x) for x in g]))) for g in (ratio, stress))
+    R, tau = (_symmetric(_spectrum(U, [plain(x) for x in g])) for g in (ratio, stress))
 
     def adjoint(g: list) -> list:
-        """Adjoints of F, of the three ratios and of the three stresses, from those of F_new and tau."""
-        of_new, of_tau = _matrix(g[:9]), _matrix(g[9:])
-        of_R = entries(unrotated(U, product_transposed(of_new, plain_F)))
-        of_T = entries(unrotated(U, of_tau))
-        across = [[0.0] * 3 for _ in AXES]
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            slope_R, slope_T = _divided_differences(floored, [x.value for x in strain], i, j)
-            half = 0.5 * ((of_R[i][j] + of_R[j][i]) * slope_R + (of_T[i][j] + of_T[j][i]) * slope_T)
-            across[i][j] = across[j][i] = keep(half)
-        by_axes = product(rotated(U, ti.Matrix(across)), plain_F)
-        of_F = [a + 2.0 * b for a, b in zip(_flat(product(R, of_new)), _flat(by_axes), strict=True)]
-        return [*of_F, *(of_R[i][i] for i in AXES), *(of_T[i][i] for i in AXES)]
+        """Adjoints of F, of the three ratios and of the three stresses, from those of F_new and tau.
 
-    flat = record.step([*_flat(product(R, plain_F)), *_flat(tau)], [*flat_F, *ratio, *stress], adjoint)
+        What rotates the axes is left in ``across`` for the adjoint of the strains, which comes next.
+        """
+        g = [0.0 if x is None else x for x in g]
+        of_new, of_tau = [g[0:3], g[3:6], g[6:9]], g[9:]
+        of_R = _symmetric(lambda i, j: 0.5 * (_dot(of_new[i], f[j]) + _dot(of_new[j], f[i])))
+        of_T = _symmetric(lambda i, j: 0.5 * (of_tau[3 * i + j] + of_tau[3 * j + i]))
+        of_R, of_T = (_symmetric(_rotation(columns, a)) for a in (of_R, of_T))
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            slope_R, slope_T = _divided_differences(floored, [x.value for x in strain], i, j)
+            across[i, j] = keep(of_R[i][j] * slope_R + of_T[i][j] * slope_T)
+        return [*_flat(_product(R, of_new)), *(of_R[i][i] for i in AXES), *(of_T[i][i] for i in AXES)]
+
+    outputs, operands = [*_flat(_product(R, f)), *_flat(tau)], [*(a for row in F for a in row), *ratio, *stress]
+    flat = record.step(outputs, operands, adjoint)
     return [flat[0:3], flat[3:6], flat[6:9]], [flat[9:12], flat[12:15], flat[15:18]]
 
 
@@ -161,14 +139,36 @@ def _divided_differences(mapping: ReturnMap, e: list, i: int, j: int) -> tuple[A
     return keep((ratio_i - ratio_j) * by_beta), keep((plain(stress[i]) - plain(stress[j])) * by_beta)
 
 
-def _diagonal(x: list) -> Any:
-    return ti.Matrix([[x[0], 0.0, 0.0], [0.0, x[1], 0.0], [0.0, 0.0, x[2]]])
+def _dot(a: list, b: list) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _matrix(flat: list) -> Any:
-    filled = [0.0 if x is None else x for x in flat]
-    return keep(ti.Matrix([filled[0:3], filled[3:6], filled[6:9]]))
+def _symmetric(entry: Callable[[int, int], Any]) -> Tensor3:
+    """The symmetric tensor with these entries on and above the diagonal."""
+    upper = {(i, j): keep(entry(i, j)) for i in AXES for j in range(i, 3)}
+    return [[upper[min(i, j), max(i, j)] for j in AXES] for i in AXES]
 
 
-def _flat(matrix: Any) -> list:
-    return [x for row in entries(keep(matrix)) for x in row]
+def _spectrum(U: Tensor3, values: list) -> Callable[[int, int], Any]:
+    """Entries of U diag(values) Uᵀ."""
+    scaled = [[keep(U[i][k] * values[k]) for k in AXES] for i in AXES]
+    return lambda i, j: _dot(scaled[i], U[j])
+
+
+def _rotation(U: Tensor3, a: Tensor3) -> Callable[[int, int], Any]:
+    """Entries of U a Uᵀ for symmetric a."""
+    left = [[keep(_dot(U[i], a[k])) for k in AXES] for i in AXES]
+    return lambda i, j: _dot(left[i], U[j])
+
+
+def _product(a: Tensor3, b: Tensor3) -> Tensor3:
+    columns = _transposed(b)
+    return [[keep(_dot(a[i], columns[j])) for j in AXES] for i in AXES]
+
+
+def _transposed(a: Tensor3) -> Tensor3:
+    return [[a[j][i] for j in AXES] for i in AXES]
+
+
+def _flat(a: Tensor3) -> list:
+    return [x for row in a for x in row]

@@ -22,7 +22,7 @@ from taichi.lang import impl
 
 REAL = {"f32": ti.f32, "f64": ti.f64}
 TORCH_REAL = {"f32": torch.float32, "f64": torch.float64}
-OPTIONS: dict[str, Any] = {"fast_math": False, "offline_cache": True, "real_matrix_scalarize": False}
+OPTIONS: dict[str, Any] = {"fast_math": False, "real_matrix_scalarize": False}
 """Vectors stay vectors down to LLVM: a 4-vector of a node is one SIMD register."""
 _started: dict[str, Any] = {}
 

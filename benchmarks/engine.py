@@ -1,0 +1,183 @@
+"""The engine's speed, memory and compile time for every material, beside a yardstick run at the same time.
+
+    python benchmarks/engine.py [--out benchmarks/results/engine.md] [--yardstick ../shared/engine_trial.py] [--rounds 3]
+
+Every measurement runs in its own process. Times are quoted twice: by the clock, and as processor time of one thread, which other
+programs on the machine disturb less; ratios against the yardstick compare runs that alternate.
+"""
+
+import argparse
+import json
+import os
+import platform
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+
+MATERIALS = {
+    "NeoHookean": {"E": 1e6, "nu": 0.3},
+    "Newtonian": {"mu": 200.0, "kappa": 1e5},
+    "VonMises": {"E": 1e6, "nu": 0.3, "tau_y": 1e4},
+    "ViscoplasticVonMises": {"mu": 1e4, "kappa": 1e6, "tau_y": 3e3, "eta": 10.0},
+    "DruckerPrager": {"theta": 40.0, "E": 1e6, "nu": 0.3},
+}
+DX, RATE, SUBSTEPS = 0.04, 4800, 80
+FLOPS = {"forward": 1500.0, "backward": 4100.0}
+"""Floating-point operations per elastic particle and substep, counted from transfer.py and the neo-Hookean law: forward gather
+and scatter 9 x (13 + 11) vector operations of 4, law 250; backward one scatter and two gathers 9 x (11 + 24 + 30), law 700."""
+BYTES = {"forward": 4 * (24 + 24 + 15), "backward": 4 * (24 + 24 + 24 + 15)}
+"""Memory traffic per particle and substep that no cache can save: states read and written once [bytes]."""
+
+
+def block(particles: int) -> torch.Tensor:
+    """A jittered cube of particles above the ground, 8 per cell, ordered by cell [m, (N, 3)]."""
+    side = round(particles ** (1 / 3))
+    axis = torch.arange(side) + 0.5
+    noise = torch.randn(side**3, 3, generator=torch.Generator().manual_seed(0))
+    positions = (torch.cartesian_prod(axis, axis, axis) + 0.2 * noise) * DX / 2
+    return positions + torch.tensor([0.0, 0.05, 0.0])
+
+
+def scene(name: str, particles: int, substeps: int, frames: int) -> Callable[[], torch.Tensor]:
+    """A rollout of a block thrown down at 1 m/s, differentiable in its material parameters."""
+    from pacnerf_lpo.mpm import materials
+    from pacnerf_lpo.mpm.simulator import Simulator
+
+    positions = block(particles)
+    velocity = torch.tensor([0.0, -1.0, 0.0]).expand_as(positions)
+    ones = torch.ones(len(positions))
+    material = getattr(materials, name)(**MATERIALS[name])
+    simulator = Simulator(material, dx=DX, substeps=substeps, frame_dt=substeps / RATE)
+    parameters = {key: torch.tensor(value, requires_grad=True) for key, value in material.guess.items()}
+    return lambda: simulator(positions, velocity, 1000 * (DX / 2) ** 3 * ones, ones, parameters, frames)
+
+
+def timed(action: Callable[[], object]) -> tuple[float, float]:
+    """Seconds by the clock and of processor time."""
+    clock, processor = time.perf_counter(), time.process_time()
+    action()
+    return time.perf_counter() - clock, time.process_time() - processor
+
+
+def measure(name: str, particles: int) -> dict[str, float]:
+    """Compile times and ms per substep of one material; best of five for each."""
+    rollout = scene(name, particles, SUBSTEPS, 2)
+    with torch.no_grad():
+        compile_forward = timed(rollout)
+    compile_both = timed(lambda: rollout()[-1].sum().backward())
+    best: dict[str, tuple[float, float]] = {}
+
+    def keep(key: str, seconds: tuple[float, float]) -> None:
+        old = best.get(key, seconds)
+        best[key] = min(old[0], seconds[0]), min(old[1], seconds[1])
+
+    for _ in range(5):
+        with torch.no_grad():
+            keep("forward", timed(rollout))
+        held: list[torch.Tensor] = []
+        keep("recording", timed(lambda held=held: held.append(rollout())))
+        keep("backward", timed(lambda held=held: held[0][-1].sum().backward()))
+    result = {"jit_s": compile_forward[0] + compile_both[0], "jit_cpu_s": compile_forward[1] + compile_both[1]}
+    for key, (clock, processor) in best.items():
+        result[f"{key}_ms"], result[f"{key}_cpu_ms"] = 1e3 * clock / SUBSTEPS, 1e3 * processor / SUBSTEPS
+    return result
+
+
+def peak_memory() -> dict[str, float]:
+    """Peak resident memory of 14 frames x 200 substeps x 25,000 particles, forward and backward [GB]."""
+    rollout = scene("NeoHookean", 29**3, 200, 14)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seconds = timed(lambda: rollout()[-1].sum().backward())
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"peak_gb": peak / 1e6, "before_gb": before / 1e6, "seconds": seconds[0], "cpu_seconds": seconds[1]}
+
+
+def child(arguments: list[str], threads: int, cache: bool) -> str:
+    """Standard output of a Python process with so many threads, with or without Taichi's cache of compiled kernels."""
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "TI_OFFLINE_CACHE": str(int(cache))}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[1])
+    return subprocess.run([sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def yardstick(path: Path, threads: int, processor_time: bool) -> dict[str, float]:
+    """The trial's figures; with ``processor_time`` from a copy of it that reads the processor's clock."""
+    source = path.read_text()
+    with tempfile.NamedTemporaryFile("w", suffix=".py") as copy:
+        copy.write(source.replace("perf_counter", "process_time") if processor_time else source)
+        copy.flush()
+        text = child([copy.name, "--threads", str(threads)], threads, cache=False)
+    forward, backward = (float(re.search(rf"{key} ([\d.]+) ms", text)[1]) for key in ("forward", "backward"))
+    fma, copied = re.search(r"FMA ([\d.]+) Gflop/s, copy ([\d.]+) GB/s", text).groups()
+    return {"forward": forward, "backward": backward, "fma": float(fma), "copy": float(copied)}
+
+
+def report(results: dict) -> str:
+    """The results as a markdown page."""
+    lines = ["# Engine", "", f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}.", ""]
+    lines += ["`python benchmarks/engine.py --out benchmarks/results/engine.md` wrote this page.", ""]
+    lines += ["| material | forward | recording | backward | backward/forward | all/elastic | first backward ready |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    elastic = sum(results["one"]["NeoHookean"][f"{key}_cpu_ms"] for key in ("recording", "backward"))
+    for name, r in results["one"].items():
+        both = r["recording_cpu_ms"] + r["backward_cpu_ms"]
+        lines.append(
+            f"| {name} | {r['forward_cpu_ms']:.2f} | {r['recording_cpu_ms']:.2f} | {r['backward_cpu_ms']:.2f} "
+            f"| {r['backward_cpu_ms'] / r['recording_cpu_ms']:.2f} | {both / elastic:.2f} | {r['jit_cpu_s']:.1f} s |"
+        )
+    lines += ["", "ms per substep, processor time of one thread; JIT without cache, forward and backward kernel together.", ""]
+    for title, key in (("One thread, processor time", "one"), ("Two threads, clock", "two")):
+        kind = "cpu_ms" if key == "one" else "ms"
+        for run, trial in zip(results[f"{key}_rounds"], results[f"{key}_yardstick"], strict=True):
+            own = run[f"recording_{kind}"] + run[f"backward_{kind}"]
+            theirs = trial["forward"] + trial["backward"]
+            gflops = 8e3 * FLOPS["forward"] / run[f"recording_{kind}"] / 1e6, 8e3 * FLOPS["backward"] / run[f"backward_{kind}"] / 1e6
+            gbytes = 8e3 * BYTES["forward"] / run[f"recording_{kind}"] / 1e6, 8e3 * BYTES["backward"] / run[f"backward_{kind}"] / 1e6
+            lines.append(
+                f"- {title}: elastic forward + backward {run[f'recording_{kind}']:.2f} + {run[f'backward_{kind}']:.2f} ms, trial "
+                f"{trial['forward']:.2f} + {trial['backward']:.2f} ms: **{theirs / own:.2f} x faster**. Achieved {gflops[0]:.1f} / "
+                f"{gflops[1]:.1f} Gflop/s and {gbytes[0]:.1f} / {gbytes[1]:.1f} GB/s (machine: FMA {trial['fma']:.1f} Gflop/s, copy "
+                f"{trial['copy']:.1f} GB/s, as the trial measures them)."
+            )
+    m = results["memory"]
+    lines += ["", f"14 frames x 200 substeps x {29**3:,} particles, forward and backward: peak {m['peak_gb']:.2f} GB resident "
+              f"({m['before_gb']:.2f} GB of it before), {m['seconds']:.0f} s ({m['cpu_seconds']:.0f} s of processor time)."]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, help="markdown page to write; the numbers go beside it as JSON")
+    parser.add_argument("--yardstick", type=Path, default=Path("../shared/engine_trial.py"))
+    parser.add_argument("--rounds", type=int, default=3, help="alternations with the yardstick")
+    parser.add_argument("--only", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.only:
+        print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, 8000)))
+        return
+    results: dict = {"machine": f"{platform.machine()}, {os.cpu_count()} cores", "date": time.strftime("%Y-%m-%d")}
+    own = [__file__, "--only"]
+    results["one"] = {name: json.loads(child([*own, name], 1, cache=False)) for name in MATERIALS}
+    for key, threads in (("one", 1), ("two", 2)):
+        results[f"{key}_rounds"], results[f"{key}_yardstick"] = [], []
+        for _ in range(options.rounds if options.yardstick.exists() else 0):
+            results[f"{key}_rounds"].append(json.loads(child([*own, "NeoHookean"], threads, cache=True)))
+            results[f"{key}_yardstick"].append(yardstick(options.yardstick, threads, processor_time=key == "one"))
+    results["memory"] = json.loads(child([*own, "memory"], 2, cache=True))
+    page = report(results)
+    print(page)
+    if options.out:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(page)
+        options.out.with_suffix(".json").write_text(json.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
