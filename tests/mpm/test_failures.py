@@ -11,7 +11,7 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.ground import Separate
 from tests.mpm.engine import Setup, run_engine, simulate
-from tests.mpm.scenes import BY_LAW, block
+from tests.mpm.scenes import BY_NAME, block
 
 pytestmark = pytest.mark.usefixtures("small_threads")
 SETUP = Setup("NeoHookean")
@@ -67,33 +67,43 @@ def test_particle_leaving_the_grid():
 
 
 def test_unknown_and_missing_parameters():
-    particles, values = vars(block()), BY_LAW["NeoHookean"].tensors()
+    particles, values = vars(block()), BY_NAME["NeoHookean"].tensors()
     with pytest.raises(UserInputError, match="young"):
         run_engine(SETUP, particles, {**values, "young": values["E"]}, {})
     with pytest.raises(UserInputError, match="nu"):
         run_engine(SETUP, particles, {"E": values["E"]}, {})
 
 
-@pytest.mark.parametrize(("name", "wrong"), [("positions", (96, 2)), ("velocity", (3,)), ("mass", (95,)), ("stiffness", (96, 1))])
+@pytest.mark.parametrize(
+    ("name", "wrong"), [("positions", (96, 2)), ("velocity", (3,)), ("mass", (95,)), ("stiffness", (96, 1))]
+)
 def test_wrong_shape_is_named(name, wrong):
     particles = {**vars(block()), name: torch.ones(*wrong, dtype=torch.float64)}
     with pytest.raises(UserInputError, match=name):
-        run_engine(SETUP, particles, BY_LAW["NeoHookean"].tensors(), {})
+        run_engine(SETUP, particles, BY_NAME["NeoHookean"].tensors(), {})
 
 
 def test_no_particles():
     with pytest.raises(UserInputError):
-        run_engine(SETUP, {k: v[:0] for k, v in vars(block()).items()}, BY_LAW["NeoHookean"].tensors(), {})
+        run_engine(SETUP, {k: v[:0] for k, v in vars(block()).items()}, BY_NAME["NeoHookean"].tensors(), {})
 
 
-@pytest.mark.parametrize(("law", "bad"), [
-    ("NeoHookean", {"E": -1.0}), ("NeoHookean", {"nu": 0.5}), ("NeoHookean", {"E": math.nan}), ("Newtonian", {"kappa": 0.0}),
-    ("VonMises", {"tau_y": -5.0}), ("ViscoplasticVonMises", {"eta": -1.0}), ("DruckerPrager", {"theta": 95.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("law", "bad"),
+    [
+        ("NeoHookean", {"E": -1.0}),
+        ("NeoHookean", {"nu": 0.5}),
+        ("NeoHookean", {"E": math.nan}),
+        ("Newtonian", {"kappa": 0.0}),
+        ("VonMises", {"tau_y": -5.0}),
+        ("ViscoplasticVonMises", {"eta": -1.0}),
+        ("DruckerPrager", {"theta": 95.0}),
+    ],
+)
 def test_impossible_guess(law, bad):
     """Named with its unit when the material is made, before anything runs."""
     with pytest.raises(UserInputError, match=next(iter(bad))):
-        getattr(materials, law)(**{**BY_LAW[law].parameters, **bad})
+        getattr(materials, law)(**{**BY_NAME[law].parameters, **bad})
 
 
 def test_unknown_known_parameter():

@@ -1,7 +1,11 @@
 """Trajectories and every gradient of the engine against the twin, and against finite differences, through a contact.
 
-Float64: both sides commit some 1e3 roundings of 1e-16 per substep and drop different nodes of less than 1e-10 kg next to
-particles of 0.1 kg, so 1e-8 relative bounds both with room; float32 is judged by eps = 6e-8 times the same counts.
+Float64: some 1e3 roundings of 1e-16 per substep over 48 substeps, 5e-12. Float32, eps = 6e-8: roundings of random sign
+give eps sqrt(1e3 * 48) = 1.3e-5, and ten times that is allowed for cancellation. Drucker-Prager has corners (the cone,
+its apex), where a rounding changes which branch a particle takes in a substep: a few of 96 particles may, so it is
+held to 1e-2, and to half of that in its bias. The stiff cases are there because an adjoint that treats nearly equal
+stretches (log-strains closer than some h) apart errs by (h / yield strain)^2 on the few particles concerned: h = 1e-5
+and a yield strain of 1e-3 leave less than 1e-6 in float64.
 """
 
 from __future__ import annotations
@@ -14,16 +18,24 @@ import torch
 from torch import Tensor
 
 from tests.mpm.engine import Setup, run_engine
-from tests.mpm.scenes import BY_LAW, block, probe, run_twin, twin_of
+from tests.mpm.scenes import BY_NAME, CASES, STIFF, block, probe, run_twin, twin_of
 
 pytestmark = pytest.mark.usefixtures("small_threads")
 
 SETUPS = {
-    **{law: Setup(law) for law in BY_LAW},
+    **{case.law: Setup(case.law) for case in CASES},
+    **{name: Setup(name, speed=0.1) for name in STIFF},
     "slip and drag": Setup("NeoHookean", ground="slip", drag=3.0),
     "separate": Setup("NeoHookean", ground="separate", friction=0.3),
 }
-TOLERANCE = {"f64": 1e-8, "f32": 2e-3}
+CORNERED = {"DruckerPrager", *STIFF}
+
+
+def tolerance(name: str, dtype: str) -> float:
+    """Relative error allowed; see the head of this file."""
+    if dtype == "f64":
+        return 1e-6 if name in STIFF else 1e-11
+    return 1e-2 if name in CORNERED else 1.5e-4
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,11 @@ class Outcome:
 
 def _inputs(setup: Setup) -> tuple[dict[str, Tensor], dict[str, Tensor], dict[str, Tensor]]:
     """Leaves: particles, material parameters, coefficients of effects and of the ground."""
-    return block().leaves(), BY_LAW[setup.law].tensors(requires_grad=True), setup.coefficients(requires_grad=True)
+    return (
+        block(speed=setup.speed).leaves(),
+        BY_NAME[setup.name].tensors(requires_grad=True),
+        setup.coefficients(requires_grad=True),
+    )
 
 
 def _outcome(trajectory: Tensor, leaves: dict[str, Tensor]) -> Outcome:
@@ -49,8 +65,10 @@ def by_twin(name: str) -> Outcome:
     """Autograd through the twin."""
     setup = SETUPS[name]
     particles, parameters, coefficients = _inputs(setup)
-    twin = twin_of(BY_LAW[setup.law], ground=setup.ground)
-    return _outcome(run_twin(twin, particles, parameters, **coefficients)[0], {**particles, **parameters, **coefficients})
+    twin = twin_of(BY_NAME[setup.name], ground=setup.ground)
+    return _outcome(
+        run_twin(twin, particles, parameters, **coefficients)[0], {**particles, **parameters, **coefficients}
+    )
 
 
 @functools.cache
@@ -64,19 +82,21 @@ def by_engine(name: str, dtype: str) -> Outcome:
 
 def names(setup: Setup) -> list[str]:
     """Every differentiable input of a set-up."""
-    return ["positions", "velocity", "mass", "stiffness", *BY_LAW[setup.law].parameters, *setup.coefficients()]
+    return ["positions", "velocity", "mass", "stiffness", *BY_NAME[setup.name].parameters, *setup.coefficients()]
 
 
-RUNS = [(name, "f64") for name in SETUPS] + [(law, "f32") for law in BY_LAW]
-EACH = [pytest.param(name, dtype, key, id=f"{name}-{dtype}-{key}") for name, dtype in RUNS for key in names(SETUPS[name])]
+RUNS = [(name, "f64") for name in SETUPS] + [(name, "f32") for name in BY_NAME]
+EACH = [
+    pytest.param(name, dtype, key, id=f"{name}-{dtype}-{key}") for name, dtype in RUNS for key in names(SETUPS[name])
+]
 
 
 @pytest.mark.parametrize(("name", "dtype"), RUNS)
 def test_trajectory(name, dtype):
     moved = by_twin(name).trajectory - by_twin(name).trajectory[:1]
     error = (by_engine(name, dtype).trajectory - by_twin(name).trajectory).norm() / moved.norm()
-    assert moved.norm() > 0.05 * len(moved) ** 0.5, "the scene must move for the comparison to mean anything"
-    assert error < {"f64": 1e-10, "f32": 1e-4}[dtype]
+    assert moved.norm() > 0.01, "the scene must move for the comparison to mean anything"
+    assert error < {"f64": 1e-12, "f32": 2e-5}[dtype]
 
 
 @pytest.mark.parametrize(("name", "dtype", "key"), EACH)
@@ -84,13 +104,13 @@ def test_gradient(name, dtype, key):
     mine, truth = by_engine(name, dtype).gradients[key], by_twin(name).gradients[key]
     norm, inner = truth.norm(), (mine * truth).sum()
     assert norm > 0, "the probe must depend on this input"
-    tolerance = TOLERANCE[dtype]
-    assert (mine - truth).norm() / norm < tolerance, "relative L2"
-    assert 1 - inner / (mine.norm() * norm) < tolerance**2 + 1e-14, "cosine"
-    assert abs(inner / norm**2 - 1) < tolerance, "signed bias"
+    allowed = tolerance(name, dtype)
+    assert (mine - truth).norm() / norm < allowed, "relative L2"
+    assert 1 - inner / (mine.norm() * norm) < allowed**2 + 1e-14, "cosine"
+    assert abs(inner / norm**2 - 1) < allowed / 2, "signed bias"
 
 
-@pytest.mark.parametrize("name", SETUPS)
+@pytest.mark.parametrize("name", [name for name in SETUPS if name not in STIFF])
 def test_gradient_equals_finite_differences_through_a_rollout(name):
     """Along a random direction per input in float64: central differences, truncation h^2, rounding 1e-16/h."""
     setup, gradients = SETUPS[name], by_engine(name, "f64").gradients
@@ -108,14 +128,19 @@ def test_gradient_equals_finite_differences_through_a_rollout(name):
 
         slope = (at(h) - at(-h)) / (2 * h)
         expected = (gradients[key] * direction).sum()
-        torch.testing.assert_close(slope, expected, rtol=1e-4, atol=1e-7 * float(gradients[key].norm() * direction.norm()))
+        torch.testing.assert_close(
+            slope, expected, rtol=1e-4, atol=1e-7 * float(gradients[key].norm() * direction.norm())
+        )
 
 
 def test_no_gradient_is_computed_for_inputs_that_need_none():
     setup = SETUPS["NeoHookean"]
-    particles = {k: v.requires_grad_(k == "velocity") for k, v in {k: v.detach() for k, v in block().leaves().items()}.items()}
-    trajectory = run_engine(setup, particles, BY_LAW[setup.law].tensors(), {}, dtype="f64")
+    particles = {
+        k: v.requires_grad_(k == "velocity") for k, v in {k: v.detach() for k, v in block().leaves().items()}.items()
+    }
+    trajectory = run_engine(setup, particles, BY_NAME[setup.name].tensors(), {}, dtype="f64")
     probe(trajectory).backward()
-    torch.testing.assert_close(particles["velocity"].grad, by_engine("NeoHookean", "f64").gradients["velocity"], rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(
+        particles["velocity"].grad, by_engine("NeoHookean", "f64").gradients["velocity"], rtol=1e-12, atol=1e-12
+    )
     assert all(particles[k].grad is None for k in ("positions", "mass", "stiffness"))
-

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from tests.mpm.local_law import EVALUATORS, Evaluator
-from tests.mpm.scenes import BY_LAW, CASES, Case
+from tests.mpm.scenes import BY_NAME, CASES, Case
 from tests.mpm.twin import EYE
 
 pytestmark = pytest.mark.usefixtures("small_threads")
@@ -72,7 +72,9 @@ def test_no_stress_at_rest_and_under_rotation(evaluate, case):
 @pytest.mark.parametrize("squeeze", [0.9, 1.05])
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c.law)
 def test_objectivity_and_isotropy(evaluate, case, squeeze):
-    """tau(R F Q) = R tau(F) R^T and F_new(R F Q) = R F_new Q: a superposed rotation turns the result, a prior one leaves it."""
+    """tau(R F Q) = R tau(F) R^T and F_new(R F Q) = R F_new Q: a superposed rotation turns the result, a prior one
+    leaves it.
+    """
     R, Q = rotation(1), rotation(2)
     F = squeeze * (EYE + 0.08 * torch.roll(EYE, 1, 0) - 0.03 * rotation(4))
     C = 20 * rotation(5) - 5 * EYE
@@ -85,7 +87,7 @@ def test_objectivity_and_isotropy(evaluate, case, squeeze):
 @pytest.mark.parametrize("s", [0.7, 1.4])
 def test_uniaxial_stretch_of_the_neo_hookean_solid(evaluate, s):
     """tau_11 = mu (s^2 - 1) + lambda ln s, tau_22 = tau_33 = lambda ln s."""
-    p = BY_LAW["NeoHookean"].parameters
+    p = BY_NAME["NeoHookean"].parameters
     mu, kappa = moduli(p)
     lam = kappa - 2 * mu / 3
     _, tau = evaluate("NeoHookean", p, stretch(1.0, s, 1.0), NO_FLOW)
@@ -96,7 +98,7 @@ def test_uniaxial_stretch_of_the_neo_hookean_solid(evaluate, s):
 @pytest.mark.parametrize("law", ["VonMises", "ViscoplasticVonMises"])
 def test_uniaxial_stretch_below_yield_is_hencky_elastic(evaluate, law):
     """tau_11 = (2 mu + lambda) ln s, tau_22 = lambda ln s, and the deformation gradient is kept."""
-    p = {**BY_LAW[law].parameters, "tau_y": ELASTIC}
+    p = {**BY_NAME[law].parameters, "tau_y": ELASTIC}
     mu, kappa = moduli(p)
     lam = kappa - 2 * mu / 3
     F = stretch(1.25, 1.0, 1.0)
@@ -133,7 +135,7 @@ def test_stiffness_multiplies_the_moduli(evaluate, case):
 
 def test_newtonian_shear_stress_and_volume(evaluate):
     """tau = mu sym(grad v) at J = 1; J grows by det(I + dt grad v) and stops at 0.05."""
-    p = BY_LAW["Newtonian"].parameters
+    p = BY_NAME["Newtonian"].parameters
     C = torch.zeros(3, 3, dtype=torch.float64)
     C[0, 1] = 7.0
     _, tau = evaluate("Newtonian", p, EYE, C)
@@ -145,8 +147,9 @@ def test_newtonian_shear_stress_and_volume(evaluate):
 
 
 def test_von_mises_yields_at_the_analytic_shear_strain(evaluate):
-    """Pure shear Sigma = (e^a, e^-a, 1): ||s|| = 2 sqrt(2) mu a reaches sqrt(2/3) tau_y at a = tau_y / (2 sqrt(3) mu)."""
-    p = BY_LAW["VonMises"].parameters
+    """Pure shear Sigma = (e^a, e^-a, 1): ||s|| = 2 sqrt(2) mu a reaches sqrt(2/3) tau_y at a = tau_y / (2 sqrt(3) mu).
+    """
+    p = BY_NAME["VonMises"].parameters
     mu, _ = moduli(p)
     onset = p["tau_y"] / (2 * math.sqrt(3) * mu)
     for ratio in (0.5, 0.999999, 1.000001, 3.0):
@@ -160,10 +163,11 @@ def test_von_mises_yields_at_the_analytic_shear_strain(evaluate):
 
 @pytest.mark.parametrize("eta", [0.0, 5.0, 50.0])
 def test_overstress_grows_with_plastic_viscosity(evaluate, eta):
-    """Steady pure shear at rate r: each step adds ||2 mu de|| = 2 sqrt(2) mu r dt to ||s||, and the return map removes y / (1 + eta/(2 mu_hat dt)),
-    so the trial overstress settles at y = 2 sqrt(2) mu r dt + sqrt(2) r eta mu / mu_hat, mu_hat = mu (e^2a + e^-2a + 1)/3 of the trial.
+    """Steady pure shear at rate r: each step adds ||2 mu de|| = 2 sqrt(2) mu r dt to ||s||, and the return map removes
+    y / (1 + eta/(2 mu_hat dt)), so the trial overstress settles at y = 2 sqrt(2) mu r dt + sqrt(2) r eta mu / mu_hat,
+    mu_hat = mu (e^2a + e^-2a + 1)/3 of the trial.
     """
-    p = {**BY_LAW["ViscoplasticVonMises"].parameters, "eta": eta}
+    p = {**BY_NAME["ViscoplasticVonMises"].parameters, "eta": eta}
     mu, rate, dt = p["mu"], 30.0, 1e-4
     F, D = EYE, rate * stretch(1.0, -1.0, 0.0)
     for _ in range(400):
@@ -180,8 +184,10 @@ def test_overstress_grows_with_plastic_viscosity(evaluate, eta):
 
 @pytest.mark.parametrize("theta", [15.0, 30.0, 45.0])
 def test_sand_yields_at_its_friction_angle_in_triaxial_compression(evaluate, theta):
-    """In triaxial compression (sigma_1 <= sigma_2 = sigma_3) the flowing stress obeys (t_1 - t_3) / (t_1 + t_3) = sin theta."""
-    p = {**BY_LAW["DruckerPrager"].parameters, "theta": theta}
+    """In triaxial compression (sigma_1 <= sigma_2 = sigma_3) the flowing stress obeys (t_1 - t_3) / (t_1 + t_3) = sin
+    theta.
+    """
+    p = {**BY_NAME["DruckerPrager"].parameters, "theta": theta}
     F = stretch(math.exp(-0.14), math.exp(0.03), math.exp(0.03))
     new, tau = evaluate("DruckerPrager", p, F, NO_FLOW)
     axial, lateral = -float(tau[0, 0]), -float(tau[2, 2])
@@ -190,7 +196,7 @@ def test_sand_yields_at_its_friction_angle_in_triaxial_compression(evaluate, the
 
 
 def test_sand_is_elastic_inside_the_cone_and_stress_free_under_expansion(evaluate):
-    p = BY_LAW["DruckerPrager"].parameters
+    p = BY_NAME["DruckerPrager"].parameters
     mu, kappa = moduli(p)
     F = stretch(math.exp(-0.101), math.exp(-0.1), math.exp(-0.099))
     new, tau = evaluate("DruckerPrager", p, F, NO_FLOW)
@@ -205,6 +211,6 @@ def test_sand_is_elastic_inside_the_cone_and_stress_free_under_expansion(evaluat
 
 @pytest.mark.parametrize("law", ["VonMises", "ViscoplasticVonMises"])
 def test_stretches_stop_at_one_twentieth(evaluate, law):
-    p = {**BY_LAW[law].parameters, "tau_y": ELASTIC}
+    p = {**BY_NAME[law].parameters, "tau_y": ELASTIC}
     new, _ = evaluate(law, p, stretch(0.01, 1.0, 1.2), NO_FLOW)
     torch.testing.assert_close(new, stretch(0.05, 1.0, 1.2), rtol=0, atol=EXACT)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.mpm.engine import Setup, run_engine
-from tests.mpm.scenes import BY_LAW, block
+from tests.mpm.scenes import BY_NAME, block
 
 STATE_BYTES = 4 * (3 + 3 + 9 + 9)
 """x, v, C, F of one particle in float32."""
@@ -34,14 +34,15 @@ def grown(frames: int, substeps: int, cells: tuple[int, int, int], backward: boo
     leaves = particles.leaves() if backward else vars(particles)
     reset_peak()
     before = peak()
-    trajectory = run_engine(setup, leaves, BY_LAW["NeoHookean"].tensors(), {}, frames=frames, dtype="f32")
+    trajectory = run_engine(setup, leaves, BY_NAME["NeoHookean"].tensors(), {}, frames=frames, dtype="f32")
     if backward:
         trajectory.sum().backward()
     return peak() - before, len(particles.mass)
 
 
 def test_backward_memory_grows_with_frames_plus_substeps():
-    """8 frames of 16 substeps: at most twice frames + substeps states for all of states, grids, inputs and gradients; storing
+    """8 frames of 16 substeps: at most twice frames + substeps states for all of states, grids, inputs and gradients;
+    storing
     every substep would take 112 states without the grids."""
     frames, substeps = 8, 16
     grown(2, 2, (2, 2, 2), backward=True)  # compile

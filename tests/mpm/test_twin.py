@@ -1,4 +1,6 @@
-"""The reference itself: its matrix functions, its laws and its conservation properties, before anything is judged by it."""
+"""The reference itself: its matrix functions, its laws and its conservation properties, before anything is judged by
+it.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def test_twin_conserves_momentum_and_angular_momentum(case: Case):
     def momenta(state: twin.State) -> Tensor:
         m = particles.mass[:, None]
         affine = (particles.mass * reference.dx**2 / 4)[:, None, None] * state.C
-        spin = torch.stack([affine[:, 2, 1] - affine[:, 1, 2], affine[:, 0, 2] - affine[:, 2, 0], affine[:, 1, 0] - affine[:, 0, 1]], 1)
+        spin = torch.stack(
+            [affine[:, 2, 1] - affine[:, 1, 2], affine[:, 0, 2] - affine[:, 2, 0], affine[:, 1, 0] - affine[:, 0, 1]], 1
+        )
         return torch.cat([(m * state.v).sum(0), (m * torch.linalg.cross(state.x, state.v) + spin).sum(0)])
 
     _, end = run_twin(reference, vars(particles), case.tensors(), frames=2, substeps=20)
@@ -94,6 +98,10 @@ def test_twin_gradient_equals_finite_differences(case: Case):
 
     def at(step: float) -> Tensor:
         moved = [x.detach() + step * d for x, d in zip(inputs, directions, strict=True)]
-        return probe(run_twin(reference, dict(zip(leaves, moved[:4], strict=True)), dict(zip(parameters, moved[4:], strict=True)))[0])
+        return probe(
+            run_twin(
+                reference, dict(zip(leaves, moved[:4], strict=True)), dict(zip(parameters, moved[4:], strict=True))
+            )[0]
+        )
 
     torch.testing.assert_close((at(h) - at(-h)) / (2 * h), slope, rtol=1e-5, atol=0)

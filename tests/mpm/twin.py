@@ -1,8 +1,8 @@
 """A slow, plain-torch MLS-MPM in float64 against which the engine is judged.
 
-It shares no code and no formulation with the engine: stresses and return mappings are written with 3 x 3 matrix logarithms and
-exponentials instead of principal stretches, transfers with ``index_add`` instead of hand-written loops, and every gradient is
-autograd's. Units are SI; ``N`` particles; y is up and the ground is the plane y = 0.
+It shares no code and no formulation with the engine: stresses and return mappings are written with 3 x 3 matrix
+logarithms and exponentials instead of principal stretches, transfers with ``index_add`` instead of hand-written loops,
+and every gradient is autograd's. Units are SI; ``N`` particles; y is up and the ground is the plane y = 0.
 """
 
 from __future__ import annotations
@@ -22,11 +22,14 @@ EYE = torch.eye(3, dtype=torch.float64)
 class SymmetricFunction(torch.autograd.Function):
     """Y = U f(l) U^T for a symmetric matrix U l U^T, with the exact adjoint (Daleckii-Krein) also at equal eigenvalues.
 
-    ``f`` maps eigenvalues to values; ``slope(a, b)`` is the divided difference (f(a) - f(b)) / (a - b), f'(a) when a = b.
+    ``f`` maps eigenvalues to values; ``slope(a, b)`` is the divided difference (f(a) - f(b)) / (a - b), f'(a) when a =
+    b.
     """
 
     @staticmethod
-    def forward(ctx, matrix: Tensor, f: Callable[[Tensor], Tensor], slope: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    def forward(
+        ctx, matrix: Tensor, f: Callable[[Tensor], Tensor], slope: Callable[[Tensor, Tensor], Tensor]
+    ) -> Tensor:
         values, vectors = torch.linalg.eigh(matrix)
         ctx.save_for_backward(vectors, slope(values[..., :, None], values[..., None, :]))
         return vectors @ (f(values)[..., None] * vectors.mT)
@@ -96,7 +99,8 @@ def lame(E: Tensor, nu: Tensor) -> tuple[Tensor, Tensor]:
     return E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
 
 
-# A law: (deformation gradient (N,3,3), velocity gradient C (N,3,3), dt, parameters, stiffness (N,1,1)) -> (new F, Kirchhoff tau [Pa])
+# A law: (deformation gradient (N,3,3), velocity gradient C (N,3,3), dt, parameters, stiffness (N,1,1)) -> (new F,
+# Kirchhoff tau [Pa])
 Law = Callable[[Tensor, Tensor, float, dict[str, Tensor], Tensor], tuple[Tensor, Tensor]]
 
 
@@ -115,7 +119,9 @@ def newtonian(F: Tensor, C: Tensor, dt: float, p: dict[str, Tensor], stiffness: 
 
 
 def _hencky(F: Tensor, mu: Tensor, lam: Tensor, plastic_part: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
-    """Replace the trial strain ln sqrt(F F^T) by ``plastic_part(strain)``; stress 2 mu eps + lambda tr(eps) I of the result."""
+    """Replace the trial strain ln sqrt(F F^T) by ``plastic_part(strain)``; stress 2 mu eps + lambda tr(eps) I of the
+    result.
+    """
     left = F @ F.mT
     strain = plastic_part(0.5 * floored_log_symmetric(left))
     F = exp_symmetric(strain) @ exp_symmetric(-0.5 * log_symmetric(left)) @ F
@@ -224,21 +230,34 @@ class Twin:
             return torch.where(below & (u[:, 1:2] < 0), kept * flat, u)
         return u
 
-    def substep(self, state: State, mass: Tensor, stiffness: Tensor, parameters: dict[str, Tensor], drag: Tensor,
-                friction: Tensor) -> State:  # fmt: skip
+    def substep(
+        self,
+        state: State,
+        mass: Tensor,
+        stiffness: Tensor,
+        parameters: dict[str, Tensor],
+        drag: Tensor,
+        friction: Tensor,
+    ) -> State:
         """P2G, grid update, G2P; ``drag`` [1/s] decelerates the particles, a = -c v, before P2G."""
         x, v, C, F = state
         F, tau = self.law(F, C, self.dt, parameters, stiffness[:, None, None])
         nodes, w, arm = self.stencil(x)
         impulse = -self.dt * (self.dx / 2) ** 3 * 4 / self.dx**2 * tau
-        momentum = mass[:, None, None] * (v - self.dt * drag * v)[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
+        momentum = (
+            mass[:, None, None] * (v - self.dt * drag * v)[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
+        )
         lower = nodes.amin((0, 1))
         shape = nodes.amax((0, 1)) - lower + 1
-        flat = (((nodes - lower)[..., 0] * shape[1] + (nodes - lower)[..., 1]) * shape[2] + (nodes - lower)[..., 2]).reshape(-1)
+        flat = (
+            ((nodes - lower)[..., 0] * shape[1] + (nodes - lower)[..., 1]) * shape[2] + (nodes - lower)[..., 2]
+        ).reshape(-1)
         active, where = torch.unique(flat, return_inverse=True)
         coordinates = torch.stack(torch.unravel_index(active, tuple(shape.tolist())), 1) + lower
         node_mass = torch.zeros(len(active), 1, dtype=x.dtype).index_add(0, where, (w * mass[:, None]).reshape(-1, 1))
-        node_momentum = torch.zeros(len(active), 3, dtype=x.dtype).index_add(0, where, (w[..., None] * momentum).reshape(-1, 3))
+        node_momentum = torch.zeros(len(active), 3, dtype=x.dtype).index_add(
+            0, where, (w[..., None] * momentum).reshape(-1, 3)
+        )
         heavy = node_mass > self.lightest_node * mass.detach().mean()
         u = node_momentum / torch.where(heavy, node_mass, 1.0)
         u = u + self.dt * torch.tensor(self.gravity, dtype=x.dtype)
@@ -246,13 +265,28 @@ class Twin:
         v = (w[..., None] * u).sum(1)
         return State(x + self.dt * v, v, 4 / self.dx**2 * (w[..., None] * u).mT @ arm, F)
 
-    def rollout(self, state: State, mass: Tensor, stiffness: Tensor, parameters: dict[str, Tensor], frames: int, substeps: int,
-                drag: Tensor | None = None, friction: Tensor | None = None) -> tuple[Tensor, State]:  # fmt: skip
+    def rollout(
+        self,
+        state: State,
+        mass: Tensor,
+        stiffness: Tensor,
+        parameters: dict[str, Tensor],
+        frames: int,
+        substeps: int,
+        drag: Tensor | None = None,
+        friction: Tensor | None = None,
+    ) -> tuple[Tensor, State]:
         """Positions at every frame [m, (frames, N, 3)], the first being the start, and the last state."""
         seen = [state.x]
         for _ in range(frames - 1):
             for _ in range(substeps):
-                state = self.substep(state, mass, stiffness, parameters, self.zero if drag is None else drag,
-                                     self.zero if friction is None else friction)  # fmt: skip
+                state = self.substep(
+                    state,
+                    mass,
+                    stiffness,
+                    parameters,
+                    self.zero if drag is None else drag,
+                    self.zero if friction is None else friction,
+                )
             seen.append(state.x)
         return torch.stack(seen), state
