@@ -58,10 +58,12 @@ def judge(results: Mapping[str, Any], phase: Mapping[str, Any], contact: int | N
         if share > 0
         else f"In {whose} the model is farther from the video than an empty scene is."
     )
-    return Verdict(grade, headline, tuple(_remarks(phase, train, test, contact)))
+    return Verdict(grade, headline, tuple(_remarks(phase, order, train, test, contact)))
 
 
-def _remarks(phase: Mapping[str, Any], train: list[int], test: list[int], contact: int | None) -> list[str]:
+def _remarks(
+    phase: Mapping[str, Any], order: list[int], train: list[int], test: list[int], contact: int | None
+) -> list[str]:
     rms = np.array(phase["images"]["rms"])
     found = []
     if test and _mean(rms[test]) > LAG * _mean(rms[train]):
@@ -80,7 +82,7 @@ def _remarks(phase: Mapping[str, Any], train: list[int], test: list[int], contac
     worst = int(rms.mean(1).argmax())
     others = np.delete(rms, worst, axis=0)
     if len(rms) > 2 and _mean(rms[worst]) > LAG * _mean(others) and worst in train:
-        found.append(f"Training view number {worst} stands out from all others: check its camera.")
+        found.append(f"Training view {order[worst]} stands out from all others: check its camera.")
     return found
 
 

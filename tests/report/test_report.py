@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import json
 import re
@@ -141,13 +142,37 @@ def test_report_of_an_unfinished_run_says_so(evaluated_run, tmp_path):
     assert "This run is interrupted: what follows is the state after static." in text
 
 
-def test_scripts_run_in_a_javascript_engine(page):
-    """Syntax only: the pictures are looked at by people."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no JavaScript engine (node) here")
-    script = re.search(r"<script>(.*?)</script>", page, re.S).group(1)
-    subprocess.run([node, "--check", "-"], input=script.encode(), check=True, timeout=60)
+PROBE = """<script>
+const seen = [];
+addEventListener("error", (event) => seen.push(event.message));
+function put(id, value, name) { const e = byId(id); e.value = value; e.dispatchEvent(new Event(name)); }
+setTimeout(() => {
+  put("frame", 3, "input"); put("view", 2, "input"); put("stage", 0, "change");
+  put("time", 4, "input"); put("paint", "speed", "change");
+  byId("particles").onpointermove({ buttons: 1, movementX: 60, movementY: 20 });
+  byId("theme").click();
+  const first = { view: shared.view, frame: shared.frame, label: byId("view-value").textContent };
+  document.querySelectorAll("#heatmap .cell")[7].dispatchEvent(new Event("click"));
+  const second = { view: shared.view, frame: shared.frame, charts: document.querySelectorAll("svg").length };
+  document.body.dataset.seen = JSON.stringify([seen, first, second]);
+}, 300);
+</script></body>"""
+
+
+def test_sliders_heat_map_and_viewer_work_in_a_browser(page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no chromium here")
+    probe = tmp_path / "probe.html"
+    probe.write_text(page.replace("</body>", PROBE))
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=4000", "--dump-dom"]
+    dom = subprocess.run([*command, probe.as_uri()], capture_output=True, text=True, timeout=120).stdout
+    seen = re.search(r'data-seen="([^"]*)"', dom).group(1)
+    errors, first, second = json.loads(html.unescape(seen))
+    assert errors == []
+    assert first == {"view": 2, "frame": 3, "label": "training 4"}
+    # five frames a row: cell 7 is the second view's third frame; 4 losses, 2 parameters, velocity, heat map, timeline
+    assert second == {"view": 1, "frame": 2, "charts": 9}
 
 
 @pytest.mark.parametrize(
@@ -198,8 +223,8 @@ def test_atlas_and_quantisation():
     np.testing.assert_allclose(np.array(lower) + integers / 65535 * np.array(extent), points, atol=1e-4)
 
 
-def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0.95):
-    rms = np.array([[train] * 6, [train] * 6, [test] * 6])
+def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0.95, second: float = 1.0):
+    rms = np.array([[train] * 6, [second * train] * 6, [test] * 6])
     rms[:, 3:] *= after
     phase = {
         "images": {
@@ -208,7 +233,7 @@ def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0
             "silhouette_iou": np.full((3, 6), overlap).tolist(),
         }
     }
-    return judge({"views": {"train": [0, 1], "test": [2]}}, phase, contact=3)
+    return judge({"views": {"train": [0, 4], "test": [7]}}, phase, contact=3)
 
 
 def test_verdict_grades_by_the_share_of_the_held_out_image():
@@ -223,3 +248,4 @@ def test_verdict_remarks_name_sparse_views_and_contact():
     assert verdict_of(0.02, 0.02).remarks == ()
     assert "where no camera looked" in verdict_of(0.01, 0.05).remarks[0]
     assert "From contact on (frame 3)" in verdict_of(0.02, 0.02, after=3.0).remarks[0]
+    assert "Training view 4 stands out" in verdict_of(0.02, 0.02, second=3.0).remarks[0]
