@@ -69,10 +69,10 @@ def run_engine(
 ) -> Tensor:
     """Positions at every frame [m, (frames, N, 3)]."""
     real = {"f64": torch.float64, "f32": torch.float32}[dtype]
-    arrays = [particles[k].to(real) for k in ("positions", "velocity", "mass", "stiffness")]
+    x, v, mass, stiffness = (particles[k].to(real) for k in ("positions", "velocity", "mass", "stiffness"))
     of_effects = {k: v for k, v in coefficients.items() if k == "drag"}
     of_ground = {k: v for k, v in coefficients.items() if k == "friction"}
-    return setup.simulator(dtype)(*arrays, {**parameters, **of_ground}, frames, of_effects)
+    return setup.simulator(dtype)(x, v, mass, stiffness, {**parameters, **of_ground}, frames, of_effects)
 
 
 def simulate(setup: Setup, particles: Particles, frames: int = FRAMES, dtype: str = "f64", **changed: float) -> Tensor:

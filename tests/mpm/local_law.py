@@ -1,3 +1,4 @@
+# mypy: disable-error-code="valid-type,index"
 """One particle through a constitutive law, by the twin and by the engine, behind one signature."""
 
 import functools

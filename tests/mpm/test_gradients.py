@@ -67,7 +67,8 @@ def by_twin(name: str) -> Outcome:
     particles, parameters, coefficients = _inputs(setup)
     twin = twin_of(BY_NAME[setup.name], ground=setup.ground)
     return _outcome(
-        run_twin(twin, particles, parameters, **coefficients)[0], {**particles, **parameters, **coefficients}
+        run_twin(twin, particles, parameters, drag=coefficients.get("drag"), friction=coefficients.get("friction"))[0],
+        {**particles, **parameters, **coefficients},
     )
 
 
@@ -123,8 +124,8 @@ def test_gradient_equals_finite_differences_through_a_rollout(name):
 
         def at(step: float, key: str = key, direction: Tensor = direction) -> Tensor:
             moved = {**leaves, key: leaves[key] + step * direction}
-            groups = ({k: moved[k] for k in group} for group in (particles, parameters, coefficients))
-            return probe(run_engine(setup, *groups, dtype="f64"))
+            p, m, c = ({k: moved[k] for k in group} for group in (particles, parameters, coefficients))
+            return probe(run_engine(setup, p, m, c, dtype="f64"))
 
         slope = (at(h) - at(-h)) / (2 * h)
         expected = (gradients[key] * direction).sum()

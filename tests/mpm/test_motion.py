@@ -62,8 +62,7 @@ def test_momentum_is_conserved(law):
 
 
 def test_grid_carries_the_mass_of_the_particles():
-    """Momentum over mass on the nodes returns a common velocity only if both sum the same masses, here from 1 to 100.
-    """
+    """Momentum over mass on the nodes returns a common velocity only if both sum the same masses, here from 1 to 100."""
     particles = rigid(block(bottom=2.0), (1.0, 0.0, -0.5))
     particles.mass = particles.mass * torch.logspace(0, 2, len(particles.mass), dtype=torch.float64)
     trajectory = simulate(Setup("NeoHookean", gravity=WEIGHTLESS), particles)
@@ -129,8 +128,7 @@ def test_ground_bears_the_body(ground):
 
 
 def test_separate_lets_go_where_slip_holds():
-    """A body thrown upwards from contact leaves a separable ground freely; a slip ground holds its lowest nodes back.
-    """
+    """A body thrown upwards from contact leaves a separable ground freely; a slip ground holds its lowest nodes back."""
     particles = rigid(block(), (0.0, 2.0, 0.0))
     free = simulate(GROUNDS["separate"], particles)
     held = simulate(GROUNDS["slip"], particles)
