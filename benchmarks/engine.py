@@ -1,9 +1,10 @@
 """The engine's speed, memory and compile time for every material, beside a yardstick run at the same time.
 
-    python benchmarks/engine.py [--out benchmarks/results/engine.md] [--yardstick ../shared/engine_trial.py] [--rounds 3]
+    python benchmarks/engine.py [--out benchmarks/results/engine.md] [--yardstick ../shared/engine_trial.py] [--rounds
+    3]
 
-Every measurement runs in its own process. Times are quoted twice: by the clock, and as processor time of one thread, which other
-programs on the machine disturb less; ratios against the yardstick compare runs that alternate.
+Every measurement runs in its own process. Times are quoted twice: by the clock, and as processor time of one thread,
+which other programs on the machine disturb less; ratios against the yardstick compare runs that alternate.
 """
 
 import argparse
@@ -30,8 +31,10 @@ MATERIALS = {
 }
 DX, RATE, SUBSTEPS = 0.04, 4800, 80
 FLOPS = {"forward": 1500.0, "backward": 4100.0}
-"""Floating-point operations per elastic particle and substep, counted from transfer.py and the neo-Hookean law: forward gather
-and scatter 9 x (13 + 11) vector operations of 4, law 250; backward one scatter and two gathers 9 x (11 + 24 + 30), law 700."""
+"""Floating-point operations per elastic particle and substep, counted from transfer.py and the neo-Hookean law:
+forward gather and scatter 9 x (13 + 11) vector operations of 4, law 250; backward one scatter and two gathers 9 x (11
++ 24 + 30), law 700.
+"""
 BYTES = {"forward": 4 * (24 + 24 + 15), "backward": 4 * (24 + 24 + 24 + 15)}
 """Memory traffic per particle and substep that no cache can save: states read and written once [bytes]."""
 
@@ -103,7 +106,9 @@ def child(arguments: list[str], threads: int, cache: bool) -> str:
     """Standard output of a Python process with so many threads, with or without Taichi's cache of compiled kernels."""
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "TI_OFFLINE_CACHE": str(int(cache))}
     environment["PYTHONPATH"] = str(Path(__file__).parents[1])
-    return subprocess.run([sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def yardstick(path: Path, threads: int, processor_time: bool) -> dict[str, float]:
@@ -120,7 +125,12 @@ def yardstick(path: Path, threads: int, processor_time: bool) -> dict[str, float
 
 def report(results: dict) -> str:
     """The results as a markdown page."""
-    lines = ["# Engine", "", f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}.", ""]
+    lines = [
+        "# Engine",
+        "",
+        f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}.",
+        "",
+    ]
     lines += ["`python benchmarks/engine.py --out benchmarks/results/engine.md` wrote this page.", ""]
     lines += ["| material | forward | recording | backward | backward/forward | all/elastic | first backward ready |"]
     lines += ["|---|---|---|---|---|---|---|"]
@@ -131,14 +141,24 @@ def report(results: dict) -> str:
             f"| {name} | {r['forward_cpu_ms']:.2f} | {r['recording_cpu_ms']:.2f} | {r['backward_cpu_ms']:.2f} "
             f"| {r['backward_cpu_ms'] / r['recording_cpu_ms']:.2f} | {both / elastic:.2f} | {r['jit_cpu_s']:.1f} s |"
         )
-    lines += ["", "ms per substep, processor time of one thread; JIT without cache, forward and backward kernel together.", ""]
+    lines += [
+        "",
+        "ms per substep, processor time of one thread; JIT without cache, forward and backward kernel together.",
+        "",
+    ]
     for title, key in (("One thread, processor time", "one"), ("Two threads, clock", "two")):
         kind = "cpu_ms" if key == "one" else "ms"
         for run, trial in zip(results[f"{key}_rounds"], results[f"{key}_yardstick"], strict=True):
             own = run[f"recording_{kind}"] + run[f"backward_{kind}"]
             theirs = trial["forward"] + trial["backward"]
-            gflops = 8e3 * FLOPS["forward"] / run[f"recording_{kind}"] / 1e6, 8e3 * FLOPS["backward"] / run[f"backward_{kind}"] / 1e6
-            gbytes = 8e3 * BYTES["forward"] / run[f"recording_{kind}"] / 1e6, 8e3 * BYTES["backward"] / run[f"backward_{kind}"] / 1e6
+            gflops = (
+                8e3 * FLOPS["forward"] / run[f"recording_{kind}"] / 1e6,
+                8e3 * FLOPS["backward"] / run[f"backward_{kind}"] / 1e6,
+            )
+            gbytes = (
+                8e3 * BYTES["forward"] / run[f"recording_{kind}"] / 1e6,
+                8e3 * BYTES["backward"] / run[f"backward_{kind}"] / 1e6,
+            )
             lines.append(
                 f"- {title}: elastic forward + backward {run[f'recording_{kind}']:.2f} + {run[f'backward_{kind}']:.2f} ms, trial "
                 f"{trial['forward']:.2f} + {trial['backward']:.2f} ms: **{theirs / own:.2f} x faster**. Achieved {gflops[0]:.1f} / "

@@ -1,9 +1,10 @@
 """Reverse-mode differentiation of a local law while its kernel is compiled.
 
-A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands it emits Taichi expressions and leaves a
-record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel. Nothing is stored between
-kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no adjoint written by its author.
-Called with floats the same function computes floats, which is how a law is read and tested by itself.
+A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands it emits Taichi expressions and
+leaves a record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel.
+Nothing is stored between kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no
+adjoint written by its author. Called with floats the same function computes floats, which is how a law is read and
+tested by itself.
 """
 
 import math
@@ -26,7 +27,9 @@ class Record:
         return [Scalar(self, value) for value in values]
 
     def step(self, values: Sequence, operands: Sequence, pullback: Pullback) -> list["Scalar"]:
-        """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None = zero)."""
+        """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None =
+        zero).
+        """
         results = [Scalar(self, value) for value in values]
         self._steps.append((results, operands, pullback))
         return results
@@ -140,7 +143,9 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     value = ti.select(condition, plain(yes), plain(no))
     if record is None:
         return keep(value)
-    return record.step([value], [yes, no], lambda g: (ti.select(condition, g[0], 0.0), ti.select(condition, 0.0, g[0])))[0]
+    return record.step(
+        [value], [yes, no], lambda g: (ti.select(condition, g[0], 0.0), ti.select(condition, 0.0, g[0]))
+    )[0]
 
 
 def maximum(x: Any, y: Any) -> Any:

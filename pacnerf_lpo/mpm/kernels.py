@@ -1,114 +1,39 @@
 """The two kernels of a substep: forward, and its adjoint. Everything else in the engine calls these.
 
-Launch s of a frame of S substeps first completes substep s - 1 (G2P), then begins substep s (local laws and P2G) in the same
-pass over the particles, then updates the grid. So a particle is read once per substep and a frame takes S + 1 launches. The
+Launch s of a frame of S substeps first completes substep s - 1 (G2P), then begins substep s (local laws and P2G) in
+the same pass over the particles, then updates the grid. So a particle is read once per substep and a frame takes S +
+1 launches. The
 adjoint runs the same passes backward: the adjoint of P2G gathers, the adjoint of G2P scatters.
 
-On the CPU each thread owns a slice of the particles and a grid of its own, so no sum is atomic; the grid pass adds them up and
-clears them, over the nodes in reach of a particle only. On CUDA a slice is one particle and the sums are atomic.
+On the CPU each thread owns a slice of the particles and a grid of its own, so no sum is atomic; the grid pass adds
+them up and clears them, over the nodes in reach of a particle only. On CUDA a slice is one particle and the sums are
+atomic.
 
-Arrays are flat. A particle's state is 24 numbers: position 3, velocity 3, velocity gradient C 9, deformation gradient F 9.
+Arrays are flat. A particle's state is 24 numbers: position 3, velocity 3, velocity gradient C 9, deformation gradient
+F 9.
 """
 
 import functools
 
+from pacnerf_lpo.mpm.arrays import (
+    CONSTANTS,
+    NOT_YET,
+    NUMBERS,
+    STATE,
+    affine_momentum,
+    check_velocity,
+    inside,
+    matrix,
+    reach,
+    store,
+    store_matrix,
+    total,
+    trial,
+    vector,
+)
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, LocalLaws
 from pacnerf_lpo.mpm.runtime import REAL, Launcher, entries, ti
 from pacnerf_lpo.mpm.transfer import column, gather, gather_adjoint, scatter, stencil, with_fourth
-
-STATE = 24
-CONSTANTS = 5
-"""Per particle: mass [kg], stiffness factor, position at time 0 [m]."""
-NUMBERS = 9
-"""Before the coefficients: dx, 1/dx, dt, volume, gravity (3), smallest mass of a node, time at frame start."""
-NOT_YET = 1 << 30
-CAUSES = ("NaN in the velocity of a particle", "|v| dt > dx", "a particle left the grid")
-
-
-@ti.func
-def vector(a: ti.template(), o):
-    return ti.Vector([a[o], a[o + 1], a[o + 2]])
-
-
-@ti.func
-def matrix(a: ti.template(), o):
-    return ti.Matrix([[a[o], a[o + 1], a[o + 2]], [a[o + 3], a[o + 4], a[o + 5]], [a[o + 6], a[o + 7], a[o + 8]]])
-
-
-@ti.func
-def store(a: ti.template(), o, value: ti.template()):
-    for i in ti.static(range(3)):
-        a[o + i] = value[i]
-
-
-@ti.func
-def store_matrix(a: ti.template(), o, value: ti.template()):
-    for i, j in ti.static(ti.ndrange(3, 3)):
-        a[o + 3 * i + j] = value[i, j]
-
-
-@ti.func
-def trial(C, F, dt):
-    return F + dt * (C @ F)
-
-
-@ti.func
-def affine_momentum(tau, C, mass, dt, volume, inv_dx):
-    """Momentum per metre from the particle: stress impulse and affine velocity."""
-    return (-4.0 * dt * volume * inv_dx * inv_dx) * tau + mass * C
-
-
-@ti.func
-def flag(status: ti.template(), cause, substep):
-    ti.atomic_min(status[cause], substep)
-
-
-@ti.func
-def check_velocity(v, dt, dx, status: ti.template(), substep):
-    step = v.norm_sqr() * dt * dt
-    if not step <= dx * dx:
-        if step > dx * dx:
-            flag(status, 1, substep)
-        else:
-            flag(status, 0, substep)
-
-
-@ti.func
-def inside(first, dims: ti.template(), status: ti.template(), substep):
-    """Index of the first node of a stencil in this grid, moved into it (and reported) when outside."""
-    cell = ti.Vector([0, 0, 0])
-    for a in ti.static(range(3)):
-        cell[a] = ti.max(0, ti.min(first[a] - dims[4 + a], dims[1 + a] - 3))
-        if cell[a] != first[a] - dims[4 + a]:
-            flag(status, 2, substep)
-    return cell
-
-
-@ti.func
-def reach(spans: ti.template(), slices):
-    """First and last node within reach of any particle, over all slices."""
-    low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-1, -1, -1])
-    for r in range(slices):
-        for a in ti.static(range(3)):
-            low[a] = ti.min(low[a], spans[6 * r + a])
-            high[a] = ti.max(high[a], spans[6 * r + 3 + a] + 2)
-    return low, high
-
-
-@ti.func
-def total(field: ti.template(), spans: ti.template(), i, o, size, slices, atomic: ti.template()):
-    """Sum over the slices of the four numbers of a node, cleared for the next substep."""
-    zero = ti.Vector.zero(float, 4)
-    q = zero
-    if ti.static(atomic):
-        q = field[o]
-        field[o] = zero
-    else:
-        for r in range(slices):
-            if spans[6 * r] <= i <= spans[6 * r + 3] + 2:
-                q += field[r * size + o]
-                field[r * size + o] = zero
-    return q
 
 
 @functools.cache
@@ -129,25 +54,74 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     P = len(laws.names)
 
     @ti.func
-    def begin_substep(state: ti.template(), ahead: ti.template(), momentum: ti.template(), constants: ti.template(), coefficients: ti.template(),
-                      numbers: ti.template(), dims: ti.template(), status: ti.template(), p, x, v, C, F, mine, substep):  # fmt: skip
+    def begin_substep(
+        state: ti.template(),
+        ahead: ti.template(),
+        momentum: ti.template(),
+        constants: ti.template(),
+        coefficients: ti.template(),
+        numbers: ti.template(),
+        dims: ti.template(),
+        status: ti.template(),
+        p,
+        x,
+        v,
+        C,
+        F,
+        mine,
+        substep,
+    ):
         """Local laws and P2G of one particle; returns the first node of its stencil."""
         dx, inv_dx, dt, volume = numbers[0], numbers[1], numbers[2], numbers[3]
         mass = constants[CONSTANTS * p]
-        e = Evaluation(laws, entries(trial(C, F, dt)), entries(C), [x[0], x[1], x[2]], [constants[CONSTANTS * p + 2 + a] for a in ti.static(range(3))], [v[0], v[1], v[2]],
-                       numbers[8] + dt * substep, dt, mass, volume, constants[CONSTANTS * p + 1], coefficients)  # fmt: skip
+        e = Evaluation(
+            laws,
+            entries(trial(C, F, dt)),
+            entries(C),
+            [x[0], x[1], x[2]],
+            [constants[CONSTANTS * p + 2 + a] for a in ti.static(range(3))],
+            [v[0], v[1], v[2]],
+            numbers[8] + dt * substep,
+            dt,
+            mass,
+            volume,
+            constants[CONSTANTS * p + 1],
+            coefficients,
+        )
         store_matrix(ahead, STATE * p + 15, ti.Matrix(e.F_new))
         first, f, w, _dw = stencil(x, inv_dx)
         cell = inside(first, dims, status, substep)
         A = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx)
         q = with_fourth(mass * ti.Vector(e.velocity) - A @ (f * dx), mass)
         start = mine + (cell[0] * dims[2] + cell[1]) * dims[3] + cell[2]
-        scatter(momentum, start, dims[3], dims[2] * dims[3], w, q, column(A, 0, dx), column(A, 1, dx), column(A, 2, dx), cuda)
+        scatter(
+            momentum,
+            start,
+            dims[3],
+            dims[2] * dims[3],
+            w,
+            q,
+            column(A, 0, dx),
+            column(A, 1, dx),
+            column(A, 2, dx),
+            cuda,
+        )
         return cell
 
     @ti.func
-    def update_node(momentum: ti.template(), velocity: ti.template(), contact: ti.template(), coefficients: ti.template(), numbers: ti.template(),
-                    dims: ti.template(), spans: ti.template(), i, j, k, slices):  # fmt: skip
+    def update_node(
+        momentum: ti.template(),
+        velocity: ti.template(),
+        contact: ti.template(),
+        coefficients: ti.template(),
+        numbers: ti.template(),
+        dims: ti.template(),
+        spans: ti.template(),
+        i,
+        j,
+        k,
+        slices,
+    ):
         o = (i * dims[2] + j) * dims[3] + k
         q = total(momentum, spans, i, o, dims[1] * dims[2] * dims[3], slices, cuda)
         u = ti.Vector.zero(float, 3)
@@ -160,8 +134,26 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         velocity[o] = with_fourth(u, q[3])
 
     @ti.kernel
-    def forward(before: Reals, now: Reals, ahead: Reals, velocity_in: Nodes, velocity_out: Nodes, contact: Reals, momentum: Nodes, constants: Reals,
-                numbers: Reals, dims: Ints, spans: Ints, status: Ints, slices: int, chunk: int, substep: int, finish: int, begin: int, keep_all: int):  # fmt: skip
+    def forward(
+        before: Reals,
+        now: Reals,
+        ahead: Reals,
+        velocity_in: Nodes,
+        velocity_out: Nodes,
+        contact: Reals,
+        momentum: Nodes,
+        constants: Reals,
+        numbers: Reals,
+        dims: Ints,
+        spans: Ints,
+        status: Ints,
+        slices: int,
+        chunk: int,
+        substep: int,
+        finish: int,
+        begin: int,
+        keep_all: int,
+    ):
         if ti.static(cuda):
             ti.loop_config(block_dim=128)
         else:
@@ -196,7 +188,23 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 else:
                     v, C = vector(now, o + 3), matrix(now, o + 6)
                 if begin == 1:
-                    cell = begin_substep(now, ahead, momentum, constants, coefficients, numbers, dims, status, p, x, v, C, matrix(now, o + 15), mine, substep)
+                    cell = begin_substep(
+                        now,
+                        ahead,
+                        momentum,
+                        constants,
+                        coefficients,
+                        numbers,
+                        dims,
+                        status,
+                        p,
+                        x,
+                        v,
+                        C,
+                        matrix(now, o + 15),
+                        mine,
+                        substep,
+                    )
                     low, high = ti.min(low, cell), ti.max(high, cell)
             if ti.static(not cuda):
                 for a in ti.static(range(3)):
@@ -205,8 +213,19 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         if ti.static(cuda):
             for n in range(begin * dims[1] * dims[2] * dims[3]):
                 coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-                update_node(momentum, velocity_out, contact, coefficients, numbers, dims, spans,
-                            n // (dims[2] * dims[3]), (n // dims[3]) % dims[2], n % dims[3], slices)  # fmt: skip
+                update_node(
+                    momentum,
+                    velocity_out,
+                    contact,
+                    coefficients,
+                    numbers,
+                    dims,
+                    spans,
+                    n // (dims[2] * dims[3]),
+                    (n // dims[3]) % dims[2],
+                    n % dims[3],
+                    slices,
+                )
         else:
             ti.loop_config(parallelize=threads, block_dim=1)
             for t in range(slices):
@@ -216,13 +235,30 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
                     for j in range(low[1], high[1] + 1):
                         for k in range(low[2], high[2] + 1):
-                            update_node(momentum, velocity_out, contact, coefficients, numbers, dims, spans, i, j, k, slices)
+                            update_node(
+                                momentum, velocity_out, contact, coefficients, numbers, dims, spans, i, j, k, slices
+                            )
 
     @ti.func
-    def end_substep_adjoint(now: ti.template(), p, gx, gv, gC, velocity: ti.template(), before: ti.template(), momentum: ti.template(),
-                            numbers: ti.template(), dims: ti.template(), status: ti.template(), mine, substep):  # fmt: skip
-        """Adjoint of G2P and of the motion of one particle; returns the adjoint of its position before, and its first node."""
-        dx, inv_dx, dt = numbers[0], numbers[1], numbers[2]
+    def end_substep_adjoint(
+        now: ti.template(),
+        p,
+        gx,
+        gv,
+        gC,
+        velocity: ti.template(),
+        before: ti.template(),
+        momentum: ti.template(),
+        numbers: ti.template(),
+        dims: ti.template(),
+        status: ti.template(),
+        mine,
+        substep,
+    ):
+        """Adjoint of G2P and of the motion of one particle; returns the adjoint of its position before, and its first
+        node.
+        """
+        inv_dx, dt = numbers[1], numbers[2]
         row, plane = dims[3], dims[2] * dims[3]
         first, f, w, dw = stencil(vector(before, STATE * p), inv_dx)
         cell = inside(first, dims, status, substep)
@@ -235,8 +271,20 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         return gx + inv_dx * (slope - B.transpose() @ vector(now, STATE * p + 3)), cell
 
     @ti.func
-    def update_node_adjoint(momentum: ti.template(), velocity: ti.template(), contact: ti.template(), node: ti.template(), coefficients: ti.template(),
-                            numbers: ti.template(), dims: ti.template(), spans: ti.template(), i, j, k, slices):  # fmt: skip
+    def update_node_adjoint(
+        momentum: ti.template(),
+        velocity: ti.template(),
+        contact: ti.template(),
+        node: ti.template(),
+        coefficients: ti.template(),
+        numbers: ti.template(),
+        dims: ti.template(),
+        spans: ti.template(),
+        i,
+        j,
+        k,
+        slices,
+    ):
         """Adjoint of the grid update at one node; returns the adjoints of the coefficients of the ground."""
         o = (i * dims[2] + j) * dims[3] + k
         q = total(momentum, spans, i, o, dims[1] * dims[2] * dims[3], slices, cuda)
@@ -257,9 +305,27 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         return of_coefficients
 
     @ti.kernel
-    def adjoint(now: Reals, before: Reals, gradient: Reals, node: Nodes, velocity: Nodes, contact: Reals, momentum: Nodes, constants: Reals,
-                of_constants: Reals, numbers: Reals, of_coefficients: Doubles, dims: Ints, spans: Ints, status: Ints, slices: int, chunk: int,
-                substep: int, begun: int, finished: int):  # fmt: skip
+    def adjoint(
+        now: Reals,
+        before: Reals,
+        gradient: Reals,
+        node: Nodes,
+        velocity: Nodes,
+        contact: Reals,
+        momentum: Nodes,
+        constants: Reals,
+        of_constants: Reals,
+        numbers: Reals,
+        of_coefficients: Doubles,
+        dims: Ints,
+        spans: Ints,
+        status: Ints,
+        slices: int,
+        chunk: int,
+        substep: int,
+        begun: int,
+        finished: int,
+    ):
         if ti.static(cuda):
             ti.loop_config(block_dim=128)
         else:
@@ -278,16 +344,42 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 gx, gv = vector(gradient, o), vector(gradient, o + 3)
                 gC, gF = matrix(gradient, o + 6), matrix(gradient, o + 15)
                 if begun == 1:
-                    x, v, C, F, mass = vector(now, o), vector(now, o + 3), matrix(now, o + 6), matrix(now, o + 15), constants[oc]
+                    x, v, C, F, mass = (
+                        vector(now, o),
+                        vector(now, o + 3),
+                        matrix(now, o + 6),
+                        matrix(now, o + 15),
+                        constants[oc],
+                    )
                     first, f, w, dw = stencil(x, inv_dx)
                     cell = inside(first, dims, status, substep)
-                    e = Evaluation(laws, entries(trial(C, F, dt)), entries(C), [x[0], x[1], x[2]],
-                                   [constants[oc + 2 + a] for a in ti.static(range(3))], [v[0], v[1], v[2]],
-                                   numbers[8] + dt * substep, dt, mass, volume, constants[oc + 1], coefficients)  # fmt: skip
+                    e = Evaluation(
+                        laws,
+                        entries(trial(C, F, dt)),
+                        entries(C),
+                        [x[0], x[1], x[2]],
+                        [constants[oc + 2 + a] for a in ti.static(range(3))],
+                        [v[0], v[1], v[2]],
+                        numbers[8] + dt * substep,
+                        dt,
+                        mass,
+                        volume,
+                        constants[oc + 1],
+                        coefficients,
+                    )
                     A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
-                    m, mi, mj, mk, slope = gather_adjoint(node, cell[0] * plane + cell[1] * row + cell[2], row, plane, w, dw,
-                                                          with_fourth(mass * u - A @ (f * dx), mass),
-                                                          column(A, 0, dx), column(A, 1, dx), column(A, 2, dx))  # fmt: skip
+                    m, mi, mj, mk, slope = gather_adjoint(
+                        node,
+                        cell[0] * plane + cell[1] * row + cell[2],
+                        row,
+                        plane,
+                        w,
+                        dw,
+                        with_fourth(mass * u - A @ (f * dx), mass),
+                        column(A, 0, dx),
+                        column(A, 1, dx),
+                        column(A, 2, dx),
+                    )
                     h = ti.Vector([m[0], m[1], m[2]])
                     gA = ti.Matrix.zero(float, 3, 3)
                     for a in ti.static(range(3)):
@@ -308,7 +400,9 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                     for c in ti.static(range(P)):
                         of_mine[c] += back.coefficients[c]
                 if finished == 1:
-                    gx, cell = end_substep_adjoint(now, p, gx, gv, gC, velocity, before, momentum, numbers, dims, status, mine, substep)
+                    gx, cell = end_substep_adjoint(
+                        now, p, gx, gv, gC, velocity, before, momentum, numbers, dims, status, mine, substep
+                    )
                     low, high = ti.min(low, cell), ti.max(high, cell)
                 else:
                     store(gradient, o + 3, gv)
@@ -327,8 +421,20 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         if ti.static(cuda):
             for n in range(finished * dims[1] * dims[2] * dims[3]):
                 coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-                of_node = update_node_adjoint(momentum, velocity, contact, node, coefficients, numbers, dims, spans,
-                                              n // (dims[2] * dims[3]), (n // dims[3]) % dims[2], n % dims[3], slices)  # fmt: skip
+                of_node = update_node_adjoint(
+                    momentum,
+                    velocity,
+                    contact,
+                    node,
+                    coefficients,
+                    numbers,
+                    dims,
+                    spans,
+                    n // (dims[2] * dims[3]),
+                    (n // dims[3]) % dims[2],
+                    n % dims[3],
+                    slices,
+                )
                 for c in ti.static(range(P)):
                     if of_node[c] != 0.0:
                         ti.atomic_add(of_coefficients[c], of_node[c])
@@ -342,7 +448,9 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
                     for j in range(low[1], high[1] + 1):
                         for k in range(low[2], high[2] + 1):
-                            of_mine += update_node_adjoint(momentum, velocity, contact, node, coefficients, numbers, dims, spans, i, j, k, slices)
+                            of_mine += update_node_adjoint(
+                                momentum, velocity, contact, node, coefficients, numbers, dims, spans, i, j, k, slices
+                            )
                 for c in ti.static(range(P)):
                     of_coefficients[P * t + c] = of_coefficients[P * t + c] + of_mine[c]
 

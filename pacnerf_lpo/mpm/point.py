@@ -38,7 +38,8 @@ Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
 
 @dataclass(frozen=True)
 class LocalLaws:
-    """The local laws of one simulator: what its kernels are compiled from (hashable: kernels are shared between equals).
+    """The local laws of one simulator: what its kernels are compiled from (hashable: kernels are shared between
+    equals).
 
     law: (point, coefficients) -> (new deformation gradient, Kirchhoff stress [Pa])
     accelerations: (point, coefficients) -> body acceleration [m/s^2], one per effect
@@ -64,7 +65,9 @@ class Evaluation:
     def __init__(self, laws: LocalLaws, F, C, x, X, v, t, dt, mass, volume, stiffness, coefficients: Sequence):
         self._record = Record()
         row = self._record.variables
-        self._point = Point([row(r) for r in F], [row(r) for r in C], row(x), row(X), row(v), *row([t, dt, mass, volume, stiffness]))
+        self._point = Point(
+            [row(r) for r in F], [row(r) for r in C], row(x), row(X), row(v), *row([t, dt, mass, volume, stiffness])
+        )
         self._coefficients = row(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._F_new, self._tau = laws.law(self._point, named)
@@ -79,10 +82,14 @@ class Evaluation:
         """Emit the adjoint, given the adjoints of F_new, tau and velocity as nested lists of expressions."""
         p = self._point
         seeds = [
-            *((a, g) for row, grow in zip(self._F_new + self._tau, gF + gtau, strict=True) for a, g in zip(row, grow, strict=True)),
+            *(
+                (a, g)
+                for row, grow in zip(self._F_new + self._tau, gF + gtau, strict=True)
+                for a, g in zip(row, grow, strict=True)
+            ),
             *zip(self._velocity, gv, strict=True),
         ]
-        inputs = [*sum(p.F, []), *sum(p.C, []), *p.x, *p.X, *p.v, p.mass, p.stiffness, *self._coefficients]
+        inputs = [*(a for row in p.F + p.C for a in row), *p.x, *p.X, *p.v, p.mass, p.stiffness, *self._coefficients]
         return Adjoint(self._record.pull_back(seeds, inputs))
 
 

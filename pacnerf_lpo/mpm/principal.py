@@ -4,9 +4,10 @@ With b = F Fᵀ = U diag(beta) Uᵀ and e = ln(beta)/2, a return mapping e -> (f
 
     F_new = U diag(exp(f - e)) Uᵀ F,     tau = U diag(tau) Uᵀ.
 
-Along the principal axes the adjoint is that of the return mapping. Across them, rotating the axes changes U diag(g) Uᵀ by the
-divided differences (g_i - g_j)/(beta_i - beta_j). Where two stretches come closer than ``near``, the return mapping is evaluated
-at two strains that far apart, with the same mean: for an isotropic law the error is of second order, and nothing is singular.
+Along the principal axes the adjoint is that of the return mapping. Across them, rotating the axes changes U diag(g)
+Uᵀ by the divided differences (g_i - g_j)/(beta_i - beta_j). Where two stretches come closer than ``near``, the return
+mapping is evaluated at two strains that far apart, with the same mean: for an isotropic law the error is of second
+order, and nothing is singular.
 """
 
 from collections.abc import Callable
@@ -29,9 +30,9 @@ ReturnMap = Callable[[list[Any]], tuple[list[Any], list[Any]]]
 def symmetric_eigen(b):
     """Eigenvalues of a symmetric 3x3 matrix and eigenvectors (columns), accurate to rounding also when some are equal.
 
-    The best separated eigenvalue is the root of 4 c^3 - 3 c = r in [sqrt(3)/2, 1], by Newton from a close guess; its vector
-    is the longest cross product of two rows; the other two follow from one rotation in the plane across.
-    After D. Eberly, "A robust eigensolver for 3x3 symmetric matrices", 2014.
+    The best separated eigenvalue is the root of 4 c^3 - 3 c = r in [sqrt(3)/2, 1], by Newton from a close guess; its
+    vector is the longest cross product of two rows; the other two follow from one rotation in the plane across. After
+    D. Eberly, "A robust eigensolver for 3x3 symmetric matrices", 2014.
     """
     mean = b.trace() / 3.0
     S = b - mean * ti.Matrix.identity(float, 3)
@@ -48,7 +49,11 @@ def symmetric_eigen(b):
         if half < 0.0:
             distinct = -distinct
         M = S - distinct * ti.Matrix.identity(float, 3)
-        r0, r1, r2 = ti.Vector([M[0, 0], M[0, 1], M[0, 2]]), ti.Vector([M[1, 0], M[1, 1], M[1, 2]]), ti.Vector([M[2, 0], M[2, 1], M[2, 2]])
+        r0, r1, r2 = (
+            ti.Vector([M[0, 0], M[0, 1], M[0, 2]]),
+            ti.Vector([M[1, 0], M[1, 1], M[1, 2]]),
+            ti.Vector([M[2, 0], M[2, 1], M[2, 2]]),
+        )
         a, n01, n12, n20 = r0.cross(r1), r0.cross(r1).norm_sqr(), r1.cross(r2).norm_sqr(), r2.cross(r0).norm_sqr()
         if n12 > n01 and n12 >= n20:
             a = r1.cross(r2)
@@ -126,7 +131,9 @@ def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
 
 
 def _divided_differences(mapping: ReturnMap, e: list, i: int, j: int) -> tuple[Any, Any]:
-    """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains kept at least ``near`` apart."""
+    """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains kept at least ``near``
+    apart.
+    """
     near = 1e-5 if compiling_double() else 3e-3
     mean, gap = keep(0.5 * (e[i] + e[j])), keep(e[i] - e[j])
     half = keep(ti.select(gap < 0.0, -0.5, 0.5) * ti.max(ti.abs(gap), near))

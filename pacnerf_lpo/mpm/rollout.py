@@ -1,17 +1,16 @@
-"""A rollout frame by frame, forward and backward: checkpoints, recomputation, grids that follow the particles, failures.
+"""A rollout frame by frame, forward and backward: checkpoints, recomputation, grids that follow the particles,
+failures.
 
-Memory: one state per frame, and all substeps of as many of the last frames as fit the budget (at least one). The backward pass
-recomputes the substeps of every other frame from its checkpoint.
+Memory: one state per frame, and all substeps of as many of the last frames as fit the budget (at least one). The
+    backward pass recomputes the substeps of every other frame from its checkpoint.
 """
-
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
-from pacnerf_lpo.mpm.kernels import CAUSES, NOT_YET, STATE
+from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET, STATE
 from pacnerf_lpo.mpm.point import LocalLaws
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
@@ -36,16 +35,26 @@ class Engine:
         memory: for the substeps of whole frames kept from forward to backward [bytes].
     """
 
-    def __init__(self, laws: LocalLaws, dx: float, substeps: int, frame_dt: float, gravity: tuple[float, float, float], dtype: str,
-                 slices: int, cuda: bool, memory: float):  # fmt: skip
+    def __init__(
+        self,
+        laws: LocalLaws,
+        dx: float,
+        substeps: int,
+        frame_dt: float,
+        gravity: tuple[float, ...],
+        dtype: str,
+        slices: int,
+        cuda: bool,
+        memory: float,
+    ):
         self._forward, self._adjoint = kernels.build(laws, dtype, cuda, slices)
         self.dx, self.substeps, self.frame_dt, self.gravity = dx, substeps, frame_dt, gravity
         self._slices, self._cuda, self._memory = slices, cuda, memory
         self._spare: list[Tape] = []
-        self._scratch: Tape | None = None
-        self._nodes = torch.empty(0)
 
-    def prepare(self, positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, coefficients: Tensor) -> "Run":
+    def prepare(
+        self, positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, coefficients: Tensor
+    ) -> "Run":
         """Pack the inputs of one rollout."""
         zeros = positions.new_zeros
         identity = torch.eye(3, dtype=positions.dtype, device=positions.device).reshape(1, 9).expand(len(positions), 9)
@@ -97,7 +106,9 @@ class Run:
         while True:
             grid = self.grid(start, margin)
             if grid.nodes > MOST_NODES:
-                raise SimulationError(index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells")
+                raise SimulationError(
+                    index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells"
+                )
             failures = self._advance(index, tape, grid)
             if min(failures) == NOT_YET:
                 return
@@ -112,14 +123,32 @@ class Run:
         common, status = self._common(index, grid)
         S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
         step = self._engine._forward
-        step.bind(before=x[0], now=x[0], ahead=x[1], velocity_in=u[0], velocity_out=u[0], contact=contacts[0], substep=0,
-                  finish=0, begin=1, keep_all=int(tape.keep), **common)  # fmt: skip
+        step.bind(
+            before=x[0],
+            now=x[0],
+            ahead=x[1],
+            velocity_in=u[0],
+            velocity_out=u[0],
+            contact=contacts[0],
+            substep=0,
+            finish=0,
+            begin=1,
+            keep_all=int(tape.keep),
+            **common,
+        )
         step()
         for s in range(1, S):
-            step(before=x[s - 1], now=x[s], ahead=x[s + 1], velocity_in=u[s - 1], velocity_out=u[s], contact=contacts[s],
-                 substep=s, finish=1)  # fmt: skip
+            step(
+                before=x[s - 1],
+                now=x[s],
+                ahead=x[s + 1],
+                velocity_in=u[s - 1],
+                velocity_out=u[s],
+                contact=contacts[s],
+                substep=s,
+                finish=1,
+            )
         step(before=x[S - 1], now=x[S], velocity_in=u[S - 1], substep=S, finish=1, begin=0, keep_all=1)
-        tape.grid = grid
         return status.tolist()
 
     def start_adjoint(self) -> None:
@@ -131,12 +160,24 @@ class Run:
 
     def frame_adjoint(self, index: int, tape: Tape) -> None:
         """Pull the adjoint of the state back over frame interval ``index``."""
-        common, status = self._common(index, tape.grid)
+        common, _ = self._common(index, tape.grid)
         S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
         node = torch.empty_like(u[0])
         step = self._engine._adjoint
-        step.bind(now=x[S], before=x[S - 1], gradient=self.of_state.view(-1), node=node, velocity=u[S - 1], contact=contacts[S - 1],
-                  of_constants=self.of_constants.view(-1), of_coefficients=self.of_coefficients.view(-1), substep=S, begun=0, finished=1, **common)  # fmt: skip
+        step.bind(
+            now=x[S],
+            before=x[S - 1],
+            gradient=self.of_state.view(-1),
+            node=node,
+            velocity=u[S - 1],
+            contact=contacts[S - 1],
+            of_constants=self.of_constants.view(-1),
+            of_coefficients=self.of_coefficients.view(-1),
+            substep=S,
+            begun=0,
+            finished=1,
+            **common,
+        )
         step()
         for s in range(S - 1, 0, -1):
             step(now=x[s], before=x[s - 1], velocity=u[s - 1], contact=contacts[s - 1], substep=s, begun=1)
@@ -147,19 +188,27 @@ class Run:
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
         self._numbers[8] = index * self._engine.frame_dt
-        self._dims = torch.tensor([self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device)
+        self._dims = torch.tensor(
+            [self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device
+        )
         self._status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=self.state.device)
         return {
-            "momentum": self._momentum, "constants": self._constants.view(-1), "numbers": self._numbers, "dims": self._dims,
-            "spans": self._spans, "status": self._status, "slices": self._slices, "chunk": self._chunk,
-        }, self._status  # fmt: skip
+            "momentum": self._momentum,
+            "constants": self._constants.view(-1),
+            "numbers": self._numbers,
+            "dims": self._dims,
+            "spans": self._spans,
+            "status": self._status,
+            "slices": self._slices,
+            "chunk": self._chunk,
+        }, self._status
 
 
 class Rollout(torch.autograd.Function):
     """Positions at every frame, from packed inputs; see :class:`~pacnerf_lpo.mpm.simulator.Simulator`."""
 
     @staticmethod
-    def forward(ctx, engine: Engine, frames: int, recording: bool, report: Callable, positions, velocity, mass, stiffness, coefficients):
+    def forward(ctx, engine: Engine, frames: int, recording: bool, positions, velocity, mass, stiffness, coefficients):
         run = engine.prepare(positions, velocity, mass, stiffness, coefficients)
         intervals = frames - 1
         kept_from = intervals - engine.kept_frames(run) if recording else intervals
@@ -195,6 +244,4 @@ class Rollout(torch.autograd.Function):
         g, gc = run.of_state, run.of_constants
         of_positions = g[:, :3] + of_out[0] + gc[:, 2:5]
         of_coefficients = run.of_coefficients.sum(0).to(g)
-        return None, None, None, None, of_positions, g[:, 3:6], gc[:, 0], gc[:, 1], of_coefficients
-
-
+        return None, None, None, of_positions, g[:, 3:6], gc[:, 0], gc[:, 1], of_coefficients

@@ -1,7 +1,7 @@
 """Taichi, imported here and nowhere else: start-up, precision, and launching kernels cheaply.
 
-``ti.init`` runs once per process, at the first simulation. Arrays are torch tensors: Taichi reads and writes their memory, so
-a kernel compiled once serves every number of particles, grid size and time step.
+``ti.init`` runs once per process, at the first simulation. Arrays are torch tensors: Taichi reads and writes their
+memory, so a kernel compiled once serves every number of particles, grid size and time step.
 """
 
 import contextlib
@@ -49,7 +49,8 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
         _started.update(kind=kind, threads=count if kind == "cpu" else 1)
     if kind != _started["kind"]:
         raise UserInputError(
-            f"simulator device {device!r}: this process already simulates on {_started['kind']!r}; use one device per process"
+            f"simulator device {device!r}: this process already simulates on {_started['kind']!r}; "
+            "use one device per process"
         )
     return _started["threads"]
 
@@ -80,7 +81,8 @@ class Launcher:
     """A kernel with its arguments bound: a launch sets only those that change (Taichi's own call costs 10 times more).
 
     Args:
-        kernel: a ``ti.kernel`` whose parameters are 1-D arrays of numbers or vectors (contiguous torch tensors), and numbers.
+        kernel: a ``ti.kernel`` whose parameters are 1-D arrays of numbers or vectors (contiguous torch tensors), and
+            numbers.
         dtype: ``"f32"`` or ``"f64"``, the type of decimal constants inside the kernel.
     """
 
@@ -92,7 +94,9 @@ class Launcher:
         self._context: Any = None
 
     def bind(self, **arguments: Any) -> None:
-        """Set every argument for the launches to come; the first call compiles the kernel. The caller keeps arrays alive."""
+        """Set every argument for the launches to come; the first call compiles the kernel. The caller keeps arrays
+        alive.
+        """
         if self._compiled is None:
             self._compile([arguments[name] for name in self._position])
         for name, value in arguments.items():

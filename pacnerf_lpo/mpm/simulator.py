@@ -16,9 +16,11 @@ from pacnerf_lpo.mpm.rollout import Engine, Rollout
 
 
 class Simulator:
-    """Explicit MLS-MPM (APIC, quadratic B-splines; Hu et al. 2018) over the ground y = 0, differentiable in all it is given.
+    """Explicit MLS-MPM (APIC, quadratic B-splines; Hu et al. 2018) over the ground y = 0, differentiable in all it is
+    given.
 
-    Per substep: F <- (I + dt C) F and the material's stress and return mapping, P2G, gravity and ground on the nodes, G2P.
+    Per substep: F <- (I + dt C) F and the material's stress and return mapping, P2G, gravity and ground on the nodes,
+    G2P.
 
     Args:
         material: constitutive law; its parameters are given at each call.
@@ -61,12 +63,14 @@ class Simulator:
         dx: float,
         substeps: int,
         frame_dt: float = 1 / 24,
-        gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
+        gravity: Sequence[float] = (0.0, -9.8, 0.0),
         effects: Sequence[Effect] = (),
         device: str = "cpu",
         dtype: str = "f32",
         memory: float = 768e6,
     ):
+        if len(gravity) != 3:
+            raise UserInputError(f"Simulator: gravity {gravity}; give three numbers")
         for name, value in (("dx", dx), ("substeps", substeps), ("frame_dt", frame_dt)):
             if not value > 0:
                 raise UserInputError(f"Simulator: {name} = {value}; give a positive number")
@@ -75,14 +79,17 @@ class Simulator:
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
         self._device, self._real = torch.device(device), runtime.TORCH_REAL[dtype]
         self._guess = {**self.ground.guess, **{name: v for effect in self.effects for name, v in effect.guess.items()}}
-        material_names = [name for name in material.parameters]
-        if len(self._guess) + len(material_names) < len(self.ground.guess) + sum(len(e.guess) for e in self.effects) + len(material_names):
-            raise UserInputError("Simulator: two effects share the name of a parameter")
+        names = [*material.parameters, *self.ground.guess, *(name for effect in self.effects for name in effect.guess)]
+        for name in names:
+            if names.count(name) > 1:
+                raise UserInputError(f"Simulator: material, ground and effects have two parameters called {name!r}")
         probe = material.coefficients({name: torch.tensor(value) for name, value in material.guess.items()})
         forces = tuple(effect.acceleration for effect in self.effects if isinstance(effect, BodyForce))
         laws = LocalLaws(material.law, forces, self.ground.velocity, (*probe, *self._guess))
         slices = runtime.start(device)
-        self._engine = Engine(laws, dx, substeps, frame_dt, tuple(gravity), dtype, slices, self._device.type == "cuda", memory)
+        self._engine = Engine(
+            laws, dx, substeps, frame_dt, tuple(gravity), dtype, slices, self._device.type == "cuda", memory
+        )
 
     def __call__(
         self,
@@ -101,7 +108,8 @@ class Simulator:
             velocity: at frame 0 [m/s, (N, 3)]
             mass: [kg, (N,)]
             stiffness: factor on the moduli [1, (N,)]
-            parameters: every parameter of the material [SI, scalars]; also of the ground, by default the ground's own values.
+            parameters: every parameter of the material [SI, scalars]; also of the ground, by default the ground's own
+                values.
             frames: number of frames, the first included.
             effect_parameters: of the effects, by default the effects' own values [SI, scalars].
 
@@ -119,20 +127,27 @@ class Simulator:
         recording = torch.is_grad_enabled() and any(t.requires_grad for t in inputs)
         order = self._order(inputs[0].detach())
         inverse = torch.argsort(order)
-        out = Rollout.apply(self._engine, frames, recording, None, *(t[order] for t in inputs[:4]), coefficients)
+        out = Rollout.apply(self._engine, frames, recording, *(t[order] for t in inputs[:4]), coefficients)
         return out[:, inverse].to(positions.device, positions.dtype)
 
     def _coefficients(self, parameters: dict[str, Tensor], effect_parameters: dict[str, Tensor]) -> Tensor:
         own = self.material.parameters
         _check_names("parameters", parameters, {**own, **self.ground.guess}, required=own)
-        _check_names("effect_parameters", effect_parameters, {k: v for k, v in self._guess.items() if k not in self.ground.guess}, required={})
+        _check_names(
+            "effect_parameters",
+            effect_parameters,
+            {k: v for k, v in self._guess.items() if k not in self.ground.guess},
+            required={},
+        )
         values = {**self._guess, **parameters, **effect_parameters}
         tensors = {name: torch.as_tensor(value, dtype=torch.float64).reshape(()) for name, value in values.items()}
         for name, value in tensors.items():
             if not torch.isfinite(value):
                 raise UserInputError(f"simulator: parameter {name} is {float(value)}; give a finite number")
         coefficients = self.material.coefficients({name: tensors[name] for name in own})
-        return torch.stack([*coefficients.values(), *(tensors[name] for name in self._guess)]).to(self._device, self._real)
+        return torch.stack([*coefficients.values(), *(tensors[name] for name in self._guess)]).to(
+            self._device, self._real
+        )
 
     def _order(self, positions: Tensor) -> Tensor:
         """Particles by the first node of their stencil, in the order of the nodes in memory."""

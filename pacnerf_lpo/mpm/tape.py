@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.kernels import STATE
+from pacnerf_lpo.mpm.arrays import STATE
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes ``origin`` to ``origin + size - 1`` of the infinite grid whose node (0, 0, 0) lies at the world's origin."""
+    """Nodes ``origin`` to ``origin + size - 1`` of the infinite grid whose node (0, 0, 0) lies at the world's
+    origin.
+    """
 
     origin: tuple[int, int, int]
     size: tuple[int, int, int]
@@ -52,6 +54,7 @@ class Tape:
 
     states: S + 1 views, [(N * 24,)] each
     velocities: S views [(nodes, 4)]: velocity [m/s] and mass [kg]
+    grid: where they lie
     contacts: S views, velocity before the ground of every node at y <= 0 [m/s]
     """
 
@@ -60,11 +63,13 @@ class Tape:
         self._states = like.new_empty((substeps + 1 if keep else 1, particles * STATE))
         self.states = list(self._states) if keep else [self._states[0]] * (substeps + 1)
         self._buffer = like.new_empty(0)
+        self.grid = Grid((0, 0, 0), (0, 0, 0))
         self.velocities: list[Tensor] = []
         self.contacts: list[Tensor] = []
 
     def fit(self, grid: Grid) -> None:
         """Make room for the nodes of a grid."""
+        self.grid = grid
         slots = self._substeps if self.keep else 1
         sizes = [4 * grid.nodes, max(1, 3 * grid.contact_nodes)]
         if self._buffer.numel() < slots * sum(sizes):

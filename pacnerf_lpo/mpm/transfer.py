@@ -1,8 +1,8 @@
 """Particle-grid transfers with quadratic B-splines, and the contractions their adjoints need.
 
-A field on the nodes is an array of 4-vectors (one SIMD register). Over the 27 nodes of a stencil a particle carries values linear
-in the node index, q + i q_i + j q_j + k q_k, so sums factor by axis: 2 to 3 times fewer operations than node by node.
-MLS-MPM: Hu et al., "A moving least squares material point method", SIGGRAPH 2018.
+A field on the nodes is an array of 4-vectors (one SIMD register). Over the 27 nodes of a stencil a particle carries
+values linear in the node index, q + i q_i + j q_j + k q_k, so sums factor by axis: 2 to 3 times fewer operations than
+node by node. MLS-MPM: Hu et al., "A moving least squares material point method", SIGGRAPH 2018.
 """
 
 from pacnerf_lpo.mpm.runtime import ti
@@ -10,7 +10,9 @@ from pacnerf_lpo.mpm.runtime import ti
 
 @ti.func
 def stencil(x, inv_dx):
-    """First node, offset from it in cells, weights and weight derivatives [per cell] by node (row) and axis (column)."""
+    """First node, offset from it in cells, weights and weight derivatives [per cell] by node (row) and axis
+    (column).
+    """
     first = ti.floor(x * inv_dx - 0.5)
     f = x * inv_dx - first
     w = ti.Matrix.rows([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2])
@@ -54,7 +56,12 @@ def scatter(field: ti.template(), start, row, plane, w, q, qi, qj, qk, atomic: t
 @ti.func
 def gather(field: ti.template(), start, row, plane, w):
     """Sums over the 27 nodes of w u, w u i, w u j, w u k."""
-    m, mi, mj, mk = ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4)
+    m, mi, mj, mk = (
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+    )
     for i in range(3):
         t, tj, tk = ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4)
         for j in range(3):
@@ -75,7 +82,12 @@ def gather(field: ti.template(), start, row, plane, w):
 @ti.func
 def gather_adjoint(field: ti.template(), start, row, plane, w, dw, q, qi, qj, qk):
     """The moments of :func:`gather`, and the sum of (u · (q + i qi + j qj + k qk)) grad w [per cell]."""
-    m, mi, mj, mk = ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4)
+    m, mi, mj, mk = (
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+        ti.Vector.zero(float, 4),
+    )
     gx, gy, gz = ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4)
     for i in range(3):
         t, tj, tk = ti.Vector.zero(float, 4), ti.Vector.zero(float, 4), ti.Vector.zero(float, 4)

@@ -12,8 +12,8 @@ from pacnerf_lpo.mpm.point import Point
 class Effect(ABC):
     """Physics beside material, ground and gravity, with named coefficients that can be identified.
 
-    Subclasses are one of the kinds below (where the effect acts), list their ``parameters`` and ``null``, the value of each at
-    which the effect vanishes; ``Parameter.scale`` is the size at which it becomes noticeable.
+    Subclasses are one of the kinds below (where the effect acts), list their ``parameters`` and ``null``, the value
+    of each at which the effect vanishes; ``Parameter.scale`` is the size at which it becomes noticeable.
 
     Args:
         guess: value of every parameter [SI].

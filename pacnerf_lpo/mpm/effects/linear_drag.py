@@ -11,7 +11,7 @@ from pacnerf_lpo.mpm.point import Point
 class LinearDrag(BodyForce):
     """Acceleration -c v: Stokes drag per unit mass.
 
-    Signature: the fall approaches a terminal velocity g / c. Easily confused with a smaller gravity or a wrong frame rate.
+    Signature: the fall approaches a terminal velocity g / c. Easily confused with a smaller gravity.
 
     Args:
         drag: rate c [1/s].

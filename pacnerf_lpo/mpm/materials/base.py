@@ -32,7 +32,9 @@ class Material(ABC):
         self.guess = {name: self.parameters[name].check(float(value), where) for name, value in guess.items()}
         for name in known:
             if name not in self.parameters:
-                raise UserInputError(f"{where}.known: {name!r} is no parameter of it; choose from {', '.join(self.parameters)}")
+                raise UserInputError(
+                    f"{where}.known: {name!r} is no parameter of it; choose from {', '.join(self.parameters)}"
+                )
         self.known = tuple(known)
 
     @property
@@ -48,9 +50,11 @@ class Material(ABC):
     @staticmethod
     @abstractmethod
     def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
-        """New deformation gradient and Kirchhoff stress [Pa] of one particle, from the trial state and the coefficients.
+        """New deformation gradient and Kirchhoff stress [Pa] of one particle, from the trial state and the
+        coefficients.
 
-        Plain arithmetic with the functions of ``mpm.differentiation`` and ``mpm.tensors``; moduli times ``point.stiffness``.
+        Plain arithmetic with the functions of ``mpm.differentiation`` and ``mpm.tensors``; moduli times
+        ``point.stiffness``.
         """
 
 

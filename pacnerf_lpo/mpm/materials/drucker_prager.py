@@ -19,8 +19,9 @@ from pacnerf_lpo.mpm.tensors import Tensor3
 
 
 class DruckerPrager(Material):
-    """Hencky elasticity in the cone ||dev e|| <= -alpha (3 lambda + 2 mu) / (2 mu) tr(e), and no stress under expansion, with
-    alpha = sqrt(2/3) 2 sin(theta) / (3 - sin(theta)) (Klár et al., "Drucker-Prager elastoplasticity for sand animation", 2016).
+    """Hencky elasticity in the cone ||dev e|| <= -alpha (3 lambda + 2 mu) / (2 mu) tr(e), and no stress under
+    expansion, with alpha = sqrt(2/3) 2 sin(theta) / (3 - sin(theta)) (Klár et al., "Drucker-Prager elastoplasticity
+    for sand animation", 2016).
 
     Args:
         theta: friction angle [deg].

@@ -18,8 +18,8 @@ from pacnerf_lpo.mpm.tensors import Tensor3
 
 
 class ViscoplasticVonMises(Material):
-    """Von Mises yield with plastic viscosity: of the excess y over the yield stress, y / (1 + eta / (2 mu^ dt)) is removed
-    per substep, mu^ = mu tr(b) / 3 (PAC-NeRF's non-Newtonian law, after Yue et al. 2015).
+    """Von Mises yield with plastic viscosity: of the excess y over the yield stress, y / (1 + eta / (2 mu^ dt)) is
+    removed per substep, mu^ = mu tr(b) / 3 (PAC-NeRF's non-Newtonian law, after Yue et al. 2015).
 
     Args:
         mu: shear modulus [Pa].
@@ -31,7 +31,9 @@ class ViscoplasticVonMises(Material):
 
     parameters = named(SHEAR, BULK, YIELD, Parameter("eta", "Pa s", Log10(), (0.0, 1e9), "plastic viscosity"))
 
-    def __init__(self, mu: float = 1e3, kappa: float = 1e5, tau_y: float = 100.0, eta: float = 1.0, known: Sequence[str] = ()):
+    def __init__(
+        self, mu: float = 1e3, kappa: float = 1e5, tau_y: float = 100.0, eta: float = 1.0, known: Sequence[str] = ()
+    ):
         super().__init__({"mu": mu, "kappa": kappa, "tau_y": tau_y, "eta": eta}, known)
 
     @staticmethod

@@ -1,0 +1,101 @@
+"""The engine's own promises: laws as plain functions, the eigen-solver, tapes and budgets, and the documented example."""
+
+from __future__ import annotations
+
+import doctest
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import simulator as simulator_module
+from pacnerf_lpo.mpm.effects import LinearDrag
+from pacnerf_lpo.mpm.ground import Separate, Sticky
+from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
+from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened, stress
+from pacnerf_lpo.mpm.simulator import Simulator
+
+pytestmark = pytest.mark.usefixtures("small_threads")
+AXIS = torch.arange(4, dtype=torch.float64) * 0.05 + 0.02
+
+
+def positions() -> torch.Tensor:
+    """64 particles just above the ground [m, (64, 3)]."""
+    return torch.cartesian_prod(AXIS, AXIS, AXIS)
+
+
+def gradient_of(memory: float) -> torch.Tensor:
+    """Gradient of a rollout by the initial positions, with a memory budget [bytes]."""
+    simulator = Simulator(NeoHookean(), dx=0.1, substeps=8, frame_dt=1 / 120, dtype="f64", memory=memory)
+    x = positions().requires_grad_()
+    ones = torch.ones(64, dtype=torch.float64)
+    path = simulator(
+        x, -2 * torch.ones_like(x.detach()), 0.1 * ones, ones, {"E": torch.tensor(1e5), "nu": torch.tensor(0.3)}, 5
+    )
+    path.square().sum().backward()
+    return x.grad
+
+
+def test_documented_example_runs():
+    """The example in Simulator's docstring gives what it prints."""
+    result = doctest.testmod(simulator_module)
+    assert result.attempted > 5
+    assert result.failed == 0
+
+
+def test_recomputed_frames_give_the_very_same_gradient():
+    """With memory for one frame the others are recomputed from checkpoints: the same operations, the same bits."""
+    assert torch.equal(gradient_of(1.0), gradient_of(1e9))
+
+
+def test_shortened_strain_keeps_volume_and_direction():
+    """A law is a plain function: evaluated on floats, radial return scales the deviator by 1 - excess / norm."""
+    strains = [0.03, -0.01, 0.002]
+    mean, deviator, norm = mean_and_deviator(strains)
+    new = shortened(strains, deviator, norm, 0.25 * norm)
+    assert new == pytest.approx([mean + 0.75 * d for d in deviator], rel=1e-14)
+    assert sum(stress(new, 2.0, 3.0)) == pytest.approx((4.0 + 9.0) * 3 * mean, rel=1e-13)
+
+
+def test_friction_cone_on_floats():
+    """Coulomb: a fall of 1 m/s on friction 0.5 takes 0.5 m/s from a slide of 2 m/s, and all of one of 0.3 m/s."""
+    c = SimpleNamespace(friction=0.5)
+    assert Separate.velocity([2.0, -1.0, 0.0], c) == pytest.approx([1.5, 0.0, 0.0])
+    assert Separate.velocity([0.0, -1.0, 0.3], c) == pytest.approx([0.0, 0.0, 0.0])
+    assert Separate.velocity([2.0, 1.0, 0.3], c) == pytest.approx([2.0, 1.0, 0.3])
+
+
+def test_a_drag_of_zero_changes_nothing():
+    """The null value of the effect reproduces the simulation without it, bit for bit."""
+    x, ones = positions(), torch.ones(64, dtype=torch.float64)
+    run = {"dx": 0.1, "substeps": 8, "frame_dt": 1 / 120, "dtype": "f64"}
+    inputs = (x, -torch.ones_like(x), 0.1 * ones, ones, {"E": torch.tensor(1e5), "nu": torch.tensor(0.3)}, 4)
+    plain = Simulator(NeoHookean(), **run)(*inputs)
+    with_null = Simulator(NeoHookean(), effects=[LinearDrag(LinearDrag.null["drag"])], **run)(*inputs)
+    with_drag = Simulator(NeoHookean(), effects=[LinearDrag(5.0)], **run)(*inputs)
+    assert torch.equal(plain, with_null)
+    assert (with_drag - plain)[-1, :, 0].mean() > 1e-4
+
+
+def test_settings_are_checked_before_running():
+    """Every unusable setting is named in one line."""
+    with pytest.raises(UserInputError, match="friction = -1"):
+        Separate(friction=-1.0)
+    with pytest.raises(UserInputError, match="Young's modulus"):
+        NeoHookean(E=-1.0)
+    with pytest.raises(UserInputError, match="'nue' is no parameter"):
+        NeoHookean(known=["nue"])
+    with pytest.raises(UserInputError, match="dtype 'f16'"):
+        Simulator(NeoHookean(), dx=0.1, substeps=8, dtype="f16")
+    with pytest.raises(UserInputError, match="two parameters called 'drag'"):
+        Simulator(NeoHookean(), dx=0.1, substeps=8, effects=[LinearDrag(), LinearDrag()])
+    with pytest.raises(UserInputError, match="did you mean 'nu'"):
+        x, ones = positions(), torch.ones(64)
+        values = {"E": torch.tensor(1e5), "nu": torch.tensor(0.3), "nus": torch.tensor(0.3)}
+        Simulator(NeoHookean(), Sticky(), dx=0.1, substeps=8)(x, 0 * x, ones, ones, values, 2)
+
+
+def test_known_parameters_are_not_free():
+    """The trophy's setting: only the friction angle is identified."""
+    assert DruckerPrager(known=["E", "nu"]).free_names == ["theta"]
