@@ -11,6 +11,7 @@ from torch.utils.data import DataLoader
 from pacnerf_lpo.data import checks, coverage
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.data.hull import hull_box
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.pac_nerf import Background, read_pac_nerf
 from pacnerf_lpo.types import Box, Rays, Video
@@ -24,6 +25,7 @@ class VideoData(LightningDataModule):
         box_lower, box_upper: corners of the box the object fills at frame 0 [m].
         train_views: file ids of the views trained on, e.g. ``[0, 4, 8]``; None for all.
         test_views: file ids of the views held out; None for the rest.
+        fit_box: shrink the box to the visual hull of the training views' silhouettes at frame 0.
         frames: how many frames, from the first; None for all.
         image_scale: 0 < scale <= 1; images are area averaged.
         background: ``matted`` images, ``raw`` ones matted by their background plates, or ``auto``: matted if any.
@@ -47,10 +49,11 @@ class VideoData(LightningDataModule):
         frames: int | None = None,
         image_scale: float = 1.0,
         background: Background = "auto",
+        fit_box: bool = False,
     ):
         super().__init__()
         self.root, self.frames, self.image_scale, self.background = root, frames, image_scale, background
-        self.box_lower, self.box_upper = box_lower, box_upper
+        self.box_lower, self.box_upper, self.fit_box = box_lower, box_upper, fit_box
         self.train_views, self.test_views = train_views, test_views
         self._rays: dict[int, Rays] = {}
 
@@ -66,7 +69,7 @@ class VideoData(LightningDataModule):
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
         coverage.check_visible(video, self.train)
         coverage.check_box_seen(video, box, self.train)
-        self.box, self.video = box, video
+        self.box, self.video = hull_box(video, box, self.train) if self.fit_box else box, video
         return self
 
     def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -13,6 +13,15 @@ def transmittance_entropy(transmittance: Tensor) -> Tensor:
     return -(through * through.log() + (1 - through) * (1 - through).log()).mean()
 
 
+def matte_cross_entropy(transmittance: Tensor, matte: Tensor) -> Tensor:
+    """Mean of -m ln(1 - T) - (1 - m) ln T [nat, scalar] of rays: transmittance (R,) against the object's opacity m (R,).
+
+    On a free ray this is its optical depth, so fog is pushed out with the same force however thin it already is.
+    """
+    through = transmittance.clamp(1e-6, 1 - 1e-6)
+    return -(matte * (1 - through).log() + (1 - matte) * through.log()).mean()
+
+
 def surface_area(opacity: Tensor, dx: float) -> Tensor:
     """sum_p clamp(alpha_p, 1e-4, 1e-1) dx^2 / 8 [m^2, scalar] of particle alphas (N,), eight to a cell of ``dx`` [m].
 

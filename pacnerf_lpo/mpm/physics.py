@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -14,10 +15,11 @@ from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
-from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.scene.activation import alpha, solid_fraction
 from pacnerf_lpo.types import ParticleState
 
 MAX_HALVINGS = 3
+LEAST_OPACITY = 1e-4  # keeps the mass of a faint particle positive in float32
 GROUND_HEIGHT = Parameter("ground_height", "m", Identity(), (-10.0, 10.0), "height of the ground", scale=0.01)
 
 
@@ -35,6 +37,8 @@ class Physics:
         ground_height: height of the ground plane [m].
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
+        matter: ``alpha``: a particle's mass and stiffness follow its alpha over unit length (PAC-NeRF); ``visible``: they
+            follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class Physics:
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
         ground_height: float = 0.0,
         fit_ground_height: bool = False,
+        matter: Literal["alpha", "visible"] = "alpha",
     ):
         for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
             if not (value > 0 and math.isfinite(value)):
@@ -60,7 +65,7 @@ class Physics:
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
-        self.fit_ground_height = fit_ground_height
+        self.fit_ground_height, self.matter = fit_ground_height, matter
         self.halvings = 0
         self._simulators: dict[tuple, Simulator] = {}
 
@@ -97,12 +102,12 @@ class Physics:
         velocity: Tensor,
         density: Tensor,
         parameters: Mapping[str, Tensor],
-        spacing: float,
+        spacings: tuple[float, float],
         frames: int,
     ) -> Tensor:
         """Positions at every frame, differentiable in all tensors.
 
-        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF). A rollout that becomes
+        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF; alpha as ``matter`` says). A rollout that becomes
         unstable is repeated with half the time step, at most three times; the halved step is kept.
 
         Args:
@@ -110,7 +115,7 @@ class Physics:
             velocity: at frame 0 [m/s, (N, 3)]
             density: raw volume density of the particles [(N,)]
             parameters: every parameter by name [SI, scalars]
-            spacing: grid spacing [m]
+            spacings: grid spacing of the particles, and the coarsest one dx0 [m]
             frames: number of frames, the first included.
 
         Returns:
@@ -119,7 +124,9 @@ class Physics:
         Raises:
             SimulationError: still unstable after the last halving.
         """
-        opacity = alpha(density, 1.0)
+        spacing = spacings[0]
+        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
+        opacity = opacity.clamp_min(LEAST_OPACITY)
         mass = self.rho * (spacing / 2) ** 3 * opacity
         material = {name: parameters[name] for name in self.material.parameters}
         extra = {name: parameters[name] for effect in self.effects for name in effect.parameters}
@@ -140,7 +147,8 @@ class Physics:
         """
         values = {name: torch.tensor(value) for name, value in {**self.guess, **state.physics}.items()}
         with torch.no_grad():
-            return self.rollout(state.positions, state.velocity, state.density, values, state.spacing, frames)
+            spacings = state.spacing, state.base_spacing
+            return self.rollout(state.positions, state.velocity, state.density, values, spacings, frames)
 
     def _simulator(self, spacing: float) -> Simulator:
         key = (spacing, self.substeps)

@@ -13,17 +13,22 @@ from pacnerf_lpo.types import FieldGrid
 RELATIVE_ALPHA = 1e-3
 
 
-def sample_particles(grid: FieldGrid, generator: torch.Generator) -> Tensor:
-    """One uniformly random position in each octant of each cell, kept where alpha >= 1e-3 of the largest: [m, (N, 3)].
+def sample_particles(
+    grid: FieldGrid, generator: torch.Generator, relative_alpha: float = RELATIVE_ALPHA
+) -> Tensor:
+    """One uniformly random position in each octant of each cell, kept where alpha is high enough: [m, (N, 3)].
 
-    ``generator`` lives on the CPU, so that a seed gives the same particles on every device.
+    ``generator`` lives on the CPU, so that a seed gives the same particles on every device. ``relative_alpha`` is the
+    least alpha that is kept, as a fraction of the largest (1e-3 in PAC-NeRF).
     """
-    return particle_alpha(grid, generator)[0]
+    return particle_alpha(grid, generator, relative_alpha)[0]
 
 
-def particle_alpha(grid: FieldGrid, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+def particle_alpha(
+    grid: FieldGrid, generator: torch.Generator, relative_alpha: float = RELATIVE_ALPHA
+) -> tuple[Tensor, Tensor]:
     """Freshly sampled particles [m, (N, 3)] and their alpha (N,), the latter differentiable in the density."""
-    threshold = RELATIVE_ALPHA * float(alpha(grid.density.detach().max(), 1.0))
+    threshold = relative_alpha * float(alpha(grid.density.detach().max(), 1.0))
     candidates = _jittered(grid, threshold, generator)
     points = stencil(candidates, grid.lower, grid.dx, _shape(grid))
     opacity = alpha(gather(grid.density.reshape(-1, 1), points).squeeze(1), 1.0)

@@ -63,9 +63,13 @@ class DynamicPhase(AbstractPhase):
     def rollout(self, velocity: Tensor, parameters: dict[str, Tensor], frames: int) -> Tensor:
         """Trajectory of the imported particles with one global velocity [m/s, (3,)] -> [m, (frames, N, 3)]."""
         state = self.state
-        return self.physics.rollout(
-            state.positions, velocity.expand_as(state.positions), state.density, parameters, state.spacing, frames
-        )
+        everywhere = velocity.expand_as(state.positions)
+        return self.physics.rollout(state.positions, everywhere, state.density, parameters, self.spacings, frames)
+
+    @property
+    def spacings(self) -> tuple[float, float]:
+        """Grid spacing of the particles, and the coarsest one dx0 [m]."""
+        return self.state.spacing, self.state.base_spacing
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep how often the time step was halved."""

@@ -103,24 +103,28 @@ class GaussNewton(IdentificationMethod):
     The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds the
     valley before the first step, because moduli can be wrong by a factor of a thousand.
 
+    There is no warm-up on early frames: frames without contact say nothing of the material and would let it drift.
+
     Args:
-        warm_up_iterations, main_iterations: at most; a stage ends when it has converged.
+        iterations: at most; it ends when the steps have become small.
         scan_decades: each log10 parameter is first tried this many decades to either side, by half decades; 0: not at all.
-        warm_up_pool, main_pool: block size [pixels] over which images are averaged before comparison.
+        coarse_iterations: iterations on images averaged over ``coarse_pool`` pixels, which widens the valley.
+        coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
         fits_velocity: refine the initial velocity too.
     """
 
     def __init__(
         self,
-        warm_up_iterations: int = 4,
-        main_iterations: int = 8,
+        iterations: int = 10,
         scan_decades: float = 3.0,
-        warm_up_pool: int = 4,
-        main_pool: int = 1,
+        coarse_iterations: int = 3,
+        coarse_pool: int = 4,
+        pool: int = 1,
         fits_velocity: bool = True,
     ):
-        super().__init__(warm_up_iterations, main_iterations)
-        self.scan_decades, self.warm_up_pool, self.main_pool = scan_decades, warm_up_pool, main_pool
+        super().__init__(0, iterations)
+        self.scan_decades, self.coarse_iterations = scan_decades, coarse_iterations
+        self.coarse_pool, self.pool = coarse_pool, pool
         self.fits_velocity = fits_velocity
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
@@ -129,7 +133,7 @@ class GaussNewton(IdentificationMethod):
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Scan one parameter after the other over decades and keep the best value."""
-        module.misfit.pool = self.warm_up_pool
+        module.misfit.pool = self.coarse_pool
         frames = module.frame_count
         for name, free in module.free.items():
             if self.scan_decades and isinstance(module.physics.parameters[name].transform, Log10):
@@ -150,14 +154,14 @@ class GaussNewton(IdentificationMethod):
             free.fill_(start + best)
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        module.misfit.pool = self.warm_up_pool if step < module.warm_up_end else self.main_pool
+        module.misfit.pool = self.coarse_pool if step < self.coarse_iterations else self.pool
         self._frames = module.frames_at(step)
         model = optimiser.step(lambda: self._normal_equations(module))
         return model.loss
 
     def converged(self, module: PhysicsIDModule) -> bool:
-        """The last step was below a hundredth of the longest allowed one."""
-        return module.optimizers().param_groups[0]["last_step"] < 0.01
+        """The last step on fine images was below a hundredth of the longest allowed one."""
+        return module.misfit.pool == self.pool and module.optimizers().param_groups[0]["last_step"] < 0.01
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         return finite_loss(lambda: module.loss(self._frames, module.all_views(self._frames)).item())

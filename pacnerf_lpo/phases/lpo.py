@@ -65,7 +65,7 @@ class LPOModule(DynamicPhase):
         frames = self.misfit.frames
         driving = self.density if self.density_drives_mass else self.density.detach()
         trajectory = self.physics.rollout(
-            self.positions, self.state.velocity, driving, self._values, self.state.spacing, frames
+            self.positions, self.state.velocity, driving, self._values, self.spacings, frames
         )
         loss = self.misfit.loss(trajectory, self.density, self.features, self.one_view_per_frame(step, frames))
         self.log("correction/loss", loss)

@@ -11,8 +11,8 @@ from torch.nn.functional import normalize
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.losses.image import psnr, squared_error
-from pacnerf_lpo.losses.regularisers import surface_area, transmittance_entropy
-from pacnerf_lpo.particles.sampling import interpolate, particle_alpha, sample_particles
+from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
+from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
@@ -38,13 +38,15 @@ class StaticGridModule(AbstractPhase):
         surface_schedule: factor on ``surface_weight`` over the steps.
         length: number of steps and when voxels are scaled.
         view_invariant_weight: weight of the view-invariant pixel loss; 0 leaves it out.
-        silhouette_weight: weight of the squared error between opacity and the matte. Not in the paper, whose losses
+        silhouette_weight: weight of the cross entropy between opacity and the matte. Not in the paper, whose losses
             cannot see white fog in front of the white background; it makes short training enough.
         entropy_limit: largest weight of the transmittance entropy.
         rays_per_step: rays in a batch.
         grid_rate: Adam rate of density and features.
         network_rate: Adam rate of the colour network.
         min_weight: samples that would add less to their ray are not coloured (1e-7 in PAC-NeRF).
+        relative_alpha: particles are kept whose alpha is at least this fraction of the largest (1e-3 in PAC-NeRF).
+            A dense field has a rim of faint particles one voxel wide that weigh but are not seen; 0.5 cuts it off.
         seed: seed of views, rays and particles.
     """
 
@@ -65,6 +67,7 @@ class StaticGridModule(AbstractPhase):
         grid_rate: float = 0.1,
         network_rate: float = 1e-3,
         min_weight: float = MIN_WEIGHT,
+        relative_alpha: float = RELATIVE_ALPHA,
         seed: int = 0,
     ):
         super().__init__()
@@ -79,7 +82,7 @@ class StaticGridModule(AbstractPhase):
         self.entropy_weight, self.entropy_schedule = entropy_weight, entropy_schedule
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
-        self.silhouette_weight = silhouette_weight
+        self.silhouette_weight, self.relative_alpha = silhouette_weight, relative_alpha
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
 
@@ -127,7 +130,7 @@ class StaticGridModule(AbstractPhase):
             seen = shade(samples, self.colour, directions=directions).colour
             terms["view_invariant"] = squared_error(seen, measured)
         if self.silhouette_weight > 0:
-            terms["silhouette"] = squared_error(1 - samples.transmittance, matte)
+            terms["silhouette"] = matte_cross_entropy(samples.transmittance, matte)
         return self._weighted_sum(terms, self.weights_at(batch))
 
     def _weighted_sum(self, terms: dict[str, Tensor], weights: dict[str, float]) -> Tensor:
@@ -160,7 +163,7 @@ class StaticGridModule(AbstractPhase):
         self.field.check_object()
         grid = self.field.grid()
         with torch.no_grad():
-            positions = sample_particles(grid, torch.Generator().manual_seed(self.seed))
+            positions = sample_particles(grid, torch.Generator().manual_seed(self.seed), self.relative_alpha)
             density, features = interpolate(grid, positions)
         weights = {name: value.detach().cpu().clone() for name, value in self.colour.state_dict().items()}
         return ParticleState(

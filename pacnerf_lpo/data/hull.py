@@ -1,0 +1,56 @@
+"""The box around what all mattes allow: the visual hull of frame 0 (Laurentini 1994), found on a regular lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.types import Box, Video
+
+CELLS = 64
+"""Lattice cells along the box's longest edge."""
+MARGIN = 2
+"""Cells left free around the hull."""
+
+
+def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
+    """The part of ``box`` around the visual hull of the given views (indices) at frame 0, with a small margin.
+
+    A point belongs to the hull if it lies on the object in every view that sees it, and more than half of them see it.
+
+    Raises:
+        UserInputError: the mattes have no common point in the box.
+    """
+    lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
+    cell = float((upper - lower).max()) / CELLS
+    axes = [torch.arange(float(a) + cell / 2, float(b), cell) for a, b in zip(lower, upper, strict=True)]
+    points = torch.cartesian_prod(*axes)
+    seen = torch.zeros(len(points))
+    for view in views:
+        inside, covered = _covered(points, video, view)
+        seen += inside
+        points, seen = points[covered | ~inside], seen[covered | ~inside]
+    points = points[seen > len(views) / 2]
+    if len(points) == 0:
+        raise UserInputError(
+            f"{video.source}: the silhouettes of the training views at frame 0 have no common point in the box "
+            f"{list(box.lower)} to {list(box.upper)} m; check the camera poses and data.box_lower, data.box_upper"
+        )
+    margin = MARGIN * cell
+    low = torch.maximum(points.amin(0) - margin, lower).tolist()
+    high = torch.minimum(points.amax(0) + margin, upper).tolist()
+    return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+
+def _covered(points: Tensor, video: Video, view: int) -> tuple[Tensor, Tensor]:
+    """Whether each point [m, (N, 3)] lies inside the image of a view, and on the object there [(N,), bool] each."""
+    pixels, depth = project(points, video.intrinsics[view], video.camera_to_world[view])
+    matte = video.silhouettes[view, 0] > 0.5
+    height, width = matte.shape
+    column, row = pixels.floor().long().unbind(-1)
+    inside = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return inside, inside & matte[row.clamp(0, height - 1), column.clamp(0, width - 1)]
