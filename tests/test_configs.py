@@ -96,13 +96,6 @@ def test_cpu_keeps_what_distinguishes_the_baselines():
     assert [(part.steps, part.halvings) for part in length] == [(6000, 2), (2000, 2)]
 
 
-@pytest.mark.parametrize("names", [("scenes/torus", "cpu"), ("demo",)])
-def test_gauss_newton_does_not_inherit_the_iterations_of_adam(names: tuple[str, ...]):
-    method = configured(*names).config.phases.physics.init_args.method
-    assert method.class_path.endswith("GaussNewton")
-    assert (method.init_args.warm_up_iterations, method.init_args.main_iterations) == (4, 8)
-
-
 def fit(run_dir: Path, *options: str, configs: tuple[str, ...]) -> int:
     files = [word for name in ("fit", *configs) for word in ("--config", str(CONFIGS / f"{name}.yaml"))]
     words = ["fit", *files, "--config", str(SMOKE), "--outer_loop.run_dir", str(run_dir), "--trainer.accelerator=cpu"]
