@@ -12,6 +12,8 @@ from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.types import ParticleState
 
 ITERATIONS_PER_STEP = 4
+LOSS_SCALE = 1e3  # L-BFGS moves by the bare gradient first, unless its norm exceeds one
+FIRST_STEP = 0.5  # m/s, length of the first trial step
 
 
 class VelocityModule(DynamicPhase):
@@ -21,7 +23,7 @@ class VelocityModule(DynamicPhase):
         hit_frame: first frame in which the body touches the ground; the frames before it are used.
         max_iterations: L-BFGS iterations at most.
         guess: velocity to start from [m/s].
-        tolerance: stops when no component moves by more than this in one iteration [m/s].
+        tolerance: stops when no component moves by more than this in four iterations [m/s].
     """
 
     def __init__(
@@ -29,7 +31,7 @@ class VelocityModule(DynamicPhase):
         hit_frame: int,
         max_iterations: int = 100,
         guess: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        tolerance: float = 1e-4,
+        tolerance: float = 1e-3,
     ):
         super().__init__(steps=math.ceil(max_iterations / ITERATIONS_PER_STEP))
         if hit_frame < 2:
@@ -54,7 +56,7 @@ class VelocityModule(DynamicPhase):
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """L-BFGS; a Lightning step runs a few of its iterations, so that evaluations are not repeated."""
         return torch.optim.LBFGS(
-            [self.velocity], max_iter=ITERATIONS_PER_STEP, history_size=20, line_search_fn="strong_wolfe"
+            [self.velocity], lr=FIRST_STEP, max_iter=ITERATIONS_PER_STEP, history_size=20, line_search_fn="strong_wolfe"
         )
 
     def training_step(self, step: int, _: int) -> Tensor:
@@ -62,7 +64,7 @@ class VelocityModule(DynamicPhase):
         trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
         loss = self.misfit.loss(trajectory, self.state.density, self.state.features, self.all_views(self.frames))
         self.log("velocity/loss", loss)
-        return loss
+        return LOSS_SCALE * loss
 
     def on_train_batch_end(self, *_) -> None:
         """Log the velocity and stop when it no longer moves."""
