@@ -1,4 +1,4 @@
-"""The engine's own promises: laws as plain functions, the eigen-solver, tapes and budgets, and the documented example."""
+"""The engine's own promises: laws as plain functions, checkpoints, null effects, checks, and the documented example."""
 
 from __future__ import annotations
 
