@@ -85,3 +85,7 @@ class Parameter:
                 f"give a value between {low:g} and {high:g} {self.unit}"
             )
         return value
+
+    def show(self, value: float) -> str:
+        """The value with its unit, as a person reads it."""
+        return f"{value:.4g}" if self.unit == "1" else f"{value:.4g} {self.unit}"

@@ -122,7 +122,6 @@ class PhysicsIDModule(DynamicPhase):
         return self.state.with_(physics=self.export_values(), velocity=velocity)
 
     def progress_metrics(self) -> dict[str, str]:
-        """Identified parameters with units."""
-        described = self.physics.parameters
+        """Identified parameters with their SI units."""
         values = self.export_values()
-        return {name: f"{values[name]:.4g} {described[name].unit}" for name in self.free}
+        return {name: self.physics.parameters[name].show(values[name]) for name in self.free}
