@@ -47,7 +47,8 @@ run_dir = Path(tempfile.mkdtemp()) / "quickstart"
 small = {
     "data.image_scale": "0.25",
     "data.frames": "10",
-    "data.test_views": "[2]",
+    "data.train_views": "[0, 4, 8]",
+    "data.test_views": "[3]",
     "physics.substep_rate": "1200",
     "physics.material.init_args.E": "3e4",
     "phases.static.init_args.rays_per_step": "512",
@@ -56,8 +57,8 @@ small = {
     "phases.static.init_args.length.init_args.halvings": "1",
     "phases.velocity.init_args.max_iterations": "8",
     "phases.physics.init_args.method.init_args.scan_decades": "0",
-    "phases.physics.init_args.method.init_args.warm_up_iterations": "0",
-    "phases.physics.init_args.method.init_args.main_iterations": "4",
+    "phases.physics.init_args.method.init_args.coarse_iterations": "1",
+    "phases.physics.init_args.method.init_args.iterations": "4",
     "phases.correction.init_args.iterations": "5",
 }
 options = [word for key, value in small.items() for word in (f"--{key}", value)]
