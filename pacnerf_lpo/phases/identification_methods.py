@@ -56,7 +56,7 @@ class IdentificationMethod(ABC):
     def prepare(self, module: PhysicsIDModule) -> None:
         """Called once before the first iteration of a fresh run."""
 
-    def converged(self, module: PhysicsIDModule) -> bool:
+    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """Whether the current stage has nothing left to gain."""
         return False
 
@@ -159,9 +159,9 @@ class GaussNewton(IdentificationMethod):
         model = optimiser.step(lambda: self._normal_equations(module))
         return model.loss
 
-    def converged(self, module: PhysicsIDModule) -> bool:
+    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """The last step on fine images was below a hundredth of the longest allowed one."""
-        return module.misfit.pool == self.pool and module.optimizers().param_groups[0]["last_step"] < 0.01
+        return module.misfit.pool == self.pool and optimiser.param_groups[0]["last_step"] < 0.01
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         return finite_loss(lambda: module.loss(self._frames, module.all_views(self._frames)).item())

@@ -96,13 +96,14 @@ class PhysicsIDModule(DynamicPhase):
 
     def training_step(self, step: int, _: int) -> None:
         """One iteration of the method; a converged stage is left early."""
-        loss = self.method.iterate(self, self.optimizers(), step)
+        optimiser = self.optimizers()
+        loss = self.method.iterate(self, optimiser, step)
         self.log("physics/loss", loss)
         for name, value in self.export_values().items():
             self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
             self.log(f"physics/v_{axis} [m|s]", value)
-        if self.method.converged(self):
+        if self.method.converged(self, optimiser):
             self._end_stage(step)
 
     def _end_stage(self, step: int) -> None:
