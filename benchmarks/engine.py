@@ -30,13 +30,13 @@ MATERIALS = {
     "DruckerPrager": {"theta": 40.0, "E": 1e6, "nu": 0.3},
 }
 DX, RATE, SUBSTEPS = 0.04, 4800, 80
-FLOPS = {"forward": 1500.0, "backward": 4100.0}
-"""Floating-point operations per elastic particle and substep, counted from transfer.py and the neo-Hookean law:
-forward gather and scatter 9 x (13 + 11) vector operations of 4, law 250; backward one scatter and two gathers 9 x (11
-+ 24 + 30), law 700.
-"""
-BYTES = {"forward": 4 * (24 + 24 + 15), "backward": 4 * (24 + 24 + 24 + 15)}
-"""Memory traffic per particle and substep that no cache can save: states read and written once [bytes]."""
+COSTS = {
+    "flops": {"forward": 1500.0, "backward": 4100.0},
+    "bytes": {"forward": 4.0 * (24 + 24 + 15), "backward": 4.0 * (24 + 24 + 24 + 15)},
+}
+"""Of one elastic particle in one substep. Floating-point operations, counted from transfer.py and the neo-Hookean law:
+forward one gather and one scatter, 9 x (13 + 11) operations on 4-vectors, law 250; backward one scatter and two adjoint
+gathers, 9 x (11 + 24 + 30), law 700. Memory traffic that no cache saves: states read and written once [bytes]."""
 
 
 def block(particles: int) -> torch.Tensor:
@@ -123,6 +123,21 @@ def yardstick(path: Path, threads: int, processor_time: bool) -> dict[str, float
     return {"forward": forward, "backward": backward, "fma": float(fma), "copy": float(copied)}
 
 
+def comparison(run: dict[str, float], trial: dict[str, float], kind: str) -> str:
+    """One run beside the yardstick's, and what it achieves of the machine."""
+    forward, backward = run[f"recording_{kind}"], run[f"backward_{kind}"]
+    factor = (trial["forward"] + trial["backward"]) / (forward + backward)
+    rate = {
+        key: 8e3 * (count["forward"] + count["backward"]) / (forward + backward) / 1e6 for key, count in COSTS.items()
+    }
+    return (
+        f"elastic forward + backward {forward:.2f} + {backward:.2f} ms, trial {trial['forward']:.2f} + "
+        f"{trial['backward']:.2f} ms: **{factor:.2f} x faster**. Achieved {rate['flops']:.1f} Gflop/s and "
+        f"{rate['bytes']:.1f} GB/s (the machine as the trial measures it: FMA {trial['fma']:.1f} Gflop/s, copy "
+        f"{trial['copy']:.1f} GB/s)."
+    )
+
+
 def report(results: dict) -> str:
     """The results as a markdown page."""
     lines = [
@@ -146,25 +161,9 @@ def report(results: dict) -> str:
         "ms per substep, processor time of one thread; JIT without cache, forward and backward kernel together.",
         "",
     ]
-    for title, key in (("One thread, processor time", "one"), ("Two threads, clock", "two")):
-        kind = "cpu_ms" if key == "one" else "ms"
+    for title, key, kind in (("One thread, processor time", "one", "cpu_ms"), ("Two threads, clock", "two", "ms")):
         for run, trial in zip(results[f"{key}_rounds"], results[f"{key}_yardstick"], strict=True):
-            own = run[f"recording_{kind}"] + run[f"backward_{kind}"]
-            theirs = trial["forward"] + trial["backward"]
-            gflops = (
-                8e3 * FLOPS["forward"] / run[f"recording_{kind}"] / 1e6,
-                8e3 * FLOPS["backward"] / run[f"backward_{kind}"] / 1e6,
-            )
-            gbytes = (
-                8e3 * BYTES["forward"] / run[f"recording_{kind}"] / 1e6,
-                8e3 * BYTES["backward"] / run[f"backward_{kind}"] / 1e6,
-            )
-            lines.append(
-                f"- {title}: elastic forward + backward {run[f'recording_{kind}']:.2f} + {run[f'backward_{kind}']:.2f} ms, trial "
-                f"{trial['forward']:.2f} + {trial['backward']:.2f} ms: **{theirs / own:.2f} x faster**. Achieved {gflops[0]:.1f} / "
-                f"{gflops[1]:.1f} Gflop/s and {gbytes[0]:.1f} / {gbytes[1]:.1f} GB/s (machine: FMA {trial['fma']:.1f} Gflop/s, copy "
-                f"{trial['copy']:.1f} GB/s, as the trial measures them)."
-            )
+            lines.append(f"- {title}: {comparison(run, trial, kind)}")
     m = results["memory"]
     lines += ["", f"14 frames x 200 substeps x {29**3:,} particles, forward and backward: peak {m['peak_gb']:.2f} GB resident "
               f"({m['before_gb']:.2f} GB of it before), {m['seconds']:.0f} s ({m['cpu_seconds']:.0f} s of processor time)."]  # fmt: skip

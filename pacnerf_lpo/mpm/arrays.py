@@ -1,5 +1,7 @@
 """Layout of the engine's arrays, and the small pieces of a kernel that read, write and check them."""
 
+# mypy: disable-error-code="valid-type,index"
+
 from pacnerf_lpo.mpm.runtime import ti
 
 STATE = 24

@@ -22,60 +22,62 @@ LOG_SMALLEST_STRETCH = -2.995732273553991
 SMALLEST_BETA = 1e-12
 """Keeps the logarithm finite where rounding makes a vanishing eigenvalue negative."""
 
+TINY = 1e-15
+"""Makes the rotation of two equal eigenvalues the identity."""
+
 ReturnMap = Callable[[list[Any]], tuple[list[Any], list[Any]]]
 """Three principal log-strains -> three new ones, and three principal Kirchhoff stresses [Pa]."""
+
+
+@ti.func
+def distinct_direction(M):
+    """Unit vector in the kernel of a symmetric 3x3 matrix of rank 2: the longest cross product of two rows."""
+    r0, r1 = ti.Vector([M[0, 0], M[0, 1], M[0, 2]]), ti.Vector([M[0, 1], M[1, 1], M[1, 2]])
+    r2 = ti.Vector([M[0, 2], M[1, 2], M[2, 2]])
+    a, b, c = r0.cross(r1), r1.cross(r2), r2.cross(r0)
+    na, nb, nc = a.norm_sqr(), b.norm_sqr(), c.norm_sqr()
+    first, second = na >= nb and na >= nc, nb >= nc
+    norm = ti.max(na, nb, nc)
+    scale = 1.0 / ti.sqrt(norm)
+    return ti.Vector([scale * ti.select(first, a[k], ti.select(second, b[k], c[k])) for k in ti.static(range(3))])
 
 
 @ti.func
 def symmetric_eigen(b):
     """Eigenvalues of a symmetric 3x3 matrix and eigenvectors (columns), accurate to rounding also when some are equal.
 
-    The best separated eigenvalue is the root of 4 c^3 - 3 c = r in [sqrt(3)/2, 1], by Newton from a close guess; its
-    vector is the longest cross product of two rows; the other two follow from one rotation in the plane across. After
-    D. Eberly, "A robust eigensolver for 3x3 symmetric matrices", 2014.
+    The best separated eigenvalue is the root of 4 c^3 - 3 c = r in [sqrt(3)/2, 1], by Newton from a polynomial within
+    2e-5; the other two follow from one rotation in the plane across its vector, without a test or a branch on how close
+    they are. After D. Eberly, "A robust eigensolver for 3x3 symmetric matrices", 2014; orthonormal basis of the plane:
+    Duff et al., "Building an orthonormal basis, revisited", 2017.
     """
     mean = b.trace() / 3.0
     S = b - mean * ti.Matrix.identity(float, 3)
     size = ti.sqrt((S * S).sum() / 6.0)
     values, U = ti.Vector([b[0, 0], b[1, 1], b[2, 2]]), ti.Matrix.identity(float, 3)
     if size > 0.0:
-        S = S / size
+        S = S * (1.0 / size)
         half = 0.5 * S.determinant()
         r = ti.min(ti.abs(half), 1.0)
-        c = 0.8660254 + r * (0.1655 - 0.0316 * r)
-        for _ in ti.static(range(3 if compiling_double() else 2)):
+        c = 0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467)))
+        for _ in ti.static(range(2 if compiling_double() else 1)):
             c -= (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0)
-        distinct = 2.0 * c
-        if half < 0.0:
-            distinct = -distinct
-        M = S - distinct * ti.Matrix.identity(float, 3)
-        r0, r1, r2 = (
-            ti.Vector([M[0, 0], M[0, 1], M[0, 2]]),
-            ti.Vector([M[1, 0], M[1, 1], M[1, 2]]),
-            ti.Vector([M[2, 0], M[2, 1], M[2, 2]]),
-        )
-        a, n01, n12, n20 = r0.cross(r1), r0.cross(r1).norm_sqr(), r1.cross(r2).norm_sqr(), r2.cross(r0).norm_sqr()
-        if n12 > n01 and n12 >= n20:
-            a = r1.cross(r2)
-        elif n20 > n01:
-            a = r2.cross(r0)
-        a = a / a.norm()
-        p = ti.Vector([0.0, a[2], -a[1]]) if ti.abs(a[0]) < 0.6 else ti.Vector([-a[2], 0.0, a[0]])
-        p = p / p.norm()
-        q = a.cross(p)
-        Sp = S @ p
-        pp, pq, qq = p.dot(Sp), q.dot(Sp), q.dot(S @ q)
+        distinct = 2.0 * ti.select(half < 0.0, -c, c)
+        a = distinct_direction(S - distinct * ti.Matrix.identity(float, 3))
+        side = ti.select(a[2] < 0.0, -1.0, 1.0)
+        tilt = -1.0 / (side + a[2])
+        p = ti.Vector([1.0 + side * a[0] * a[0] * tilt, side * a[0] * a[1] * tilt, -side * a[0]])
+        q = ti.Vector([a[0] * a[1] * tilt, side + a[1] * a[1] * tilt, -a[1]])
+        Sp, Sq = S @ p, S @ q
+        pp, pq, qq = p.dot(Sp), q.dot(Sp), q.dot(Sq)
         d = 0.5 * (qq - pp)
-        reach = ti.abs(d) + ti.sqrt(d * d + pq * pq)
-        t = 0.0
-        if reach > 0.0:
-            t = pq / reach
-            if d < 0.0:
-                t = -t
-        cosine = 1.0 / ti.sqrt(1.0 + t * t)
-        u, w = cosine * (p - t * q), cosine * (q + t * p)
-        values = mean + size * ti.Vector([a.dot(S @ a), pp - t * pq, qq + t * pq])
-        U = ti.Matrix.cols([a, u, w])
+        h = ti.sqrt(d * d + pq * pq)
+        cosine, sine = ti.abs(d) + h + TINY, ti.select(d < 0.0, -pq, pq)
+        scale = 1.0 / ti.sqrt(cosine * cosine + sine * sine)
+        cosine, sine = scale * cosine, scale * sine
+        centre, h = 0.5 * (pp + qq), ti.select(d < 0.0, -h, h)
+        values = mean + size * ti.Vector([a.dot(S @ a), centre - h, centre + h])
+        U = ti.Matrix.cols([a, cosine * p - sine * q, cosine * q + sine * p])
     return values, U
 
 

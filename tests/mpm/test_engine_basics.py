@@ -1,7 +1,5 @@
 """The engine's own promises: laws as plain functions, checkpoints, null effects, checks, and the documented example."""
 
-from __future__ import annotations
-
 import doctest
 from types import SimpleNamespace
 
@@ -9,11 +7,13 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.mpm import simulator as simulator_module
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.ground import Separate, Sticky
 from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
 from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened, stress
+from pacnerf_lpo.mpm.principal import symmetric_eigen
 from pacnerf_lpo.mpm.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("small_threads")
@@ -99,3 +99,46 @@ def test_settings_are_checked_before_running():
 def test_known_parameters_are_not_free():
     """The trophy's setting: only the friction angle is identified."""
     assert DruckerPrager(known=["E", "nu"]).free_names == ["theta"]
+
+
+def principal_cases(kind: str) -> torch.Tensor:
+    """Symmetric tensors Q diag(l) Qᵀ with eigenvalues that are apart, nearly equal, partly or all equal [(500, 3,
+    3)].
+    """
+    generator = torch.Generator().manual_seed(3)
+    rotations = torch.linalg.qr(torch.randn(500, 3, 3, generator=generator, dtype=torch.float64))[0]
+    noise = torch.rand(500, 3, generator=generator, dtype=torch.float64)
+    values = {
+        "apart": 0.1 + 3 * noise,
+        "decades": 10 ** (4 * noise - 2),
+        "nearly equal": 1 + 1e-7 * noise,
+        "two equal": 1 + noise * torch.tensor([0.0, 0.0, 1.0]),
+        "equal": 1 + 0 * noise,
+    }[kind]
+    tensor = (rotations * values[:, None]) @ rotations.mT
+    return 0.5 * (tensor + tensor.mT)
+
+
+@pytest.mark.parametrize("kind", ["apart", "decades", "nearly equal", "two equal", "equal"])
+def test_eigen_solver_is_accurate_to_rounding(kind):
+    """Residual and orthogonality within 16 units of rounding of the largest entry: some 100 operations, random
+    signs.
+    """
+    runtime.start("cpu")
+    numbers = runtime.ti.types.ndarray(dtype=runtime.ti.f32, ndim=3)
+
+    @runtime.ti.kernel
+    def solve(b: numbers, vectors: numbers, values: numbers):
+        for p in range(b.shape[0]):
+            value, U = symmetric_eigen(runtime.ti.Matrix([[b[p, i, j] for j in range(3)] for i in range(3)]))
+            for i in runtime.ti.static(range(3)):
+                values[p, 0, i] = value[i]
+                for j in runtime.ti.static(range(3)):
+                    vectors[p, i, j] = U[i, j]
+
+    b = principal_cases(kind).float()
+    vectors, values = torch.zeros(500, 3, 3), torch.zeros(500, 1, 3)
+    solve(b, vectors, values)
+    U, rounding = vectors.double(), torch.finfo(torch.float32).eps
+    assert ((U * values.double()) @ U.mT - b.double()).abs().max() < 16 * rounding * b.abs().max()
+    assert (U.mT @ U - torch.eye(3)).abs().max() < 16 * rounding
