@@ -56,9 +56,13 @@ class DynamicPhase(AbstractPhase):
         picks = torch.randint(len(self.data.train), (frames,), generator=generator)
         return [[self.data.train[int(pick)]] for pick in picks]
 
-    def all_views(self, frames: int) -> list[list[int]]:
-        """Every training view for each frame."""
-        return [list(self.data.train)] * frames
+    def fixed_views(self, frames: int, per_frame: int | None) -> list[list[int]]:
+        """So many training views for each frame, evenly spread and rotating from frame to frame; None: all of them."""
+        train = self.data.train
+        count = min(per_frame or len(train), len(train))
+        return [
+            [train[(frame + k * len(train) // count) % len(train)] for k in range(count)] for frame in range(frames)
+        ]
 
     def rollout(self, velocity: Tensor, parameters: dict[str, Tensor], frames: int) -> Tensor:
         """Trajectory of the imported particles with one global velocity [m/s, (3,)] -> [m, (frames, N, 3)]."""

@@ -17,7 +17,7 @@ from pacnerf_lpo.phases.levenberg_marquardt import LevenbergMarquardt, NormalEqu
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 
-PROBE = 0.2  # of a parameter's scale: finite change for a forward sensitivity
+PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well above the sampling noise of images
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
 
@@ -98,32 +98,33 @@ class PaperAdam(IdentificationMethod):
 
 
 class GaussNewton(IdentificationMethod):
-    """Levenberg-Marquardt on all training views, with forward sensitivities, for material and initial velocity together.
+    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
 
-    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds the
-    valley before the first step, because moduli can be wrong by a factor of a thousand.
-
-    There is no warm-up on early frames: frames without contact say nothing of the material and would let it drift.
+    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
+    the valley before the first step, because moduli can be wrong by a factor of a thousand.
 
     Args:
-        iterations: at most; it ends when the steps have become small.
-        scan_decades: each log10 parameter is first tried this many decades to either side, by half decades; 0: not at all.
-        coarse_iterations: iterations on images averaged over ``coarse_pool`` pixels, which widens the valley.
+        coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
+            contact the valley is wide, later it folds.
+        iterations: at most, on all frames; either stage ends when its steps have become small.
+        scan_decades: each log10 parameter is first tried so many decades to either side, by half decades; 0: not.
         coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
+        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
         fits_velocity: refine the initial velocity too.
     """
 
     def __init__(
         self,
-        iterations: int = 10,
+        coarse_iterations: int = 4,
+        iterations: int = 8,
         scan_decades: float = 3.0,
-        coarse_iterations: int = 3,
         coarse_pool: int = 4,
-        pool: int = 1,
+        pool: int = 2,
+        views_per_frame: int | None = None,
         fits_velocity: bool = True,
     ):
-        super().__init__(0, iterations)
-        self.scan_decades, self.coarse_iterations = scan_decades, coarse_iterations
+        super().__init__(coarse_iterations, iterations)
+        self.scan_decades, self.views_per_frame = scan_decades, views_per_frame
         self.coarse_pool, self.pool = coarse_pool, pool
         self.fits_velocity = fits_velocity
 
@@ -132,15 +133,16 @@ class GaussNewton(IdentificationMethod):
         return LevenbergMarquardt(module.unknowns, limits, lambda: self._trial_loss(module))
 
     def prepare(self, module: PhysicsIDModule) -> None:
-        """Scan one parameter after the other over decades and keep the best value."""
+        """Scan one parameter after the other over decades, on the frames around contact, and keep the best value."""
         module.misfit.pool = self.coarse_pool
-        frames = module.frame_count
         for name, free in module.free.items():
             if self.scan_decades and isinstance(module.physics.parameters[name].transform, Log10):
-                self._scan(module, name, free, module.one_view_per_frame(0, frames), frames)
+                self._scan(module, name, free)
         module.physics.halvings = 0
 
-    def _scan(self, module: PhysicsIDModule, name: str, free: torch.nn.Parameter, views, frames: int) -> None:
+    def _scan(self, module: PhysicsIDModule, name: str, free: torch.nn.Parameter) -> None:
+        frames, first = module.warm_up_length, module.hit_frame - 1
+        views = module.fixed_views(frames, self.views_per_frame)
         start, count = free.item(), round(2 * self.scan_decades)
         low, high = module.free_bounds(name)
         offsets = [0.5 * k for k in range(-count, count + 1) if low < start + 0.5 * k < high]
@@ -148,23 +150,24 @@ class GaussNewton(IdentificationMethod):
         for offset in tqdm(offsets, desc=f"physics: scan of {name}", leave=False):
             with torch.no_grad():
                 free.fill_(start + offset)
-                losses[offset] = finite_loss(lambda: module.loss(frames, views).item())
+                losses[offset] = finite_loss(lambda: module.loss(frames, views, first).item())
         best = min(losses, key=losses.__getitem__)
         with torch.no_grad():
             free.fill_(start + best)
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        module.misfit.pool = self.coarse_pool if step < self.coarse_iterations else self.pool
+        module.misfit.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
+        self._views = module.fixed_views(self._frames, self.views_per_frame)
         model = optimiser.step(lambda: self._normal_equations(module))
         return model.loss
 
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """The last step on fine images was below a hundredth of the longest allowed one."""
-        return module.misfit.pool == self.pool and optimiser.param_groups[0]["last_step"] < 0.01
+        """The last step was below a hundredth of the longest allowed one."""
+        return optimiser.param_groups[0]["last_step"] < 0.01
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
-        return finite_loss(lambda: module.loss(self._frames, module.all_views(self._frames)).item())
+        return finite_loss(lambda: module.loss(self._frames, self._views).item())
 
     @torch.no_grad()
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
@@ -172,8 +175,7 @@ class GaussNewton(IdentificationMethod):
         size = len(probes)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
         hessian = torch.zeros(size, size, dtype=torch.float64)
-        views = module.data.train
-        for frame in range(self._frames):
+        for frame, views in enumerate(self._views):
             for view in views:
                 residuals = torch.stack([module.residual(path[frame], view, frame) for path in trajectories])
                 pixels = residuals[0].shape[0] * residuals[0].shape[1]

@@ -38,13 +38,15 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         damping: relative damping to start with.
     """
 
-    def __init__(self, parameters: list[Tensor], limits: Tensor, trial_loss: Callable[[], float], damping: float = 1e-2):
+    def __init__(
+        self, parameters: list[Tensor], limits: Tensor, trial_loss: Callable[[], float], damping: float = 1e-2
+    ):
         super().__init__(parameters, {"damping": damping, "last_step": 0.0})
         self.limits, self.trial_loss = limits, trial_loss
 
     @torch.no_grad()
     def step(self, closure: Callable[[], NormalEquations]) -> NormalEquations:  # type: ignore[override]
-        """One accepted step, or none when no damping lowers the misfit; ``last_step`` is its largest part of a limit."""
+        """One accepted step, or none when no damping helps; ``last_step`` is its largest part of a limit."""
         group = self.param_groups[0]
         model = closure()
         start = torch.cat([parameter.detach().reshape(-1).double() for parameter in group["params"]])

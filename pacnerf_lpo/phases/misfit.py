@@ -36,7 +36,7 @@ class VideoMisfit:
         self.frames = data.video.images.shape[1]
 
     def image(self, positions: Tensor, density: Tensor, features: Tensor, view: int) -> Tensor:
-        """The image of one particle set [0..1, (H, W, 3)]; positions [m, (N, 3)], raw density [(N,)], features [(N, 12)]."""
+        """The image [0..1, (H, W, 3)] of positions [m, (N, 3)], raw density [(N,)] and features [(N, 12)]."""
         height, width = self.data.video.images.shape[2:4]
         grid = particles_to_grid(positions, density, features, self.spacing)
         rendering = render_rays(grid, self.colour, self.data.rays(view), self.base_spacing)
@@ -87,7 +87,9 @@ class _FrameByFrame(torch.autograd.Function):
         gradients = [torch.zeros_like(tensor) if need else None for tensor, need in zip(inputs, needed, strict=True)]
         frames, total = len(trajectory), 0.0
         for index in range(frames):
-            leaves = [tensor.detach().requires_grad_(need) for tensor, need in zip(_at(inputs, index), needed, strict=True)]
+            leaves = [
+                tensor.detach().requires_grad_(need) for tensor, need in zip(_at(inputs, index), needed, strict=True)
+            ]
             with torch.set_grad_enabled(any(needed)):
                 value = loss(index, *leaves) / frames
             total += value.item()

@@ -62,10 +62,14 @@ class PhysicsIDModule(DynamicPhase):
         low, high = (parameter.transform.to_free(bound) for bound in parameter.bounds)
         return low, high
 
+    @property
+    def warm_up_length(self) -> int:
+        """Frames that the warm-up looks at."""
+        return min(self.hit_frame + self.warm_up_frames, self.frame_count)
+
     def frames_at(self, step: int) -> int:
         """How many frames the iteration looks at."""
-        warm_up = step < self.warm_up_end
-        return min(self.hit_frame + self.warm_up_frames, self.frame_count) if warm_up else self.frame_count
+        return self.warm_up_length if step < self.warm_up_end else self.frame_count
 
     def values(self) -> dict[str, Tensor]:
         """Every physical parameter [SI, scalars], differentiable in the free coordinates."""
@@ -77,9 +81,10 @@ class PhysicsIDModule(DynamicPhase):
         """Positions at the current parameters [m, (frames, N, 3)]."""
         return self.rollout(self.velocity, self.values(), frames)
 
-    def loss(self, frames: int, views: list[list[int]]) -> Tensor:
-        """Squared error summed over channels, averaged over pixels, frames and views."""
-        return self.misfit.loss(self.trajectory(frames), self.state.density, self.state.features, views)
+    def loss(self, frames: int, views: list[list[int]], first: int = 0) -> Tensor:
+        """Squared error summed over channels, averaged over pixels, the frames from ``first`` on, and their views."""
+        path = self.trajectory(frames)[first:]
+        return self.misfit.loss(path, self.state.density, self.state.features, views[first:], first)
 
     def residual(self, positions: Tensor, view: int, frame: int) -> Tensor:
         """Predicted minus measured image [(H, W, 3)]."""

@@ -17,12 +17,13 @@ FIRST_STEP = 0.5  # m/s, length of the first trial step
 
 
 class VelocityModule(DynamicPhase):
-    """One global initial velocity by L-BFGS (history 20, strong Wolfe) on all training views of the frames before contact.
+    """One global initial velocity by L-BFGS (history 20, strong Wolfe) on the frames before contact.
 
     Args:
         hit_frame: first frame in which the body touches the ground; the frames before it are used.
         max_iterations: L-BFGS iterations at most.
         guess: velocity to start from [m/s].
+        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
         tolerance: stops when no component moves by more than this in four iterations [m/s].
     """
 
@@ -31,12 +32,13 @@ class VelocityModule(DynamicPhase):
         hit_frame: int,
         max_iterations: int = 100,
         guess: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        views_per_frame: int | None = None,
         tolerance: float = 1e-3,
     ):
         super().__init__(steps=math.ceil(max_iterations / ITERATIONS_PER_STEP))
         if hit_frame < 2:
             raise UserInputError(f"hit_frame = {hit_frame}: the velocity needs at least two frames before contact")
-        self.frames, self.tolerance = hit_frame, tolerance
+        self.frames, self.views_per_frame, self.tolerance = hit_frame, views_per_frame, tolerance
         self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
         self._before = self.velocity.detach().clone()
 
@@ -51,7 +53,9 @@ class VelocityModule(DynamicPhase):
     def import_state(self, state: ParticleState | None) -> None:
         """Fix the physical parameters to what is known; before contact they hardly matter."""
         super().import_state(state)
-        self._parameters_now = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        self._parameters_now = {
+            name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()
+        }
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """L-BFGS; a Lightning step runs a few of its iterations, so that evaluations are not repeated."""
@@ -62,7 +66,8 @@ class VelocityModule(DynamicPhase):
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit of all training views over the frames before contact."""
         trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
-        loss = self.misfit.loss(trajectory, self.state.density, self.state.features, self.all_views(self.frames))
+        views = self.fixed_views(self.frames, self.views_per_frame)
+        loss = self.misfit.loss(trajectory, self.state.density, self.state.features, views)
         self.log("velocity/loss", loss)
         return LOSS_SCALE * loss
 
