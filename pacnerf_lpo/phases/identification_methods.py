@@ -53,12 +53,13 @@ class IdentificationMethod(ABC):
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration; returns the misfit before it."""
 
+    @abstractmethod
     def prepare(self, module: PhysicsIDModule) -> None:
         """Called once before the first iteration of a fresh run."""
 
+    @abstractmethod
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """Whether the current stage has nothing left to gain."""
-        return False
 
 
 class PaperAdam(IdentificationMethod):
@@ -95,6 +96,13 @@ class PaperAdam(IdentificationMethod):
         module.manual_backward(loss)
         optimiser.step()
         return loss.item()
+
+    def prepare(self, module: PhysicsIDModule) -> None:
+        """Nothing: Adam starts from the guess."""
+
+    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
+        """Never: the paper runs a fixed number of iterations."""
+        return False
 
 
 class GaussNewton(IdentificationMethod):
