@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import torch
@@ -46,6 +46,10 @@ class IdentificationMethod(ABC):
         return self.warm_up_iterations + self.main_iterations
 
     @abstractmethod
+    def check(self, names: Sequence[str]) -> None:
+        """Raise UserInputError when the settings do not fit the parameters that are identified."""
+
+    @abstractmethod
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         """The optimiser over ``module.free`` (and ``module.velocity``)."""
 
@@ -79,13 +83,16 @@ class PaperAdam(IdentificationMethod):
         super().__init__(warm_up_iterations, main_iterations)
         self.learning_rates = dict(learning_rates or {})
 
-    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
-        unknown = sorted(set(self.learning_rates) - set(module.free))
+    def check(self, names: Sequence[str]) -> None:
+        """Learning rates are those of identified parameters."""
+        unknown = [name for name in self.learning_rates if name not in names]
         if unknown:
             raise UserInputError(
-                f"phases.physics: learning_rates names {', '.join(unknown)}, which is not identified here; "
-                f"identified are {', '.join(module.free)}"
+                f"phases.physics.method: learning_rates names {', '.join(unknown)}, which is not identified here; name "
+                f"only {', '.join(names)}"
             )
+
+    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         groups = [{"params": [free], "lr": self.learning_rates.get(name, 0.1)} for name, free in module.free.items()]
         return torch.optim.Adam(groups)
 
@@ -135,6 +142,9 @@ class GaussNewton(IdentificationMethod):
         self.scan_decades, self.views_per_frame = scan_decades, views_per_frame
         self.coarse_pool, self.pool = coarse_pool, pool
         self.fits_velocity = fits_velocity
+
+    def check(self, names: Sequence[str]) -> None:
+        """Nothing: it treats every parameter alike."""
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP

@@ -5,7 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
 from pacnerf_lpo.types import ParticleState
@@ -28,14 +30,28 @@ class PhysicsIDModule(DynamicPhase):
         self.hit_frame, self.method, self.warm_up_frames = hit_frame, method, warm_up_frames
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
 
+    def attach(self, data: VideoData, physics: Physics) -> None:
+        """See :meth:`DynamicPhase.attach`; the video must show the contact, and something must be left to identify."""
+        super().attach(data, physics)
+        frames = len(data.video.times)
+        if not 1 <= self.hit_frame < frames:
+            raise UserInputError(
+                f"phases.physics: hit_frame = {self.hit_frame} but {data.video.source} has frames 0 to {frames - 1}; "
+                "give the first frame that shows contact with the ground"
+            )
+        if not physics.free_names:
+            raise UserInputError(
+                "phases.physics: every parameter is declared known, so there is nothing to identify; shorten "
+                "physics.material.known"
+            )
+        self.method.check(physics.free_names)
+
     def import_state(self, state: ParticleState | None) -> None:
         """Start from the parameters of the state, else from the material's guess."""
         super().import_state(state)
         known = known_values(self.physics, self.state)
         described = self.physics.parameters
         free = {name: described[name].transform.to_free(known[name]) for name in self.physics.free_names}
-        if not free:
-            raise UserInputError("phases.physics: every parameter is declared known, so there is nothing to identify")
         self.free = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in free.items()})
         velocity = self.state.velocity.mean(0).clone()
         self.velocity = nn.Parameter(velocity, requires_grad=self.method.fits_velocity)
