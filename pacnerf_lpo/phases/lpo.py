@@ -22,6 +22,7 @@ class LPOModule(DynamicPhase):
         density_drives_mass: let the gradient of the density flow through alpha into mass and stiffness too.
         position_rate: Adam rate of the positions, in units of the coarsest grid spacing dx0.
         feature_rate: Adam rate of density and features.
+        silhouette_weight: see :class:`DynamicPhase`.
     """
 
     def __init__(
@@ -32,8 +33,9 @@ class LPOModule(DynamicPhase):
         density_drives_mass: bool = True,
         position_rate: float = 1 / 32,
         feature_rate: float = 0.1,
+        silhouette_weight: float = 0.0,
     ):
-        super().__init__(steps=iterations)
+        super().__init__(iterations, silhouette_weight)
         if not (positions or features):
             raise UserInputError(
                 "phases.correction: positions and features are both false, so nothing would be corrected; "

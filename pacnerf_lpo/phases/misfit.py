@@ -24,29 +24,40 @@ class VideoMisfit:
     Args:
         data: the video with its cached rays.
         state: supplies the grid spacings and the frozen colour network.
+        silhouette_weight: weight of the squared error between opacity and matte beside that of the colours.
         pool: images are averaged over blocks of pool x pool pixels before they are compared (1: not at all).
     """
 
-    def __init__(self, data: VideoData, state: ParticleState, pool: int = 1):
-        self.data, self.pool = data, pool
+    def __init__(self, data: VideoData, state: ParticleState, silhouette_weight: float = 0.0, pool: int = 1):
+        self.data, self.silhouette_weight, self.pool = data, silhouette_weight, pool
         self.spacing, self.base_spacing = state.spacing, state.base_spacing
         self.colour = ColourNetwork()
         self.colour.load_state_dict(state.colour_network)
         self.colour.requires_grad_(False)
         self.frames = data.video.images.shape[1]
 
-    def image(self, positions: Tensor, density: Tensor, features: Tensor, view: int) -> Tensor:
-        """The image [0..1, (H, W, 3)] of positions [m, (N, 3)], raw density [(N,)] and features [(N, 12)]."""
-        height, width = self.data.video.images.shape[2:4]
+    def residual(self, positions: Tensor, density: Tensor, features: Tensor, view: int, frame: int) -> Tensor:
+        """Predicted minus measured, zero where an occluder hides the scene, pooled.
+
+        Args:
+            positions: [m, (N, 3)]
+            density: raw density [(N,)]
+            features: appearance [(N, 12)]
+            view, frame: indices into the video.
+
+        Returns:
+            [(H/pool, W/pool, 3)], with a fourth channel, opacity minus matte, if silhouettes are weighted.
+        """
+        video = self.data.video
+        height, width = video.images.shape[2:4]
         grid = particles_to_grid(positions, density, features, self.spacing)
         rendering = render_rays(grid, self.colour, self.data.rays(view), self.base_spacing)
-        return rendering.colour.reshape(height, width, 3)
-
-    def residual(self, positions: Tensor, density: Tensor, features: Tensor, view: int, frame: int) -> Tensor:
-        """Predicted minus measured, zero where an occluder hides the scene, pooled [(H/pool, W/pool, 3)]."""
-        measured = self.data.video.images[view, frame]
-        difference = self.image(positions, density, features, view) - measured
-        difference = difference * self.data.video.valid[view].unsqueeze(-1)
+        difference = rendering.colour.reshape(height, width, 3) - video.images[view, frame]
+        if self.silhouette_weight > 0:
+            opacity = 1 - rendering.transmittance.reshape(height, width, 1)
+            outline = opacity - video.silhouettes[view, frame].unsqueeze(-1)
+            difference = torch.cat((difference, self.silhouette_weight**0.5 * outline), dim=-1)
+        difference = difference * video.valid[view].unsqueeze(-1)
         if self.pool == 1:
             return difference
         pooled = functional.avg_pool2d(difference.permute(2, 0, 1), self.pool, ceil_mode=True)

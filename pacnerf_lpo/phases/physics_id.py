@@ -20,12 +20,15 @@ class PhysicsIDModule(DynamicPhase):
         hit_frame: first frame in which the body touches the ground.
         method: PaperAdam or GaussNewton.
         warm_up_frames: the warm-up uses the frames up to ``hit_frame + warm_up_frames``.
+        silhouette_weight: see :class:`DynamicPhase`.
     """
 
     warm_up_end: Tensor  # first step of the main stage
 
-    def __init__(self, hit_frame: int, method: IdentificationMethod, warm_up_frames: int = 3):
-        super().__init__(steps=method.iterations)
+    def __init__(
+        self, hit_frame: int, method: IdentificationMethod, warm_up_frames: int = 3, silhouette_weight: float = 0.0
+    ):
+        super().__init__(method.iterations, silhouette_weight)
         self.automatic_optimization = False
         self.hit_frame, self.method, self.warm_up_frames = hit_frame, method, warm_up_frames
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))

@@ -24,6 +24,7 @@ class VelocityModule(DynamicPhase):
         max_iterations: L-BFGS iterations at most.
         guess: velocity to start from [m/s].
         views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
+        silhouette_weight: see :class:`DynamicPhase`.
         tolerance: stops when no component moves by more than this in four iterations [m/s].
     """
 
@@ -33,9 +34,10 @@ class VelocityModule(DynamicPhase):
         max_iterations: int = 100,
         guess: tuple[float, float, float] = (0.0, 0.0, 0.0),
         views_per_frame: int | None = None,
+        silhouette_weight: float = 0.0,
         tolerance: float = 1e-3,
     ):
-        super().__init__(steps=math.ceil(max_iterations / ITERATIONS_PER_STEP))
+        super().__init__(steps=math.ceil(max_iterations / ITERATIONS_PER_STEP), silhouette_weight=silhouette_weight)
         if hit_frame < 2:
             raise UserInputError(f"hit_frame = {hit_frame}: the velocity needs at least two frames before contact")
         self.frames, self.views_per_frame, self.tolerance = hit_frame, views_per_frame, tolerance
