@@ -1,7 +1,7 @@
 """The values that flow through the program: shape and SI unit of every field.
 
-``V`` views, ``F`` frames, ``H`` x ``W`` pixels, ``R`` rays, ``N`` particles, ``X, Y, Z`` grid nodes. World axes: y up, the
-ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
+``V`` views, ``F`` frames, ``H`` x ``W`` pixels, ``R`` rays, ``N`` particles, ``X, Y, Z`` grid nodes. World axes: y up,
+the ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
 """
 
 from __future__ import annotations

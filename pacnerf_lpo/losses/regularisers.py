@@ -14,7 +14,7 @@ def transmittance_entropy(transmittance: Tensor) -> Tensor:
 
 
 def matte_cross_entropy(transmittance: Tensor, matte: Tensor) -> Tensor:
-    """Mean of -m ln(1 - T) - (1 - m) ln T [nat, scalar] of rays: transmittance (R,) against the object's opacity m (R,).
+    """Mean of -m ln(1 - T) - (1 - m) ln T [nat, scalar] of rays, T (R,) and the object's opacity m (R,).
 
     On a free ray this is its optical depth, so fog is pushed out with the same force however thin it already is.
     """

@@ -37,8 +37,8 @@ class Physics:
         ground_height: height of the ground plane [m].
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
-        matter: ``alpha``: a particle's mass and stiffness follow its alpha over unit length (PAC-NeRF); ``visible``: they
-            follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids.
+        matter: ``alpha``: mass and stiffness of a particle follow its alpha over unit length (PAC-NeRF); ``visible``:
+            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids.
     """
 
     def __init__(
@@ -107,8 +107,9 @@ class Physics:
     ) -> Tensor:
         """Positions at every frame, differentiable in all tensors.
 
-        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF; alpha as ``matter`` says). A rollout that becomes
-        unstable is repeated with half the time step, at most three times; the halved step is kept.
+        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF; alpha as ``matter``
+        says). A rollout that becomes unstable is repeated with half the time step, at most three times; the halved step
+        is kept.
 
         Args:
             positions: at frame 0 [m, (N, 3)]

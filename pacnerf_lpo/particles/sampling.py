@@ -13,9 +13,7 @@ from pacnerf_lpo.types import FieldGrid
 RELATIVE_ALPHA = 1e-3
 
 
-def sample_particles(
-    grid: FieldGrid, generator: torch.Generator, relative_alpha: float = RELATIVE_ALPHA
-) -> Tensor:
+def sample_particles(grid: FieldGrid, generator: torch.Generator, relative_alpha: float = RELATIVE_ALPHA) -> Tensor:
     """One uniformly random position in each octant of each cell, kept where alpha is high enough: [m, (N, 3)].
 
     ``generator`` lives on the CPU, so that a seed gives the same particles on every device. ``relative_alpha`` is the

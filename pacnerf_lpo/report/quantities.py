@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 
 NU, RHO = "\N{GREEK SMALL LETTER NU}", "\N{GREEK SMALL LETTER RHO}"
-SYMBOLS = {"E": "E", "nu": NU, "mu": "μ", "kappa": "κ", "tau_y": "τ_Y", "eta": "η", "theta": "θ", "rho": RHO, "ground_height": "h"}
+SYMBOLS = {
+    **{"E": "E", "nu": NU, "mu": "μ", "kappa": "κ", "tau_y": "τ_Y", "eta": "η", "theta": "θ", "rho": RHO},
+    "ground_height": "h",
+}
 PREFIXES = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
