@@ -147,7 +147,7 @@ def test_newtonian_shear_stress_and_volume(evaluate):
 
 
 def test_von_mises_yields_at_the_analytic_shear_strain(evaluate):
-    """Pure shear Sigma = (e^a, e^-a, 1): ||s|| = 2 sqrt(2) mu a reaches sqrt(2/3) tau_y at a = tau_y / (2 sqrt(3) mu)."""
+    """Pure shear (e^a, e^-a, 1): ||s|| = 2 sqrt(2) mu a reaches sqrt(2/3) tau_y at a = tau_y / (2 sqrt(3) mu)."""
     p = BY_NAME["VonMises"].parameters
     mu, _ = moduli(p)
     onset = p["tau_y"] / (2 * math.sqrt(3) * mu)
