@@ -1,0 +1,129 @@
+"""What README.md and CONTRIBUTING.md show is run: commands are parsed, the snippet and the recipes executed."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
+from pacnerf_lpo.__main__ import COMMANDS
+from pacnerf_lpo.cli import PhaseCLI
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.mpm.simulator import Simulator
+
+ROOT = Path(__file__).resolve().parents[1]
+README, CONTRIBUTING = (ROOT / name for name in ("README.md", "CONTRIBUTING.md"))
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    """The fenced code blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def readme_commands() -> list[list[str]]:
+    lines = [line for block in blocks(README, "sh") for line in block.splitlines()]
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("pacnerf-lpo ")]
+
+
+@pytest.fixture(scope="module")
+def recipes(tmp_path_factory: pytest.TempPathFactory):
+    """The files of CONTRIBUTING.md, importable."""
+    folder = tmp_path_factory.mktemp("recipes")
+    named = re.findall(r"^`(\w+\.py)`:\n\n```python\n(.*?)^```$", CONTRIBUTING.read_text(), re.MULTILINE | re.DOTALL)
+    assert [name for name, _ in named] == ["kelvin_voigt.py", "quadratic_drag.py", "ramp.py"]
+    for name, text in named:
+        (folder / name).write_text(text)
+    sys.path.insert(0, str(folder))
+    yield folder
+    sys.path.remove(str(folder))
+
+
+def test_readme_snippet(small_threads: None):
+    (snippet,) = blocks(README, "python")
+    test = doctest.DocTestParser().get_doctest(snippet, {}, "README.md", str(README), 0)
+    assert len(test.examples) > 5
+    assert doctest.DocTestRunner().run(test).failed == 0
+
+
+def test_readme_commands_exist():
+    commands = readme_commands()
+    assert {words[0] for words in commands} == set(COMMANDS)
+    makefile = (ROOT / "Makefile").read_text()
+    for target in re.findall(r"^make (\w+)", README.read_text(), re.MULTILINE):
+        assert f"\n{target}:" in makefile
+
+
+@pytest.mark.parametrize("words", [words for words in readme_commands() if "--data.root" in words], ids=" ".join)
+def test_readme_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "my_scene.yaml").write_text((ROOT / "configs/scenes/torus.yaml").read_text())
+    monkeypatch.chdir(tmp_path)
+    assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
+
+
+@pytest.mark.parametrize("path", [README, CONTRIBUTING], ids=lambda path: path.name)
+def test_links_and_paths_exist(path: Path):
+    text = path.read_text()
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    shown = re.findall(r"`((?:configs|notebooks|benchmarks|tests)/[\w/.]+)`", text)
+    inside = re.findall(r"`((?:mpm|phases|data)/[\w/.]+)`", text)
+    assert links or shown
+    for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
+        assert (ROOT / name).exists(), name
+
+
+def test_recipes_parse(recipes: Path, tmp_path: Path):
+    overlays = []
+    for number, text in enumerate(blocks(CONTRIBUTING, "yaml")):
+        overlays.append(tmp_path / f"overlay_{number}.yaml")
+        overlays[-1].write_text(text)
+        assert set(yaml.safe_load(text)) <= {"physics", "phases"}
+    files = [ROOT / "configs" / name for name in ("fit.yaml", "demo.yaml")] + overlays
+    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoData, Physics)
+    assert type(cli.physics.material).__name__ == "KelvinVoigt"
+    assert [type(effect).__name__ for effect in cli.physics.effects] == ["QuadraticDrag"]
+    assert {"eta", "inverse_length"} <= set(cli.physics.free_names)
+    static = cli.phases["static"]
+    assert static.surface_schedule.factor(250, 0) == 0.5 and static.surface_schedule.factor(900, 0) == 1.0
+
+
+@pytest.fixture(scope="module")
+def landing(recipes: Path):
+    """Mean height after a contact, of a block with both recipes, as a function of all their parameters."""
+    from kelvin_voigt import KelvinVoigt
+    from quadratic_drag import QuadraticDrag
+
+    simulator = Simulator(KelvinVoigt(), dx=0.1, substeps=60, effects=[QuadraticDrag()], dtype="f64")
+    axis = 0.05 * torch.arange(3, dtype=torch.float64)
+    positions = torch.cartesian_prod(axis, axis + 0.07, axis)
+    velocity = torch.tensor([0.3, -2.0, 0.0], dtype=torch.float64).expand_as(positions)
+    mass, ones = torch.full((27,), 0.125, dtype=torch.float64), torch.ones(27, dtype=torch.float64)
+
+    def height(values: dict[str, torch.Tensor]) -> torch.Tensor:
+        material = {name: values[name] for name in ("E", "nu", "eta")}
+        drag = {"inverse_length": values["inverse_length"]}
+        return simulator(positions, velocity, mass, ones, material, 4, drag)[-1, :, 1].mean()
+
+    return height
+
+
+@pytest.mark.parametrize("name", ["E", "nu", "eta", "inverse_length"])
+def test_recipe_gradients(landing, name: str, small_threads: None):
+    start = {"E": 3e4, "nu": 0.3, "eta": 20.0, "inverse_length": 0.1}
+    values = {key: torch.tensor(value, dtype=torch.float64, requires_grad=True) for key, value in start.items()}
+    landing(values).backward()
+    step = 1e-4 * start[name]
+    with torch.no_grad():
+        above, below = (landing({**values, name: values[name] + sign * step}) for sign in (1, -1))
+    expected = (above - below) / (2 * step)
+    # truncation of the central difference: step^2 relative to the scale of variation, 1e-8; rounding 1e-16 / 1e-4
+    torch.testing.assert_close(values[name].grad, expected, rtol=1e-5, atol=0.0)
+    assert abs(float(expected)) * start[name] > 1e-6  # metres: the parameter matters
