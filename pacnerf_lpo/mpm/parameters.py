@@ -80,9 +80,10 @@ class Parameter:
         """Return ``value``; raise UserInputError when it is NaN or outside the bounds."""
         low, high = self.bounds
         if not low < value < high:
+            unit = "" if self.unit == "1" else f" {self.unit}"
             raise UserInputError(
-                f"{where}: {self.name} = {value:g} {self.unit} is not a possible {self.label}; "
-                f"give a value between {low:g} and {high:g} {self.unit}"
+                f"{where}: {self.name} = {value:g}{unit} is not a possible {self.label}; "
+                f"give a value between {low:g} and {high:g}{unit}"
             )
         return value
 

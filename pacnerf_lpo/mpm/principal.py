@@ -81,6 +81,21 @@ def symmetric_eigen(b):
     return values, U
 
 
+@ti.func
+def divided_differences(mapping: ti.template(), e, ratio, stress, beta, i: ti.template(), j: ti.template()):
+    """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains at least ``near`` apart."""
+    near = ti.static(1e-5 if compiling_double() else 3e-3)
+    R, T, B, gap = ratio[i] - ratio[j], stress[i] - stress[j], beta[i] - beta[j], e[i] - e[j]
+    if ti.abs(gap) < near:
+        mean, half = 0.5 * (e[i] + e[j]), ti.select(gap < 0.0, -0.5, 0.5) * near
+        apart = e
+        apart[i], apart[j] = mean + half, mean - half
+        there = _evaluated(mapping, apart)
+        R, T = there[i] - there[j], there[3 + i] - there[3 + j]
+        B = ti.exp(2.0 * apart[i]) - ti.exp(2.0 * apart[j])
+    return R / B, T / B
+
+
 def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
     """New deformation gradient and Kirchhoff stress [Pa] of an isotropic law given in principal log-strains.
 
@@ -122,8 +137,9 @@ def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
         of_R = _symmetric(lambda i, j: 0.5 * (_dot(of_new[i], f[j]) + _dot(of_new[j], f[i])))
         of_T = _symmetric(lambda i, j: 0.5 * (of_tau[3 * i + j] + of_tau[3 * j + i]))
         of_R, of_T = (_symmetric(_rotation(columns, a)) for a in (of_R, of_T))
+        known = [keep(ti.Vector([plain(x) for x in values])) for values in (strain, ratio, stress, beta)]
         for i, j in ((0, 1), (0, 2), (1, 2)):
-            slope_R, slope_T = _divided_differences(floored, [x.value for x in strain], i, j)
+            slope_R, slope_T = divided_differences(floored, *known, i, j)
             across[i, j] = keep(of_R[i][j] * slope_R + of_T[i][j] * slope_T)
         return [*_flat(_product(R, of_new)), *(of_R[i][i] for i in AXES), *(of_T[i][i] for i in AXES)]
 
@@ -132,20 +148,11 @@ def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
     return [flat[0:3], flat[3:6], flat[6:9]], [flat[9:12], flat[12:15], flat[15:18]]
 
 
-def _divided_differences(mapping: ReturnMap, e: list, i: int, j: int) -> tuple[Any, Any]:
-    """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains kept at least ``near``
-    apart.
-    """
-    near = 1e-5 if compiling_double() else 3e-3
-    mean, gap = keep(0.5 * (e[i] + e[j])), keep(e[i] - e[j])
-    half = keep(ti.select(gap < 0.0, -0.5, 0.5) * ti.max(ti.abs(gap), near))
-    apart = list(e)
-    apart[i], apart[j] = keep(mean + half), keep(mean - half)
-    aside = Record()
-    new, stress = mapping([Scalar(aside, x) for x in apart])
-    ratio_i, ratio_j = (ti.exp(plain(new[k]) - apart[k]) for k in (i, j))
-    by_beta = keep(1.0 / (ti.exp(2.0 * apart[i]) - ti.exp(2.0 * apart[j])))
-    return keep((ratio_i - ratio_j) * by_beta), keep((plain(stress[i]) - plain(stress[j])) * by_beta)
+def _evaluated(mapping: ReturnMap, e: Any) -> list[Any]:
+    """Ratios exp(f - e), then stresses, of a return mapping at other strains (a 3-vector), without a record."""
+    strain, aside = components(e), Record()
+    new, stress = mapping([Scalar(aside, x) for x in strain])
+    return [*(keep(ti.exp(plain(n) - x)) for n, x in zip(new, strain, strict=True)), *(plain(x) for x in stress)]
 
 
 def _dot(a: list, b: list) -> Any:
