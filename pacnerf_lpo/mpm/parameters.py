@@ -19,6 +19,10 @@ class Transform(Protocol):
 
     def to_physical(self, free: Tensor) -> Tensor: ...
 
+    def lattice(self, start: float, decades: float) -> list[float]:
+        """Free coordinates worth trying before a local search, ``start`` among them."""
+        ...
+
 
 @dataclass(frozen=True)
 class Log10:
@@ -29,6 +33,10 @@ class Log10:
 
     def to_physical(self, free: Tensor) -> Tensor:
         return 10.0**free
+
+    def lattice(self, start: float, decades: float) -> list[float]:
+        count = round(2 * decades)
+        return [start + 0.5 * k for k in range(-count, count + 1)]
 
 
 @dataclass(frozen=True)
@@ -43,6 +51,9 @@ class Saturated:
     def to_physical(self, free: Tensor) -> Tensor:
         return self.limit * torch.tanh(free / self.limit)
 
+    def lattice(self, start: float, decades: float) -> list[float]:
+        return [start, *(self.to_free(fraction * self.limit) for fraction in (0.0, 0.25, 0.5, 0.7, 0.85))]
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -53,6 +64,9 @@ class Identity:
 
     def to_physical(self, free: Tensor) -> Tensor:
         return free
+
+    def lattice(self, start: float, decades: float) -> list[float]:
+        return [start]
 
 
 @dataclass(frozen=True)

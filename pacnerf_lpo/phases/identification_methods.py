@@ -11,7 +11,6 @@ from torch import Tensor
 from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.phases.levenberg_marquardt import LevenbergMarquardt, NormalEquations
 
 if TYPE_CHECKING:
@@ -122,7 +121,7 @@ class GaussNewton(IdentificationMethod):
         coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
             contact the valley is wide, later it folds.
         iterations: at most, on all frames; either stage ends when its steps have become small.
-        scan_decades: each log10 parameter is first tried so many decades to either side, by half decades; 0: not.
+        scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
         coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
         views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
         fits_velocity: refine the initial velocity too.
@@ -139,6 +138,10 @@ class GaussNewton(IdentificationMethod):
         fits_velocity: bool = True,
     ):
         super().__init__(coarse_iterations, iterations)
+        if min(coarse_pool, pool) < 1:
+            raise UserInputError(
+                f"GaussNewton: coarse_pool = {coarse_pool}, pool = {pool}; give blocks of at least 1 pixel"
+            )
         self.scan_decades, self.views_per_frame = scan_decades, views_per_frame
         self.coarse_pool, self.pool = coarse_pool, pool
         self.fits_velocity = fits_velocity
@@ -151,27 +154,35 @@ class GaussNewton(IdentificationMethod):
         return LevenbergMarquardt(module.unknowns, limits, lambda: self._trial_loss(module))
 
     def prepare(self, module: PhysicsIDModule) -> None:
-        """Scan one parameter after the other over decades, on the frames around contact, and keep the best value."""
+        """Scan the parameters on the frames around contact: again and again, fix the one that gains most by itself."""
+        if self.scan_decades <= 0:
+            return
         module.misfit.pool = self.coarse_pool
-        for name, free in module.free.items():
-            if self.scan_decades and isinstance(module.physics.parameters[name].transform, Log10):
-                self._scan(module, name, free)
+        open_names = [name for name in module.free if len(self._lattice(module, name)) > 1]
+        while open_names:
+            found = {name: self._scan(module, name) for name in open_names}
+            best = min(found, key=lambda name: found[name][0])
+            set_free(module.free[best], found[best][1])
+            open_names.remove(best)
         module.physics.halvings = 0
 
-    def _scan(self, module: PhysicsIDModule, name: str, free: torch.nn.Parameter) -> None:
+    def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
+        low, high = module.free_bounds(name)
+        points = module.physics.parameters[name].transform.lattice(module.free[name].item(), self.scan_decades)
+        return [point for point in points if low < point < high]
+
+    def _scan(self, module: PhysicsIDModule, name: str) -> tuple[float, float]:
+        """Least misfit over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
         frames, first = module.warm_up_length, module.hit_frame - 1
         views = module.fixed_views(frames, self.views_per_frame)
-        start, count = free.item(), round(2 * self.scan_decades)
-        low, high = module.free_bounds(name)
-        offsets = [0.5 * k for k in range(-count, count + 1) if low < start + 0.5 * k < high]
-        losses = {}
-        for offset in tqdm(offsets, desc=f"physics: scan of {name}", leave=False):
+        start, losses = module.free[name].item(), {}
+        for point in tqdm(self._lattice(module, name), desc=f"physics: scan of {name}", leave=False):
+            set_free(module.free[name], point)
             with torch.no_grad():
-                free.fill_(start + offset)
-                losses[offset] = finite_loss(lambda: module.loss(frames, views, first).item())
+                losses[point] = finite_loss(lambda: module.loss(frames, views, first).item())
+        set_free(module.free[name], start)
         best = min(losses, key=losses.__getitem__)
-        with torch.no_grad():
-            free.fill_(start + best)
+        return losses[best], best
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         module.misfit.pool = self.coarse_pool if step < module.warm_up_end else self.pool
@@ -216,6 +227,12 @@ class GaussNewton(IdentificationMethod):
             paths.append(module.trajectory(self._frames))
             unknown.copy_(before)
         return paths, probes
+
+
+def set_free(parameter: torch.nn.Parameter, value: float) -> None:
+    """Give a free coordinate a value."""
+    with torch.no_grad():
+        parameter.fill_(value)
 
 
 def finite_loss(loss) -> float:
