@@ -167,9 +167,10 @@ class GaussNewton(IdentificationMethod):
         module.physics.halvings = 0
 
     def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
-        low, high = module.free_bounds(name)
-        points = module.physics.parameters[name].transform.lattice(module.free[name].item(), self.scan_decades)
-        return [point for point in points if low < point < high]
+        parameter = module.physics.parameters[name]
+        points = parameter.transform.lattice(module.free[name].item(), self.scan_decades)
+        low, high = parameter.bounds
+        return [point for point in points if low < float(parameter.transform.to_physical(torch.tensor(point))) < high]
 
     def _scan(self, module: PhysicsIDModule, name: str) -> tuple[float, float]:
         """Least misfit over the lattice of one parameter, and the free coordinate where it is; changes nothing."""

@@ -75,12 +75,6 @@ class PhysicsIDModule(DynamicPhase):
         material = [self.physics.parameters[name].scale for name in self.free]
         return material + ([VELOCITY_SCALE] * 3 if self.method.fits_velocity else [])
 
-    def free_bounds(self, name: str) -> tuple[float, float]:
-        """Bounds of a parameter in its free coordinate."""
-        parameter = self.physics.parameters[name]
-        low, high = (parameter.transform.to_free(bound) for bound in parameter.bounds)
-        return low, high
-
     @property
     def warm_up_length(self) -> int:
         """Frames that the warm-up looks at."""

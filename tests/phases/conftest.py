@@ -1,0 +1,103 @@
+"""A small scene whose answer is known: an elastic block that falls, filmed by three cameras."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.render.ray_march import render_rays
+from pacnerf_lpo.scene.colour import ColourNetwork
+from pacnerf_lpo.types import ParticleState, Video
+
+SIZE, FRAMES, DX = 24, 7, 0.08
+TRUTH = {"E": 3e4, "nu": 0.3, "ground_height": 0.0}
+VELOCITY = (0.0, -1.0, 0.0)
+
+
+def block() -> ParticleState:
+    """A block of 0.4 x 0.32 x 0.4 m, 0.12 m above the ground, its colours varying over it.
+
+    Density falls off towards the surface, as in a trained field: a grid node that a particle newly reaches would otherwise
+    jump from empty to dense, and the image with it.
+    """
+    half, counts = DX / 2, torch.tensor([10, 8, 10])
+    lattice = torch.cartesian_prod(*(torch.arange(int(n)) + 0.5 for n in counts))
+    depth = torch.minimum(lattice, counts - lattice).amin(1)  # 0.5 in the outermost layer
+    positions = lattice * half + torch.tensor([-0.2, 0.12, -0.2])
+    torch.manual_seed(0)
+    return ParticleState(
+        positions=positions,
+        velocity=torch.tensor(VELOCITY).expand_as(positions).clone(),
+        density=(60 * (depth - 1.5)).clamp(-60, 60),
+        features=torch.sin(positions @ torch.randn(3, 12) * 8),
+        physics=dict(TRUTH),
+        spacing=DX,
+        base_spacing=DX,
+        colour_network={name: value.clone() for name, value in ColourNetwork().state_dict().items()},
+    )
+
+
+def cameras() -> tuple[torch.Tensor, torch.Tensor]:
+    """Three cameras at 1.6 m around the block: poses [(3, 3, 4)] and intrinsics [pixels, (3, 3, 3)]."""
+    poses = []
+    for angle in torch.tensor([0.0, 2.1, 4.2]):
+        back = torch.tensor([torch.sin(angle), 0.35, torch.cos(angle)])
+        back = back / back.norm()
+        right = torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0]), back)
+        right = right / right.norm()
+        axes = torch.stack((right, torch.linalg.cross(back, right), back), dim=1)
+        poses.append(torch.cat((axes, (torch.tensor([0.0, 0.2, 0.0]) + 1.6 * back)[:, None]), dim=1))
+    intrinsic = torch.tensor([[40.0, 0.0, SIZE / 2], [0.0, 40.0, SIZE / 2], [0.0, 0.0, 1.0]])
+    return torch.stack(poses), intrinsic.expand(3, 3, 3)
+
+
+def film(state: ParticleState, trajectory: torch.Tensor) -> SimpleNamespace:
+    """What a VideoData offers the phases, of particles moving along ``trajectory`` [m, (F, N, 3)]."""
+    poses, intrinsics = cameras()
+    rays = [pixel_rays(intrinsic, pose, SIZE, SIZE) for intrinsic, pose in zip(intrinsics, poses, strict=True)]
+    colour = ColourNetwork()
+    colour.load_state_dict(state.colour_network)
+    images, mattes = torch.empty(3, len(trajectory), SIZE, SIZE, 3), torch.empty(3, len(trajectory), SIZE, SIZE)
+    with torch.no_grad():
+        for frame, positions in enumerate(trajectory):
+            grid = particles_to_grid(positions, state.density, state.features, state.spacing)
+            for view in range(3):
+                seen = render_rays(grid, colour, rays[view], state.base_spacing)
+                images[view, frame] = seen.colour.reshape(SIZE, SIZE, 3)
+                mattes[view, frame] = 1 - seen.transmittance.reshape(SIZE, SIZE)
+    video = Video(
+        images=images,
+        silhouettes=mattes,
+        valid=torch.ones(3, SIZE, SIZE, dtype=torch.bool),
+        camera_to_world=poses,
+        intrinsics=intrinsics,
+        times=torch.arange(len(trajectory)) / 24,
+        view_ids=(0, 1, 2),
+        frame_ids=tuple(range(len(trajectory))),
+        source="block",
+    )
+    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=lambda view: rays[view])
+
+
+def physics(**guess: float) -> Physics:
+    """An elastic block with another time step than the one it was filmed with."""
+    return Physics(NeoHookean(**{"E": TRUTH["E"], "nu": TRUTH["nu"], **guess}), substep_rate=960.0)
+
+
+@pytest.fixture(scope="session")
+def state() -> ParticleState:
+    """The block at frame 0."""
+    return block()
+
+
+@pytest.fixture(scope="session")
+def data(state):
+    """Its film, simulated with half the time step that the tests identify with."""
+    fine = Physics(NeoHookean(E=TRUTH["E"], nu=TRUTH["nu"]), substep_rate=1920.0)
+    return film(state, fine.simulate(state, FRAMES))

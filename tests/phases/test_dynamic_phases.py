@@ -1,0 +1,131 @@
+"""Velocity, identification and LPO on a block whose velocity and stiffness are known."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+import pytorch_lightning as pl
+import torch
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.phases import GaussNewton, LPOModule, PaperAdam, PhysicsIDModule, VelocityModule
+from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.scene.activation import optical_depth, sample_length, solid_fraction
+from tests.phases.conftest import DX, FRAMES, TRUTH, VELOCITY, physics
+
+HIT = 3
+
+
+def run(phase, data, model, state):
+    """Train a phase as the command line does; returns what it exports."""
+    phase.attach(data, model)
+    phase.import_state(state)
+    loader = torch.utils.data.DataLoader(phase.batches(data), batch_size=None)
+    trainer = pl.Trainer(
+        max_epochs=1, accelerator="cpu", logger=False, enable_checkpointing=False, enable_progress_bar=False,
+        enable_model_summary=False,
+    )  # fmt: skip
+    trainer.fit(phase, train_dataloaders=loader)
+    return phase.export_state()
+
+
+@pytest.mark.parametrize("silhouette_weight", [0.0, 1.0])
+def test_misfit_gradient_equals_finite_differences(data, state, silhouette_weight):
+    """Central differences of float32 images: truncation (step^2) and rounding (eps / step) meet near 1 %."""
+    misfit = VideoMisfit(data, state, silhouette_weight)
+    direction = torch.randn(state.positions.shape, generator=torch.Generator().manual_seed(1))
+    path = (state.positions + 0.01 * direction).expand(2, -1, -1)
+
+    def loss(shift: torch.Tensor) -> torch.Tensor:
+        return misfit.loss(path + shift * direction, state.density, state.features, [[0], [1, 2]])
+
+    shift = torch.zeros((), requires_grad=True)
+    loss(shift).backward()
+    step = 1e-3
+    difference = (loss(torch.tensor(step)) - loss(torch.tensor(-step))) / (2 * step)
+    assert shift.grad.item() == pytest.approx(difference.item(), rel=0.03)
+    assert abs(difference.item()) > 1e-4, "the direction must matter, or the comparison says nothing"
+
+
+def test_misfit_vanishes_at_the_truth_and_ignores_hidden_pixels(data, state):
+    misfit = VideoMisfit(data, state, silhouette_weight=1.0)
+    residual = misfit.residual(state.positions, state.density, state.features, 1, 0)
+    assert residual.abs().max() < 1e-5, "the film was drawn by the same renderer"
+    hidden = SimpleNamespace(**{**vars(data), "video": data.video})
+    hidden.video = type(data.video)(**{**vars(data.video), "valid": torch.zeros_like(data.video.valid)})
+    elsewhere = VideoMisfit(hidden, state).residual(state.positions + 0.1, state.density, state.features, 1, 0)
+    assert (elsewhere == 0).all()
+
+
+def test_pooling_averages_blocks(data, state):
+    fine, coarse = VideoMisfit(data, state), VideoMisfit(data, state, pool=4)
+    moved = state.positions + 0.02
+    whole, blocks = (m.residual(moved, state.density, state.features, 0, 0) for m in (fine, coarse))
+    torch.testing.assert_close(blocks[2, 3], whole[8:12, 12:16].mean((0, 1)))
+
+
+def test_velocity_is_found_before_contact(data, state):
+    start = state.with_(velocity=torch.zeros_like(state.velocity), physics={})
+    found = run(VelocityModule(HIT, max_iterations=24, silhouette_weight=1.0), data, physics(), start).velocity[0]
+    # one pixel is 1.6 m / 40 = 4 cm; a tenth of it over two frames is 5 cm/s
+    torch.testing.assert_close(found, torch.tensor(VELOCITY), rtol=0, atol=0.05)
+
+
+def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
+    method = GaussNewton(coarse_iterations=2, iterations=6, scan_decades=2.0, coarse_pool=2, pool=1)
+    phase = PhysicsIDModule(HIT, method, silhouette_weight=1.0)
+    found = run(phase, data, physics(E=TRUTH["E"] / 100), state.with_(physics={}))
+    assert abs(math.log10(found.physics["E"] / TRUTH["E"])) < 0.05
+    torch.testing.assert_close(found.velocity[0], torch.tensor(VELOCITY), rtol=0, atol=0.05)
+
+
+def test_adam_moves_the_stiffness_towards_the_truth(data, state):
+    guess = TRUTH["E"] / 5
+    phase = PhysicsIDModule(HIT, PaperAdam({"nu": 0.0}, warm_up_iterations=2, main_iterations=4))
+    found = run(phase, data, physics(E=guess), state.with_(physics={}))
+    assert guess * 1.5 < found.physics["E"] < TRUTH["E"] * 1.5
+    assert found.physics["nu"] == pytest.approx(TRUTH["nu"], rel=1e-6)
+
+
+@pytest.mark.parametrize(("positions", "features"), [(True, True), (True, False), (False, True)])
+def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, features):
+    noise = torch.randn(state.positions.shape, generator=torch.Generator().manual_seed(2))
+    wrong = state.with_(positions=state.positions + 0.015 * noise, features=state.features + 0.5)
+    model = physics()
+    corrected = run(LPOModule(12, positions, features), data, model, wrong)
+    assert (corrected.positions != wrong.positions).any() == positions
+    assert (corrected.features != wrong.features).any() == features
+    before, after = (
+        VideoMisfit(data, s).loss(model.simulate(s, FRAMES), s.density, s.features, [[0, 1, 2]] * FRAMES).item()
+        for s in (wrong, corrected)
+    )
+    assert after < 0.9 * before
+
+
+def test_views_rotate_and_cover_all(data, state):
+    phase = VelocityModule(HIT)
+    phase.attach(data, physics())
+    assert phase.fixed_views(3, None) == [[0, 1, 2], [1, 2, 0], [2, 0, 1]]
+    assert phase.fixed_views(4, 1) == [[0], [1], [2], [0]]
+    assert phase.one_view_per_frame(5, 40) == phase.one_view_per_frame(5, 40) != phase.one_view_per_frame(6, 40)
+
+
+def test_wrong_settings_are_found_when_the_phase_is_attached(data, state):
+    with pytest.raises(UserInputError, match="hit_frame = 9"):
+        VelocityModule(9).attach(data, physics())
+    slow = physics()
+    slow.frame_rate = 30.0
+    with pytest.raises(UserInputError, match="frame_rate"):
+        VelocityModule(HIT).attach(data, slow)
+    with pytest.raises(UserInputError, match="both false"):
+        LPOModule(positions=False, features=False)
+
+
+def test_solid_fraction_is_half_where_two_and_a_half_voxels_stop_half_the_light():
+    density = torch.linspace(-20, 80, 100_001, dtype=torch.float64)
+    fraction = solid_fraction(density, DX, 2 * DX)
+    edge = density[(fraction - 0.5).abs().argmin()]
+    light = torch.exp(-5 * optical_depth(edge, sample_length(DX, 2 * DX)))
+    assert light.item() == pytest.approx(0.5, abs=1e-3)  # the lattice is 1e-3 wide
