@@ -23,8 +23,8 @@ VELOCITY = (0.0, -1.0, 0.0)
 def block() -> ParticleState:
     """A block of 0.4 x 0.32 x 0.4 m, 0.12 m above the ground, its colours varying over it.
 
-    Density falls off towards the surface, as in a trained field: a grid node that a particle newly reaches would otherwise
-    jump from empty to dense, and the image with it.
+    Density falls off towards the surface, as in a trained field: a grid node that a particle newly reaches would
+    otherwise jump from empty to dense, and the image with it.
     """
     half, counts = DX / 2, torch.tensor([10, 8, 10])
     lattice = torch.cartesian_prod(*(torch.arange(int(n)) + 0.5 for n in counts))
