@@ -21,7 +21,7 @@ from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.callbacks.progress import PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
-from pacnerf_lpo.config_errors import HelpFormatter, config_files, explain
+from pacnerf_lpo.config_errors import HelpFormatter, cause_of, config_files, explain
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
@@ -90,13 +90,17 @@ class PhaseCLI(LightningCLI):
 
     def instantiate_classes(self) -> None:
         """Make the data, the physical model, one template of each phase, and the outer loop."""
-        made = self.parser.instantiate(self.config)
+        try:
+            made = self.parser.instantiate(self.config)
+        except ValueError as error:  # the parser wraps what a class says about its own arguments
+            raise cause_of(error) from error
         self.datamodule, self.physics, self.outer_loop = made.data, made.physics, made.outer_loop
         self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
         self.trainer_config = vars(made.trainer)
 
     def run(self) -> Path:
         """Run all phases that are not done yet; returns the run directory."""
+        check_truth(self.config.truth)
         self.datamodule.prepare()
         for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
@@ -191,6 +195,14 @@ def finish(run_dir: Path, truth: str | None) -> None:
     log_evaluation(Run(run_dir), results)
     print(markdown_table(results))
     print(f"report: {write_report(run_dir)}")
+
+
+def check_truth(truth: str | None) -> None:
+    """Raise UserInputError when the comparison at the end will not find its file; the file is not opened."""
+    from pacnerf_lpo.evaluation.evaluate import DEMO_TRUTH
+
+    if truth not in (None, DEMO_TRUTH) and not Path(str(truth)).is_file():
+        raise UserInputError(f"--truth {truth}: no such file; give the truth.json of the scene, or leave it out")
 
 
 def _expand_resume(args: Sequence[str]) -> list[str]:

@@ -7,6 +7,7 @@ import difflib
 import inspect
 import itertools
 import re
+from abc import ABC
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -43,6 +44,16 @@ def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> 
         if message := explanation(text, where, parser, files):
             return UserInputError(message)
     return UserInputError(" ".join(text.split()))
+
+
+def cause_of(error: BaseException) -> BaseException:
+    """The complaint of a class about its own arguments, out of what the parser made of it; else the error itself."""
+    link: BaseException | None = error
+    while link is not None:
+        if isinstance(link, UserInputError):
+            return link
+        link = link.__cause__ or link.__context__
+    return error
 
 
 def _unknown_key(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
@@ -135,7 +146,7 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
 
 
 def _concrete_subclasses(base: type) -> list[type]:
-    found = [] if inspect.isabstract(base) else [base]
+    found = [] if inspect.isabstract(base) or ABC in base.__bases__ else [base]
     children: list[type] = type.__subclasses__(base)
     for child in children:
         found += _concrete_subclasses(child)

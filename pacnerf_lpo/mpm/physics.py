@@ -66,10 +66,14 @@ class Physics:
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
-        names = [name for part in (material, self.ground, *self.effects) for name in part.parameters]
+        names = [
+            *material.parameters,
+            *self.ground.parameters,
+            *(n for effect in self.effects for n in effect.parameters),
+        ]
         for name in names:
             if names.count(name) > 1:
-                raise UserInputError(f"physics: {name!r} is a parameter of two of material, ground and effects; keep one")
+                raise UserInputError(f"physics: material, ground and effects have two parameters {name!r}; keep one")
         self.halvings = 0
         self._simulators: dict[tuple, Simulator] = {}
 

@@ -33,6 +33,8 @@ class DynamicPhase(AbstractPhase):
 
     def __init__(self, steps: int, silhouette_weight: float = 0.0, seed: int = 0):
         super().__init__()
+        if steps < 1:
+            raise UserInputError(f"{type(self).__name__}: give at least one iteration")
         self.steps, self.silhouette_weight, self.seed = steps, silhouette_weight, seed
 
     def attach(self, data: VideoData, physics: Physics) -> None:

@@ -73,6 +73,8 @@ class StaticGridModule(AbstractPhase):
         super().__init__()
         if base_spacing <= 0:
             raise UserInputError(f"phases.static.base_spacing = {base_spacing:g} m must be positive")
+        if rays_per_step < 1:
+            raise UserInputError(f"phases.static.rays_per_step = {rays_per_step}: give at least one ray")
         self.base_spacing, self.rays_per_step, self.min_weight, self.seed = (
             base_spacing,
             rays_per_step,
