@@ -84,7 +84,7 @@ def symmetric_eigen(b):
 @ti.func
 def divided_differences(mapping: ti.template(), e, ratio, stress, beta, i: ti.template(), j: ti.template()):
     """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains at least ``near`` apart."""
-    near = ti.static(1e-5 if compiling_double() else 3e-3)
+    near = ti.static(1e-7 if compiling_double() else 5e-5)
     R, T, B, gap = ratio[i] - ratio[j], stress[i] - stress[j], beta[i] - beta[j], e[i] - e[j]
     if ti.abs(gap) < near:
         mean, half = 0.5 * (e[i] + e[j]), ti.select(gap < 0.0, -0.5, 0.5) * near
@@ -92,7 +92,7 @@ def divided_differences(mapping: ti.template(), e, ratio, stress, beta, i: ti.te
         apart[i], apart[j] = mean + half, mean - half
         there = _evaluated(mapping, apart)
         R, T = there[i] - there[j], there[3 + i] - there[3 + j]
-        B = ti.exp(2.0 * apart[i]) - ti.exp(2.0 * apart[j])
+        B = 4.0 * half * ti.exp(2.0 * mean)  # exp(2 e_i) - exp(2 e_j) without its cancellation; sinh(near) = near
     return R / B, T / B
 
 
