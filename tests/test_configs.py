@@ -128,7 +128,7 @@ def test_a_published_scene_runs_with_adam(tmp_path: Path, small_threads: None):
     ("option", "expected"),
     [
         ("--physics.material.E=-1e5", "NeoHookean: E = -100000 Pa is not a possible Young's modulus"),
-        ("--physics.material=NeoHokean", "there is no NeoHokean; known are DruckerPrager, NeoHookean, Newtonian"),
+        ("--physics.material=NeoHokean", "did you mean NeoHookean?"),
         ("--data.train_views=[0,4,99]", "99"),
         ("--data.root=nowhere", "nowhere"),
         ("--physics.frame_rate=30", "time stamps give 24.00 frames/s"),
