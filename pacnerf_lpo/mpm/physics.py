@@ -133,17 +133,27 @@ class Physics:
         Raises:
             SimulationError: still unstable after the last halving.
         """
-        spacing = spacings[0]
         opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
-        opacity = opacity.clamp_min(LEAST_OPACITY)
-        mass = self.rho * (spacing / 2) ** 3 * opacity
+        return self.motion(positions, velocity, opacity.clamp_min(LEAST_OPACITY), parameters, spacings[0], frames)
+
+    def motion(
+        self,
+        positions: Tensor,
+        velocity: Tensor,
+        fraction: Tensor,
+        parameters: Mapping[str, Tensor],
+        spacing: float,
+        frames: int,
+    ) -> Tensor:
+        """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is matter."""
+        mass = self.rho * (spacing / 2) ** 3 * fraction
         material = {name: parameters[name] for name in self.material.parameters}
         extra = {name: parameters[name] for effect in self.effects for name in effect.parameters}
         ground = parameters[GROUND_HEIGHT.name] * positions.new_tensor([0.0, 1.0, 0.0])
         above = positions - ground
         while True:
             try:
-                return self._simulator(spacing)(above, velocity, mass, opacity**3, material, frames, extra) + ground
+                return self._simulator(spacing)(above, velocity, mass, fraction**3, material, frames, extra) + ground
             except SimulationError:
                 if self.halvings >= MAX_HALVINGS:
                     raise
