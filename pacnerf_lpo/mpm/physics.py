@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.effects.base import Effect, Observation
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
@@ -100,6 +100,16 @@ class Physics:
         return [*self.material.free_names, *ground, *(name for effect in self.effects for name in effect.parameters)]
 
     @property
+    def observations(self) -> tuple[Observation, ...]:
+        """The effects on the cameras, which change no motion."""
+        return tuple(effect for effect in self.effects if isinstance(effect, Observation))
+
+    @property
+    def _moving(self) -> tuple[Effect, ...]:
+        """The effects on the motion."""
+        return tuple(effect for effect in self.effects if not isinstance(effect, Observation))
+
+    @property
     def substeps(self) -> int:
         """Integration steps per frame, after the halvings of the step so far."""
         return math.ceil(self.substep_rate / self.frame_rate - 1e-9) * 2**self.halvings
@@ -148,7 +158,7 @@ class Physics:
         """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is matter."""
         mass = self.rho * (spacing / 2) ** 3 * fraction
         material = {name: parameters[name] for name in self.material.parameters}
-        extra = {name: parameters[name] for effect in self.effects for name in effect.parameters}
+        extra = {name: parameters[name] for effect in self._moving for name in effect.parameters}
         ground = parameters[GROUND_HEIGHT.name] * positions.new_tensor([0.0, 1.0, 0.0])
         above = positions - ground
         while True:
@@ -179,6 +189,6 @@ class Physics:
                 substeps=self.substeps,
                 frame_dt=1 / self.frame_rate,
                 gravity=self.gravity,
-                effects=self.effects,
+                effects=self._moving,
             )
         return self._simulators[key]

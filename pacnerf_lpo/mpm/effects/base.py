@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -28,10 +29,10 @@ class Effect(ABC):
         guess: value of every parameter [SI].
     """
 
-    parameters: ClassVar[dict[str, Parameter]]
-    null: ClassVar[dict[str, float]]
+    parameters: dict[str, Parameter]
+    null: dict[str, float]
     signature: ClassVar[str]
-    probes: ClassVar[tuple[dict[str, float], ...]]
+    probes: tuple[dict[str, float], ...]
     confused_with: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str] = ""
     one_sided: ClassVar[bool] = False
@@ -57,14 +58,32 @@ class Observation(Effect):
     """An effect on what the cameras see: it changes no motion, and never enters the engine. All methods are the identity
     unless overridden; plain torch, differentiable in the coefficients.
 
+    Two cameras may be wrong in the same way, so the parameters of an effect on one view carry its id: ``gain`` becomes
+    ``gain_view3``. The methods receive the coefficients by the short names.
+
     Args:
-        guess: value of every parameter [SI].
+        guess: value of every parameter [SI], by its short name.
         view: file id of the one camera that is concerned; None: all of them.
     """
 
     def __init__(self, guess: Mapping[str, float], view: int | None = None):
-        super().__init__(guess)
-        self.view = view
+        self.view, self._suffix = view, "" if view is None else f"_view{view}"
+        of_view = "" if view is None else f" of view {view}"
+        self.parameters = {
+            self.full_name(name): replace(parameter, name=self.full_name(name), label=parameter.label + of_view)
+            for name, parameter in self.parameters.items()
+        }
+        self.null = self._renamed(self.null)
+        self.probes = tuple(map(self._renamed, self.probes))
+        super().__init__(self._renamed(guess))
+
+    def full_name(self, name: str) -> str:
+        """The unique name of a parameter, from its short one."""
+        return name + self._suffix
+
+    def coefficients(self, values: Mapping[str, Tensor]) -> SimpleNamespace:
+        """What the methods receive, from the values of all parameters by their unique names."""
+        return SimpleNamespace(**{name: values[self.full_name(name)] for name in type(self).parameters})
 
     def concerns(self, view: int) -> bool:
         """Whether this camera (file id) is concerned."""
@@ -85,3 +104,6 @@ class Observation(Effect):
     def colour(self, view: int, colour: Tensor, t: float, c: SimpleNamespace) -> Tensor:
         """Observed colour, from the true one [0..1, (..., 3)], at time ``t`` [s]."""
         return colour
+
+    def _renamed(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {self.full_name(name): float(value) for name, value in values.items()}
