@@ -10,7 +10,7 @@ them up and clears them, over the nodes in reach of a particle only. On CUDA a s
 atomic.
 
 Arrays are flat. A particle's state is 24 numbers: position 3, velocity 3, velocity gradient C 9, deformation gradient
-F 9.
+F 9, and the history of effects on the law, which most simulations have none of.
 """
 
 import functools
@@ -51,7 +51,8 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     Nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
     Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
     Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
-    P = len(laws.names)
+    P, H = len(laws.names), laws.history
+    width = STATE + H
 
     @ti.func
     def begin_substep(
@@ -87,8 +88,11 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
             volume,
             constants[CONSTANTS * p + 1],
             coefficients,
+            [state[width * p + STATE + h] for h in ti.static(range(H))],
         )
-        store_matrix(ahead, STATE * p + 15, ti.Matrix(e.F_new))
+        store_matrix(ahead, width * p + 15, ti.Matrix(e.F_new))
+        for h in ti.static(range(H)):
+            ahead[width * p + STATE + h] = e.history[h]
         first, f, w, _dw = stencil(x, inv_dx)
         cell = inside(first, dims, status, substep)
         A = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx)
@@ -167,7 +171,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
             if ti.static(not cuda):
                 mine = t * plane * dims[1]
             for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
-                o = STATE * p
+                o = width * p
                 x = vector(before, o)
                 v, C = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
                 if finish == 1:
@@ -260,7 +264,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         """
         inv_dx, dt = numbers[1], numbers[2]
         row, plane = dims[3], dims[2] * dims[3]
-        first, f, w, dw = stencil(vector(before, STATE * p), inv_dx)
+        first, f, w, dw = stencil(vector(before, width * p), inv_dx)
         cell = inside(first, dims, status, substep)
         start = cell[0] * plane + cell[1] * row + cell[2]
         a = gv + dt * gx
@@ -268,7 +272,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         q, qi, qj, qk = with_fourth(a - B @ f, 0.0), column(B, 0, 1.0), column(B, 1, 1.0), column(B, 2, 1.0)
         scatter(momentum, mine + start, row, plane, w, q, qi, qj, qk, cuda)
         _m, _mi, _mj, _mk, slope = gather_adjoint(velocity, start, row, plane, w, dw, q, qi, qj, qk)
-        return gx + inv_dx * (slope - B.transpose() @ vector(now, STATE * p + 3)), cell
+        return gx + inv_dx * (slope - B.transpose() @ vector(now, width * p + 3)), cell
 
     @ti.func
     def update_node_adjoint(
@@ -340,7 +344,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                 mine = t * plane * dims[1]
             of_mine = ti.Vector.zero(ti.f64, P)
             for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
-                o, oc = STATE * p, CONSTANTS * p
+                o, oc = width * p, CONSTANTS * p
                 gx, gv = vector(gradient, o), vector(gradient, o + 3)
                 gC, gF = matrix(gradient, o + 6), matrix(gradient, o + 15)
                 if begun == 1:
@@ -366,6 +370,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                         volume,
                         constants[oc + 1],
                         coefficients,
+                        [now[o + STATE + h] for h in ti.static(range(H))],
                     )
                     A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
                     m, mi, mj, mk, slope = gather_adjoint(
@@ -387,7 +392,8 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                         gA[a, 1] = dx * (mj[a] - h[a] * f[1])
                         gA[a, 2] = dx * (mk[a] - h[a] * f[2])
                     gtau, gu = (-4.0 * dt * volume * inv_dx * inv_dx) * gA, mass * h
-                    back = e.pull_back(entries(gF), entries(gtau), [gu[0], gu[1], gu[2]])
+                    gh = [gradient[o + STATE + h] for h in ti.static(range(H))]
+                    back = e.pull_back(entries(gF), entries(gtau), [gu[0], gu[1], gu[2]], gh)
                     gF = ti.Matrix(back.F)
                     gC = mass * gA + dt * (gF @ F.transpose()) + ti.Matrix(back.C)
                     gF += dt * (C.transpose() @ gF)
@@ -397,6 +403,8 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                     of_constants[oc + 1] = of_constants[oc + 1] + back.stiffness
                     for a in ti.static(range(3)):
                         of_constants[oc + 2 + a] = of_constants[oc + 2 + a] + back.X[a]
+                    for h in ti.static(range(H)):
+                        gradient[o + STATE + h] = back.history[h]
                     for c in ti.static(range(P)):
                         of_mine[c] += back.coefficients[c]
                 if finished == 1:

@@ -13,6 +13,7 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.effects.base import Effect, Observation
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.model import check_model
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
 from pacnerf_lpo.scene.activation import alpha, solid_fraction
@@ -66,14 +67,7 @@ class Physics:
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
-        names = [
-            *material.parameters,
-            *self.ground.parameters,
-            *(n for effect in self.effects for n in effect.parameters),
-        ]
-        for name in names:
-            if names.count(name) > 1:
-                raise UserInputError(f"physics: material, ground and effects have two parameters {name!r}; keep one")
+        check_model("physics", material, self.ground, self.effects)
         self.halvings = 0
         self._simulators: dict[tuple, Simulator] = {}
 

@@ -1,7 +1,7 @@
 """What a local law sees of one particle, and the evaluation of all local laws there with their adjoint."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +18,7 @@ class Point:
     x: position [m, (3,)];  X: position at time 0 [m, (3,)];  v: velocity [m/s, (3,)]
     t: time since frame 0 [s];  dt: substep [s]
     mass: [kg];  volume: of the undeformed particle [m^3];  stiffness: factor on the moduli [1]
+    history: what an effect on the law has kept from the substep before, if it keeps anything
     """
 
     F: Tensor3
@@ -30,10 +31,13 @@ class Point:
     mass: Any
     volume: Any
     stiffness: Any
+    history: list[Any] = field(default_factory=list)
 
 
 Law = Callable[[Point, SimpleNamespace], tuple[Tensor3, Tensor3]]
+Wrapper = Callable[[Law, Point, SimpleNamespace], tuple]
 Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
+Factor = Callable[[Point, SimpleNamespace], Any]
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,44 @@ class LocalLaws:
     accelerations: (point, coefficients) -> body acceleration [m/s^2], one per effect
     ground: (velocity of a node at or below y = 0, coefficients) -> the velocity the ground lets it have [m/s]
     names: of the coefficients of law, ground and effects, in order.
+    wrappers: (law inside, point, coefficients) -> what the law gives, and the new history where one is kept; each with
+        how many numbers it keeps. The first is the outermost.
+    factors: (point, coefficients) -> factor on the stiffness, one per effect
     """
 
     law: Law
     accelerations: tuple[Acceleration, ...]
     ground: Callable[[list[Any], SimpleNamespace], list[Any]]
     names: tuple[str, ...]
+    wrappers: tuple[tuple[Wrapper, int], ...] = ()
+    factors: tuple[Factor, ...] = ()
+
+    @property
+    def history(self) -> int:
+        """How many numbers a particle carries from substep to substep beside its deformation."""
+        return sum(kept for _, kept in self.wrappers)
+
+    def stress(self, point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3, list[Any]]:
+        """New deformation gradient, Kirchhoff stress [Pa] and history of one particle."""
+        for factor in self.factors:
+            point = replace(point, stiffness=point.stiffness * factor(point, c))
+        given, new = point.history, list(point.history)
+
+        def nested(level: int, offset: int) -> Law:
+            if level == len(self.wrappers):
+                return self.law
+            wrapper, kept = self.wrappers[level]
+            inner, mine = nested(level + 1, offset + kept), slice(offset, offset + kept)
+
+            def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
+                F, tau, *history = wrapper(inner, replace(point, history=given[mine]), c)
+                new[mine] = history[0] if kept else []
+                return F, tau
+
+            return law
+
+        F, tau = nested(0, 0)(point, c)
+        return F, tau, new
 
 
 class Evaluation:
@@ -58,28 +94,33 @@ class Evaluation:
 
     F_new, tau: new deformation gradient and Kirchhoff stress [Pa], nested lists of expressions
     velocity: velocity after dt of body acceleration [m/s]
+    history: new history
     """
 
     _data_oriented = True
 
-    def __init__(self, laws: LocalLaws, F, C, x, X, v, t, dt, mass, volume, stiffness, coefficients: Sequence):
+    def __init__(
+        self, laws: LocalLaws, F, C, x, X, v, t, dt, mass, volume, stiffness, coefficients: Sequence, history=()
+    ):
         self._record = Record()
         row = self._record.variables
         self._point = Point(
-            [row(r) for r in F], [row(r) for r in C], row(x), row(X), row(v), *row([t, dt, mass, volume, stiffness])
+            *([row(r) for r in F], [row(r) for r in C], row(x), row(X), row(v)),
+            *row([t, dt, mass, volume, stiffness]),
+            row(history),
         )
         self._coefficients = row(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
-        self._F_new, self._tau = laws.law(self._point, named)
+        self._F_new, self._tau, self._history = laws.stress(self._point, named)
         self._velocity = list(self._point.v)
         for acceleration in laws.accelerations:
             a = acceleration(self._point, named)
             self._velocity = [u + self._point.dt * c for u, c in zip(self._velocity, a, strict=True)]
         self.F_new, self.tau = _values(self._F_new), _values(self._tau)
-        self.velocity = [plain(u) for u in self._velocity]
+        self.velocity, self.history = [plain(u) for u in self._velocity], [plain(h) for h in self._history]
 
-    def pull_back(self, gF, gtau, gv) -> "Adjoint":
-        """Emit the adjoint, given the adjoints of F_new, tau and velocity as nested lists of expressions."""
+    def pull_back(self, gF, gtau, gv, gh) -> "Adjoint":
+        """Emit the adjoint, given the adjoints of F_new, tau, velocity and history as nested lists of expressions."""
         p = self._point
         seeds = [
             *(
@@ -88,9 +129,10 @@ class Evaluation:
                 for a, g in zip(row, grow, strict=True)
             ),
             *zip(self._velocity, gv, strict=True),
+            *zip(self._history, gh, strict=True),
         ]
-        inputs = [*(a for row in p.F + p.C for a in row), *p.x, *p.X, *p.v, p.mass, p.stiffness, *self._coefficients]
-        return Adjoint(self._record.pull_back(seeds, inputs))
+        inputs = [*(a for row in p.F + p.C for a in row), *p.x, *p.X, *p.v, p.mass, p.stiffness]
+        return Adjoint(self._record.pull_back(seeds, [*inputs, *p.history, *self._coefficients]), len(p.history))
 
 
 class Adjoint:
@@ -98,10 +140,11 @@ class Adjoint:
 
     _data_oriented = True
 
-    def __init__(self, g: list):
+    def __init__(self, g: list, history: int):
         self.F, self.C = [g[0:3], g[3:6], g[6:9]], [g[9:12], g[12:15], g[15:18]]
         self.x, self.X, self.v = g[18:21], g[21:24], g[24:27]
-        self.mass, self.stiffness, self.coefficients = g[27], g[28], g[29:]
+        self.mass, self.stiffness = g[27], g[28]
+        self.history, self.coefficients = g[29 : 29 + history], g[29 + history :]
 
 
 class GroundEvaluation:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
-from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET, STATE
+from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET
 from pacnerf_lpo.mpm.point import LocalLaws
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
@@ -52,24 +52,19 @@ class Engine:
         self._slices, self._cuda, self._memory = slices, cuda, memory
         self._spare: list[Tape] = []
 
-    def prepare(
-        self, positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, coefficients: Tensor
-    ) -> "Run":
-        """Pack the inputs of one rollout."""
-        zeros = positions.new_zeros
-        identity = torch.eye(3, dtype=positions.dtype, device=positions.device).reshape(1, 9).expand(len(positions), 9)
-        state = torch.cat([positions, velocity, zeros(len(positions), 9), identity], 1).contiguous()
-        constants = torch.cat([mass[:, None], stiffness[:, None], positions], 1).contiguous()
+    def prepare(self, state: Tensor, constants: Tensor, coefficients: Tensor) -> "Run":
+        """Pack the inputs of one rollout; see :class:`Rollout`."""
         dt = self.frame_dt / self.substeps
-        head = [self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, *self.gravity, MASS_FLOOR * float(mass.mean()), 0.0]
-        numbers = torch.cat([positions.new_tensor(head), coefficients.to(positions)])
-        return Run(self, state, constants, numbers, len(coefficients))
+        lightest = MASS_FLOOR * float(constants[:, 0].mean())
+        head = [self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, *self.gravity, lightest, 0.0]
+        numbers = torch.cat([state.new_tensor(head), coefficients.to(state)])
+        return Run(self, state.contiguous(), constants.contiguous(), numbers, len(coefficients))
 
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
         matching = [tape for tape in self._spare if tape.states[0].numel() == run.state.numel()]
         self._spare = matching[1:]
-        return matching[0] if matching else Tape(run.particles, self.substeps, run.state, keep=True)
+        return matching[0] if matching else Tape(self.substeps, run.state, keep=True)
 
     def give_back(self, tape: Tape) -> None:
         """Let the next rollout reuse a tape."""
@@ -77,7 +72,7 @@ class Engine:
 
     def kept_frames(self, run: "Run") -> int:
         """How many frames' substeps fit the memory budget; at least one."""
-        return max(1, int(self._memory // Tape.bytes(run.particles, self.substeps, run.grid(run.state, 1), run.state)))
+        return max(1, int(self._memory // Tape.bytes(self.substeps, run.grid(run.state, 1), run.state)))
 
 
 class Run:
@@ -94,7 +89,7 @@ class Run:
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
         gravity = state.new_tensor(self._engine.gravity)
-        return enclosing_grid(state.view(-1, STATE), self._engine.dx, self._engine.frame_dt, gravity, margin)
+        return enclosing_grid(state.view(self.state.shape), self._engine.dx, self._engine.frame_dt, gravity, margin)
 
     def frame(self, index: int, tape: Tape) -> None:
         """Fill the tape of frame interval ``index`` from its first state; widen the grid until it holds the motion.
@@ -208,21 +203,28 @@ class Rollout(torch.autograd.Function):
     """Positions at every frame, from packed inputs; see :class:`~pacnerf_lpo.mpm.simulator.Simulator`."""
 
     @staticmethod
-    def forward(ctx, engine: Engine, frames: int, recording: bool, positions, velocity, mass, stiffness, coefficients):
-        run = engine.prepare(positions, velocity, mass, stiffness, coefficients)
+    def forward(ctx, engine: Engine, frames: int, recording: bool, state, constants, coefficients):
+        """Roll out.
+
+        Args:
+            state: particle states at frame 0 [(N, 24 and the history)], see :mod:`~pacnerf_lpo.mpm.kernels`.
+            constants: mass, stiffness factor and position at time 0 [(N, 5)].
+            coefficients: of the local laws [(P,)].
+        """
+        run = engine.prepare(state, constants, coefficients)
         intervals = frames - 1
         kept_from = intervals - engine.kept_frames(run) if recording else intervals
-        state, scratch = run.state.reshape(-1), Tape(run.particles, engine.substeps, run.state, keep=False)
+        latest, scratch = run.state.reshape(-1), Tape(engine.substeps, run.state, keep=False)
         checkpoints, tapes = [], {}
-        out = positions.new_empty(frames, *positions.shape)
-        out[0] = positions
+        out = state.new_empty(frames, len(state), 3)
+        out[0] = state[:, :3]
         for index in range(intervals):
             tape = tapes[index] = engine.tape(run) if index >= kept_from else scratch
-            tape.states[0].copy_(state)
-            checkpoints.append(state.clone() if recording else None)
+            tape.states[0].copy_(latest)
+            checkpoints.append(latest.clone() if recording else None)
             run.frame(index, tape)
-            state = tape.states[-1]
-            out[index + 1] = state.view(-1, STATE)[:, :3]
+            latest = tape.states[-1]
+            out[index + 1] = latest.view(state.shape)[:, :3]
         if recording:
             ctx.run, ctx.engine, ctx.checkpoints = run, engine, checkpoints
             ctx.tapes = {index: tape for index, tape in tapes.items() if tape.keep}
@@ -241,7 +243,5 @@ class Rollout(torch.autograd.Function):
                 run.frame(index, tape)
             run.frame_adjoint(index, tape)
             engine.give_back(tape)
-        g, gc = run.of_state, run.of_constants
-        of_positions = g[:, :3] + of_out[0] + gc[:, 2:5]
-        of_coefficients = run.of_coefficients.sum(0).to(g)
-        return None, None, None, of_positions, g[:, 3:6], gc[:, 0], gc[:, 1], of_coefficients
+        run.of_state[:, :3] += of_out[0]
+        return None, None, None, run.of_state, run.of_constants, run.of_coefficients.sum(0).to(run.of_state)

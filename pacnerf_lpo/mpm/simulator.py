@@ -2,16 +2,17 @@
 
 import difflib
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import runtime
-from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
+from pacnerf_lpo.mpm.effects.base import Effect, InitialState, LawEffect, Observation
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.point import LocalLaws
+from pacnerf_lpo.mpm.model import check_model, local_laws, of_kind
 from pacnerf_lpo.mpm.rollout import Engine, Rollout
 
 
@@ -29,7 +30,7 @@ class Simulator:
         substeps: per frame.
         frame_dt: time between frames [s].
         gravity: [m/s^2].
-        effects: further physics.
+        effects: further physics; those on the cameras change nothing here.
         device: ``"cpu"`` or ``"cuda"``.
         dtype: precision inside the engine, ``"f32"`` or ``"f64"``.
         memory: for keeping substeps from forward to backward instead of recomputing them [bytes].
@@ -78,14 +79,10 @@ class Simulator:
             raise UserInputError(f"Simulator: dtype {dtype!r}; choose from {', '.join(runtime.REAL)}")
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
         self._device, self._real = torch.device(device), runtime.TORCH_REAL[dtype]
-        self._guess = {**self.ground.guess, **{name: v for effect in self.effects for name, v in effect.guess.items()}}
-        names = [*material.parameters, *self.ground.guess, *(name for effect in self.effects for name in effect.guess)]
-        for name in names:
-            if names.count(name) > 1:
-                raise UserInputError(f"Simulator: material, ground and effects have two parameters called {name!r}")
-        probe = material.coefficients({name: torch.tensor(value) for name, value in material.guess.items()})
-        forces = tuple(effect.acceleration for effect in self.effects if isinstance(effect, BodyForce))
-        laws = LocalLaws(material.law, forces, self.ground.velocity, (*probe, *self._guess))
+        check_model("Simulator", material, self.ground, self.effects)
+        laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
+        moving = [effect for effect in self.effects if not isinstance(effect, Observation)]
+        self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
         slices = runtime.start(device)
         self._engine = Engine(
             laws, dx, substeps, frame_dt, tuple(gravity), dtype, slices, self._device.type == "cuda", memory
@@ -122,32 +119,47 @@ class Simulator:
         """
         particle_inputs = {"positions": positions, "velocity": velocity, "mass": mass, "stiffness": stiffness}
         self._check_particles(particle_inputs, frames)
-        coefficients = self._coefficients({**parameters}, {**(effect_parameters or {})})
-        inputs = [t.to(self._device, self._real) for t in particle_inputs.values()] + [coefficients]
-        recording = torch.is_grad_enabled() and any(t.requires_grad for t in inputs)
-        order = self._order(inputs[0].detach())
+        values = self._values({**parameters}, {**(effect_parameters or {})})
+        x, v, m, stiff = (t.to(self._device, self._real) for t in particle_inputs.values())
+        state, constants = self._start(x, v, m, stiff, values)
+        coefficients = self._coefficients(values)
+        recording = torch.is_grad_enabled() and any(t.requires_grad for t in (state, constants, coefficients))
+        order = self._order(x.detach())
         inverse = torch.argsort(order)
-        out = Rollout.apply(self._engine, frames, recording, *(t[order] for t in inputs[:4]), coefficients)
+        out = Rollout.apply(self._engine, frames, recording, state[order], constants[order], coefficients)
         return out[:, inverse].to(positions.device, positions.dtype)
 
-    def _coefficients(self, parameters: dict[str, Tensor], effect_parameters: dict[str, Tensor]) -> Tensor:
+    def _values(self, parameters: dict[str, Tensor], effect_parameters: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Every parameter as a checked float64 scalar: as given, else the ground's and the effects' own."""
         own = self.material.parameters
         _check_names("parameters", parameters, {**own, **self.ground.guess}, required=own)
-        _check_names(
-            "effect_parameters",
-            effect_parameters,
-            {k: v for k, v in self._guess.items() if k not in self.ground.guess},
-            required={},
-        )
-        values = {**self._guess, **parameters, **effect_parameters}
+        _check_names("effect_parameters", effect_parameters, self._effect_values, required={})
+        values = {**self._coefficient_values, **self._effect_values, **parameters, **effect_parameters}
         tensors = {name: torch.as_tensor(value, dtype=torch.float64).reshape(()) for name, value in values.items()}
         for name, value in tensors.items():
             if not torch.isfinite(value):
                 raise UserInputError(f"simulator: parameter {name} is {float(value)}; give a finite number")
-        coefficients = self.material.coefficients({name: tensors[name] for name in own})
-        return torch.stack([*coefficients.values(), *(tensors[name] for name in self._guess)]).to(
-            self._device, self._real
-        )
+        return tensors
+
+    def _coefficients(self, values: dict[str, Tensor]) -> Tensor:
+        """What the kernels are given, in the order of the laws' names."""
+        of_material = self.material.coefficients({name: values[name] for name in self.material.parameters})
+        others = (values[name] for name in self._coefficient_values)
+        return torch.stack([*of_material.values(), *others]).to(self._device, self._real)
+
+    def _start(
+        self, x: Tensor, v: Tensor, mass: Tensor, stiffness: Tensor, values: dict[str, Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """Particle states at frame 0 and their constants, as :class:`Rollout` takes them."""
+        histories = [effect.initial_history(x, mass, self._engine.dx) for effect in of_kind(self.effects, LawEffect)]
+        C = x.new_zeros(3, 3)
+        for effect in of_kind(self.effects, InitialState):
+            c = SimpleNamespace(**{name: values[name].to(x) for name in (*effect.parameters, *effect.constants)})
+            v, mass, stiffness = effect.apply(x, v, mass, stiffness, c)
+            gradient = effect.velocity_gradient(c)
+            C = C if gradient is None else C + gradient
+        flat = torch.cat([C.reshape(9), torch.eye(3).reshape(9).to(x)]).expand(len(x), 18)
+        return torch.cat([x, v, flat, *histories], 1), torch.cat([mass[:, None], stiffness[:, None], x], 1)
 
     def _order(self, positions: Tensor) -> Tensor:
         """Particles by the first node of their stencil, in the order of the nodes in memory."""

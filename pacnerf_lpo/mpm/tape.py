@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.arrays import STATE
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -32,7 +30,7 @@ def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, m
     """The grid that holds the particles while they fly freely, and ``margin`` cells more on every side.
 
     Args:
-        state: particle states [(N, 24)], position and velocity first [m, m/s].
+        state: particle states [(N, 24 or more)], position and velocity first [m, m/s].
         dx: node spacing [m].
         duration: [s].
         gravity: [m/s^2, (3,)].
@@ -52,15 +50,15 @@ def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, m
 class Tape:
     """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
 
-    states: S + 1 views, [(N * 24,)] each
+    states: S + 1 views, [(N * width,)] each, width = 24 and the history
     velocities: S views [(nodes, 4)]: velocity [m/s] and mass [kg]
     grid: where they lie
     contacts: S views, velocity before the ground of every node at y <= 0 [m/s]
     """
 
-    def __init__(self, particles: int, substeps: int, like: Tensor, keep: bool):
+    def __init__(self, substeps: int, like: Tensor, keep: bool):
         self.keep, self._substeps = keep, substeps
-        self._states = like.new_empty((substeps + 1 if keep else 1, particles * STATE))
+        self._states = like.new_empty((substeps + 1 if keep else 1, like.numel()))
         self.states = list(self._states) if keep else [self._states[0]] * (substeps + 1)
         self._buffer = like.new_empty(0)
         self.grid = Grid((0, 0, 0), (0, 0, 0))
@@ -80,7 +78,7 @@ class Tape:
         self.contacts = list(contacts.view(slots, -1)) * repeat
 
     @staticmethod
-    def bytes(particles: int, substeps: int, grid: Grid, like: Tensor) -> int:
+    def bytes(substeps: int, grid: Grid, like: Tensor) -> int:
         """Memory of a kept frame."""
-        per_substep = particles * STATE + 4 * grid.nodes + 3 * grid.contact_nodes
+        per_substep = like.numel() + 4 * grid.nodes + 3 * grid.contact_nodes
         return like.element_size() * (substeps + 1) * per_substep

@@ -88,7 +88,7 @@ def test_settings_are_checked_before_running():
         NeoHookean(known=["nue"])
     with pytest.raises(UserInputError, match="dtype 'f16'"):
         Simulator(NeoHookean(), dx=0.1, substeps=8, dtype="f16")
-    with pytest.raises(UserInputError, match="two parameters called 'drag'"):
+    with pytest.raises(UserInputError, match="two parameters 'drag'"):
         Simulator(NeoHookean(), dx=0.1, substeps=8, effects=[LinearDrag(), LinearDrag()])
     with pytest.raises(UserInputError, match="did you mean 'nu'"):
         x, ones = positions(), torch.ones(64)

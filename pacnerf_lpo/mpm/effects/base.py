@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 
 from torch import Tensor
 
+from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.parameters import Parameter
-from pacnerf_lpo.mpm.point import Point
+from pacnerf_lpo.mpm.point import Law, Point
 
 
 class Effect(ABC):
@@ -27,6 +28,9 @@ class Effect(ABC):
 
     Args:
         guess: value of every parameter [SI].
+        constants: further numbers that its functions find among their coefficients, and that are never identified.
+    Raises:
+        UserInputError: a value outside its bounds.
     """
 
     parameters: dict[str, Parameter]
@@ -37,9 +41,14 @@ class Effect(ABC):
     separating_experiment: ClassVar[str] = ""
     one_sided: ClassVar[bool] = False
 
-    def __init__(self, guess: Mapping[str, float]):
+    def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__
         self.guess = {name: self.parameters[name].check(float(value), where) for name, value in guess.items()}
+        self.constants = {name: float(value) for name, value in (constants or {}).items()}
+
+    @classmethod  # noqa: B027
+    def check_material(cls, material: Material) -> None:
+        """Raise UserInputError, in one line, where the effect has no meaning for this material."""
 
 
 class BodyForce(Effect):
@@ -54,9 +63,73 @@ class BodyForce(Effect):
         """
 
 
+class Softening(Effect):
+    """An effect that multiplies the stiffness of a particle, and so all its moduli, before any law sees it."""
+
+    @staticmethod
+    @abstractmethod
+    def factor(point: Point, c: SimpleNamespace) -> Any:
+        """Factor on the stiffness of one particle; plain arithmetic as for a body force."""
+
+
+class LawEffect(Effect):
+    """An effect on the constitutive law. Several are nested: the first that is listed sees the particle first.
+
+    history: how many numbers it keeps per particle from substep to substep, 0 unless said.
+    """
+
+    history: ClassVar[int] = 0
+
+    @staticmethod
+    @abstractmethod
+    def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
+        """New deformation gradient and Kirchhoff stress [Pa], as of a material's law; then, where a history is kept,
+        the new one (a list; the old one is ``point.history``).
+
+        Plain arithmetic as for a material. ``inner(point, c)`` is the law inside: the material's or the next effect's.
+        A changed particle is ``dataclasses.replace(point, ...)``, changed coefficients ``SimpleNamespace(**{**vars(c),
+        ...})``.
+        """
+
+    @classmethod
+    def initial_history(cls, positions: Tensor, mass: Tensor, dx: float) -> Tensor:
+        """History at frame 0 [(N, history)], from positions [m, (N, 3)], mass [kg, (N,)] and node spacing [m].
+
+        Plain torch.
+        """
+        return positions.new_zeros(len(positions), cls.history)
+
+
+class GroundEffect(Effect):
+    """Another ground in the place of the sticky one, which it is at its null. A model has at most one."""
+
+    @staticmethod
+    @abstractmethod
+    def velocity(u: list[Any], c: SimpleNamespace) -> list[Any]:
+        """As :meth:`pacnerf_lpo.mpm.ground.Ground.velocity`."""
+
+
+class InitialState(Effect):
+    """An effect on what the body is at frame 0."""
+
+    @staticmethod
+    @abstractmethod
+    def apply(
+        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Velocity [m/s, (N, 3)], mass [kg, (N,)] and stiffness [1, (N,)] at frame 0, from positions [m, (N, 3)], what
+        they would be without it, and the coefficients (scalars). Plain torch.
+        """
+
+    @staticmethod
+    def velocity_gradient(c: SimpleNamespace) -> Tensor | None:
+        """What it adds to the velocity gradient of every particle [1/s, (3, 3)]; None: nothing. Torch."""
+        return None
+
+
 class Observation(Effect):
-    """An effect on what the cameras see: it changes no motion, and never enters the engine. All methods are the identity
-    unless overridden; plain torch, differentiable in the coefficients.
+    """An effect on what the cameras see: it changes no motion, and never enters the engine. All methods are the
+    identity unless overridden; plain torch, differentiable in the coefficients.
 
     Two cameras may be wrong in the same way, so the parameters of an effect on one view carry its id: ``gain`` becomes
     ``gain_view3``. The methods receive the coefficients by the short names.
@@ -94,7 +167,7 @@ class Observation(Effect):
         return t
 
     def camera(self, view: int, c2w: Tensor, t: float, c: SimpleNamespace) -> Tensor:
-        """Pose [(3, 4), camera to world, OpenGL axes, m] of camera ``view`` at time ``t`` [s], given the believed one."""
+        """Pose of camera ``view`` at time ``t`` [s], given the believed one [(3, 4), to world, OpenGL axes, m]."""
         return c2w
 
     def image_plane(self, view: int, uv: Tensor, c: SimpleNamespace) -> Tensor:
