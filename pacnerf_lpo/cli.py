@@ -108,7 +108,7 @@ class PhaseCLI(LightningCLI):
         correction = "correction" in self.phases
         if self.config.resume is None:
             loop.start(correction)
-            self._save_config()
+            write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
         else:
             loop.resume(correction)
         with StopRequest() as stop:
@@ -142,13 +142,14 @@ class PhaseCLI(LightningCLI):
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
 
-    def _save_config(self) -> None:
+    def dump(self) -> str:
+        """The configuration as run, complete, as YAML."""
         config = self.config.clone()
         for name in ("config", "resume"):
             config.pop(name, None)
         if Path(config.data.root).exists():
             config.data.root = str(Path(config.data.root).resolve())
-        write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.parser.dump(config, skip_unset=False).encode())
+        return self.parser.dump(config, skip_unset=False)
 
     def _record_failure(self, error: Exception) -> None:
         """Record a failure in the manifest; if the user can act on its cause, say it in one line."""

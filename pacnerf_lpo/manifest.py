@@ -42,6 +42,7 @@ class PhaseRecord:
     seconds: wall time spent, all sittings together.
     steps: optimiser steps, which place the next phase on TensorBoard's time line.
     error: one line, when it failed.
+    copied_from: the run that computed it, when this one started from a copy of its phases.
     """
 
     index: int
@@ -53,6 +54,7 @@ class PhaseRecord:
     seconds: float = 0.0
     steps: int = 0
     error: str | None = None
+    copied_from: str | None = None
 
 
 @dataclass
