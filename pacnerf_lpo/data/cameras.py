@@ -14,13 +14,24 @@ def pixel_rays(intrinsic: Tensor, camera_to_world: Tensor, height: int, width: i
     intrinsic: [pixels, (3, 3)] without skew; camera_to_world: [rotation and metres, (3, 4)].
     Returns ``height * width`` rays; all origins are one point, stored once.
     """
+    return rays_through(pixel_centres(intrinsic, height, width), camera_to_world)
+
+
+def pixel_centres(intrinsic: Tensor, height: int, width: int) -> Tensor:
+    """Image coordinates x / z (right) and y / z (up) of every pixel's centre, row by row [(H * W, 2), float64]."""
     rows, columns = torch.meshgrid(
         torch.arange(height, dtype=torch.float64) + 0.5, torch.arange(width, dtype=torch.float64) + 0.5, indexing="ij"
     )
-    intrinsic, pose = intrinsic.double(), camera_to_world.double()
+    intrinsic = intrinsic.double()
     right = (columns - intrinsic[0, 2]) / intrinsic[0, 0]
     up = (intrinsic[1, 2] - rows) / intrinsic[1, 1]
-    in_camera = torch.stack((right, up, -torch.ones_like(right)), dim=-1).reshape(-1, 3)
+    return torch.stack((right, up), dim=-1).reshape(-1, 2)
+
+
+def rays_through(image_coordinates: Tensor, camera_to_world: Tensor) -> Rays:
+    """The float32 rays of a pinhole camera through points (R, 2) of the image plane x / z, y / z; differentiable."""
+    pose = camera_to_world.double()
+    in_camera = torch.cat((image_coordinates, -torch.ones_like(image_coordinates[:, :1])), dim=-1)
     directions = torch.nn.functional.normalize(in_camera @ pose[:, :3].T, dim=-1).float()
     return Rays(origins=pose[:, 3].float().expand_as(directions), directions=directions)
 

@@ -18,6 +18,7 @@ from torch import Tensor
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.image import render_view
+from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import ParticleState, Rays
 
@@ -67,6 +68,14 @@ def simulate(run: Run, stage: Stage) -> Tensor:
     return run.physics.simulate(stage.state, len(run.data.video.times))
 
 
+def observer_of(run: Run, stage: Stage) -> Observer:
+    """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
+    if not stage.moves:
+        return AS_BELIEVED
+    values = {**run.physics.guess, **stage.state.physics}
+    return Observer(run.physics.observations, {name: torch.tensor(value) for name, value in values.items()})
+
+
 def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Tensor]]:
     """Render every frame into every view, and keep positions and images on disk.
 
@@ -75,16 +84,20 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     """
     positions = simulate(run, stage)
     renderer = StateRenderer(stage.state)
-    views, _, height, width, _ = run.data.video.images.shape
+    video, observer = run.data.video, observer_of(run, stage)
+    seen = observer.seen(positions, stage.state.velocity, video.times[: len(positions)])
+    views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
     folder.mkdir(parents=True, exist_ok=True)
     images = open_memmap(
         folder / "images.npy", mode="w+", dtype=np.uint8, shape=(views, len(positions), height, width, 3)
     )
-    for frame, points in enumerate(positions):
-        grid = renderer.grid(points)
-        for view in range(views):
-            image, opacity = renderer.image(grid, run.data.rays(view), (height, width))
+    for frame in range(len(positions)):
+        grids = [renderer.grid(points) for points in seen[:, frame]]
+        for view, view_id in enumerate(video.view_ids):
+            rays = observer.rays(run.data, view, frame)
+            image, opacity = renderer.image(grids[observer.clock(view_id)], rays, (height, width))
+            image = observer.colour(image, 1 - opacity, video, view, frame)
             images[view, frame] = to_bytes(image)
             yield frame, view, image, opacity
     images.flush()

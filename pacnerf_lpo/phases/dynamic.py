@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
@@ -13,6 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
 FRAME_RATE_TOLERANCE = 0.01
@@ -73,6 +74,20 @@ class DynamicPhase(AbstractPhase):
         state = self.state
         everywhere = velocity.expand_as(state.positions)
         return self.physics.rollout(state.positions, everywhere, state.density, parameters, self.spacings, frames)
+
+    def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
+        """A motion from frame 0 on as the cameras see it, to be compared by :class:`VideoMisfit`.
+
+        Args:
+            trajectory: [m, (F, N, 3)]
+            velocity: at frame 0 [m/s, (N, 3) or (3,)]
+            parameters: every physical parameter [SI]
+
+        Returns:
+            Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
+        """
+        observer = Observer(self.physics.observations, parameters)
+        return observer.seen(trajectory, velocity, self.data.video.times[: len(trajectory)]), observer
 
     @property
     def spacings(self) -> tuple[float, float]:

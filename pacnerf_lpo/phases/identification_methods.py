@@ -15,6 +15,7 @@ from pacnerf_lpo.phases.levenberg_marquardt import LevenbergMarquardt, NormalEqu
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+    from pacnerf_lpo.render.observation import Observer
 
 PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well above the sampling noise of images
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
@@ -201,13 +202,13 @@ class GaussNewton(IdentificationMethod):
 
     @torch.no_grad()
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        trajectories, probes = self._trajectories(module)
+        watched, probes = self._watched(module)
         size = len(probes)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
         hessian = torch.zeros(size, size, dtype=torch.float64)
         for frame, views in enumerate(self._views):
             for view in views:
-                residuals = torch.stack([module.residual(path[frame], view, frame) for path in trajectories])
+                residuals = torch.stack([module.residual(motion, view, frame) for motion in watched])
                 pixels = residuals[0].shape[0] * residuals[0].shape[1]
                 flat = residuals.reshape(size + 1, -1).double()
                 jacobian = (flat[1:] - flat[0]) / probes[:, None]
@@ -217,17 +218,20 @@ class GaussNewton(IdentificationMethod):
                 hessian += weight * (jacobian @ jacobian.T)
         return NormalEquations(loss, gradient, hessian)
 
-    def _trajectories(self, module: PhysicsIDModule) -> tuple[list[Tensor], Tensor]:
-        """The rollout at the current parameters, then one for each unknown moved by its probe."""
-        paths = [module.trajectory(self._frames)]
+    def _watched(self, module: PhysicsIDModule) -> tuple[list[tuple[Tensor, Observer]], Tensor]:
+        """The motion as seen at the current parameters, then one for each unknown moved by its probe."""
+        path = module.trajectory(self._frames)
+        watched = [module.watch(path, module.velocity, module.values())]
         probes = torch.tensor(module.scales, dtype=torch.float64) * PROBE
         entries = [(unknown, index) for unknown in module.unknowns for index in range(unknown.numel())]
+        cameras = {id(module.free[name]) for effect in module.physics.observations for name in effect.parameters}
         for (unknown, index), probe in zip(entries, probes, strict=True):
             before = unknown.detach().clone()
             unknown.view(-1)[index] += float(probe)
-            paths.append(module.trajectory(self._frames))
+            moved = path if id(unknown) in cameras else module.trajectory(self._frames)
+            watched.append(module.watch(moved, module.velocity, module.values()))
             unknown.copy_(before)
-        return paths, probes
+        return watched, probes
 
 
 def set_free(parameter: torch.nn.Parameter, value: float) -> None:

@@ -69,7 +69,9 @@ class LPOModule(DynamicPhase):
         trajectory = self.physics.rollout(
             self.positions, self.state.velocity, driving, self._values, self.spacings, frames
         )
-        loss = self.misfit.loss(trajectory, self.density, self.features, self.one_view_per_frame(step, frames))
+        seen, observer = self.watch(trajectory, self.state.velocity, self._values)
+        views = self.one_view_per_frame(step, frames)
+        loss = self.misfit.loss(seen, self.density, self.features, views, observer=observer)
         self.log("correction/loss", loss)
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)

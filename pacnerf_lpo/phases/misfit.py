@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.render.ray_march import render_rays
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import ParticleState
@@ -36,14 +37,23 @@ class VideoMisfit:
         self.colour.requires_grad_(False)
         self.frames = data.video.images.shape[1]
 
-    def residual(self, positions: Tensor, density: Tensor, features: Tensor, view: int, frame: int) -> Tensor:
+    def residual(
+        self,
+        positions: Tensor,
+        density: Tensor,
+        features: Tensor,
+        view: int,
+        frame: int,
+        observer: Observer = AS_BELIEVED,
+    ) -> Tensor:
         """Predicted minus measured, zero where an occluder hides the scene, pooled.
 
         Args:
-            positions: [m, (N, 3)]
+            positions: where the view sees the particles [m, (N, 3)]
             density: raw density [(N,)]
             features: appearance [(N, 12)]
             view, frame: indices into the video.
+            observer: what is wrong with the cameras.
 
         Returns:
             [(H/pool, W/pool, 3)], with a fourth channel, opacity minus matte, if silhouettes are weighted.
@@ -51,8 +61,9 @@ class VideoMisfit:
         video = self.data.video
         height, width = video.images.shape[2:4]
         grid = particles_to_grid(positions, density, features, self.spacing)
-        rendering = render_rays(grid, self.colour, self.data.rays(view), self.base_spacing)
-        difference = rendering.colour.reshape(height, width, 3) - video.images[view, frame]
+        rendering = render_rays(grid, self.colour, observer.rays(self.data, view, frame), self.base_spacing)
+        colour = observer.colour(rendering.colour, rendering.transmittance, video, view, frame)
+        difference = colour.reshape(height, width, 3) - video.images[view, frame]
         if self.silhouette_weight > 0:
             opacity = 1 - rendering.transmittance.reshape(height, width, 1)
             outline = opacity - video.silhouettes[view, frame].unsqueeze(-1)
@@ -64,42 +75,54 @@ class VideoMisfit:
         return pooled.permute(1, 2, 0)
 
     def loss(
-        self, trajectory: Tensor, density: Tensor, features: Tensor, views: Sequence[Sequence[int]], first: int = 0
+        self,
+        seen: Tensor,
+        density: Tensor,
+        features: Tensor,
+        views: Sequence[Sequence[int]],
+        first: int = 0,
+        observer: Observer = AS_BELIEVED,
     ) -> Tensor:
         """Squared error summed over channels, averaged over pixels, frames and the views of each frame.
 
         Gradients are computed frame by frame while going forward, so that memory holds one image at a time.
 
         Args:
-            trajectory: positions at every compared frame [m, (F, N, 3)]
+            seen: positions at every compared frame, by each clock of the observer [m, (clocks, F, N, 3)]
             density: raw density [(N,)]
             features: appearance [(N, 12)]
             views: for each frame, the indices of the views it is compared in
-            first: frame number of ``trajectory[0]``
+            first: frame number of ``seen[:, 0]``
+            observer: what is wrong with the cameras
         """
+        view_ids, names = self.data.video.view_ids, observer.names
+        clocks = [observer.clock(view_id) for view_id in view_ids]
+        coefficients = torch.stack([observer.values[name] for name in names]) if names else seen.new_empty(0)
 
-        def frame_loss(index: int, positions: Tensor, sigma: Tensor, colour: Tensor) -> Tensor:
+        def frame_loss(index: int, positions: Tensor, sigma: Tensor, colour: Tensor, values: Tensor) -> Tensor:
+            now = Observer(observer.observations, dict(zip(names, values, strict=True)))
             terms = [
-                self.residual(positions, sigma, colour, view, first + index).square().sum(-1).mean()
+                self.residual(positions[clocks[view]], sigma, colour, view, first + index, now).square().sum(-1).mean()
                 for view in views[index]
             ]
             return torch.stack(terms).mean()
 
-        return _FrameByFrame.apply(frame_loss, trajectory, density, features)
+        return _FrameByFrame.apply(frame_loss, seen, density, features, coefficients)
 
 
 class _FrameByFrame(torch.autograd.Function):
-    """mean over frames of loss(frame, positions[frame], density, features), differentiated eagerly, frame by frame."""
+    """mean over frames of loss(frame, seen[:, frame], others), differentiated eagerly, frame by frame."""
 
     @staticmethod
-    def forward(ctx, loss: Callable, trajectory: Tensor, density: Tensor, features: Tensor):
+    def forward(ctx, loss: Callable, seen: Tensor, *others: Tensor):
         needed = ctx.needs_input_grad[1:]
-        inputs = [tensor.detach() for tensor in (trajectory, density, features)]
+        inputs = [tensor.detach() for tensor in (seen, *others)]
         gradients = [torch.zeros_like(tensor) if need else None for tensor, need in zip(inputs, needed, strict=True)]
-        frames, total = len(trajectory), 0.0
+        frames, total = seen.shape[1], 0.0
         for index in range(frames):
             leaves = [
-                tensor.detach().requires_grad_(need) for tensor, need in zip(_at(inputs, index), needed, strict=True)
+                tensor.detach().requires_grad_(need)
+                for tensor, need in zip((inputs[0][:, index], *inputs[1:]), needed, strict=True)
             ]
             with torch.set_grad_enabled(any(needed)):
                 value = loss(index, *leaves) / frames
@@ -107,21 +130,17 @@ class _FrameByFrame(torch.autograd.Function):
             if value.requires_grad:
                 _accumulate(gradients, leaves, value, index)
         ctx.save_for_backward(*gradients)
-        return trajectory.new_tensor(total)
+        return seen.new_tensor(total)
 
     @staticmethod
     def backward(ctx, outer: Tensor):
         return None, *(None if gradient is None else gradient * outer for gradient in ctx.saved_tensors)
 
 
-def _at(inputs: list[Tensor], index: int) -> tuple[Tensor, Tensor, Tensor]:
-    return inputs[0][index], inputs[1], inputs[2]
-
-
 def _accumulate(gradients: list[Tensor | None], leaves: list[Tensor], value: Tensor, index: int) -> None:
     targets = [leaf for leaf in leaves if leaf.requires_grad]
-    found = iter(torch.autograd.grad(value, targets))
+    found = iter(torch.autograd.grad(value, targets, materialize_grads=True))
     for slot, leaf in enumerate(leaves):
         gradient = gradients[slot]
         if leaf.requires_grad and gradient is not None:
-            (gradient[index] if slot == 0 else gradient).add_(next(found))
+            (gradient[:, index] if slot == 0 else gradient).add_(next(found))

@@ -10,6 +10,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
+from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
 
@@ -96,12 +97,16 @@ class PhysicsIDModule(DynamicPhase):
 
     def loss(self, frames: int, views: list[list[int]], first: int = 0) -> Tensor:
         """Squared error summed over channels, averaged over pixels, the frames from ``first`` on, and their views."""
-        path = self.trajectory(frames)[first:]
-        return self.misfit.loss(path, self.state.density, self.state.features, views[first:], first)
+        seen, observer = self.watch(self.trajectory(frames), self.velocity, self.values())
+        return self.misfit.loss(
+            seen[:, first:], self.state.density, self.state.features, views[first:], first, observer
+        )
 
-    def residual(self, positions: Tensor, view: int, frame: int) -> Tensor:
-        """Predicted minus measured image [(H, W, 3)]."""
-        return self.misfit.residual(positions, self.state.density, self.state.features, view, frame)
+    def residual(self, watched: tuple[Tensor, Observer], view: int, frame: int) -> Tensor:
+        """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""
+        seen, observer = watched
+        positions = seen[observer.clock(self.data.video.view_ids[view]), frame]
+        return self.misfit.residual(positions, self.state.density, self.state.features, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """The method's optimiser."""

@@ -69,7 +69,8 @@ class VelocityModule(DynamicPhase):
         """Misfit of all training views over the frames before contact."""
         trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
         views = self.fixed_views(self.frames, self.views_per_frame)
-        loss = self.misfit.loss(trajectory, self.state.density, self.state.features, views)
+        seen, observer = self.watch(trajectory, self.velocity, self._parameters_now)
+        loss = self.misfit.loss(seen, self.state.density, self.state.features, views, observer=observer)
         self.log("velocity/loss", loss)
         return LOSS_SCALE * loss
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from pacnerf_lpo.render.segments import segment_copy, segment_sum
 from pacnerf_lpo.scene.activation import alpha, optical_depth, sample_length
 from pacnerf_lpo.scene.colour import ColourNetwork
-from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, weights_of
+from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, stencil, weights_of
 from pacnerf_lpo.types import FieldGrid, Rays
 
 NEAR = 0.1
@@ -56,7 +56,7 @@ def render_rays(
     directions: Tensor | None = None,
     min_weight: float = MIN_WEIGHT,
 ) -> Rendering:
-    """Render rays through a grid. Differentiable in ``grid.density``, ``grid.features`` and the colour weights.
+    """Render rays through a grid. Differentiable in the grid's density and features, the colour weights and rays.
 
     Args:
         grid: the field.
@@ -129,8 +129,12 @@ def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stenci
         positions = torch.addcmul(entry, rays.directions.index_select(0, ray), distance[:, None])
         cell, fraction = cell_of(positions, grid.lower, grid.dx, shape)
         keep = occupied_cells(grid, delta, MIN_ALPHA).flatten().index_select(0, cell).nonzero().squeeze(1)
-        lengths = torch.bincount(ray.index_select(0, keep), minlength=len(steps))
-        return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
+        ray = ray.index_select(0, keep)
+        lengths = torch.bincount(ray, minlength=len(steps))
+    if rays.directions.requires_grad:  # samples move sideways with a ray whose camera is being corrected, not along it
+        along = rays.directions.index_select(0, ray) * distance.index_select(0, keep)[:, None]
+        return stencil(rays.origins.index_select(0, ray) + along, grid.lower, grid.dx, shape), lengths
+    return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
 
 
 def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:

@@ -39,7 +39,7 @@ def test_misfit_gradient_equals_finite_differences(data, state, silhouette_weigh
     path = (state.positions + 0.01 * direction).expand(2, -1, -1)
 
     def loss(shift: torch.Tensor) -> torch.Tensor:
-        return misfit.loss(path + shift * direction, state.density, state.features, [[0], [1, 2]])
+        return misfit.loss((path + shift * direction)[None], state.density, state.features, [[0], [1, 2]])
 
     shift = torch.zeros((), requires_grad=True)
     loss(shift).backward()
@@ -98,7 +98,7 @@ def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, f
     assert (corrected.positions != wrong.positions).any() == positions
     assert (corrected.features != wrong.features).any() == features
     before, after = (
-        VideoMisfit(data, s).loss(model.simulate(s, FRAMES), s.density, s.features, [[0, 1, 2]] * FRAMES).item()
+        VideoMisfit(data, s).loss(model.simulate(s, FRAMES)[None], s.density, s.features, [[0, 1, 2]] * FRAMES).item()
         for s in (wrong, corrected)
     )
     assert after < 0.9 * before
