@@ -18,6 +18,8 @@ CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 SMOKE = Path(__file__).with_name("smoke.yaml")
 ABLATIONS = ("3v_dagger_no_surface_schedule", "3v_dagger_no_view_invariant", "3v_dagger_full_length")
 SCENES = sorted(path.stem for path in (CONFIGS / "scenes").glob("*.yaml"))
+SHARED = {name: name for name in ("torus", "droplet", "playdoh", "cream", "trophy")}
+SHARED |= {"drag_torus": "torus", "null_bird": "bird", "slip_cat": "torus"}  # on which scene's settings each builds
 
 
 def configured(*names: str, root: str = "some/folder") -> PhaseCLI:
@@ -49,6 +51,25 @@ def test_every_scene_is_complete(scene: str, last: list[str]):
     assert hit + cli.config.phases.physics.init_args.warm_up_frames < cli.config.data.frames
     assert list(cli.phases) == ["static", "velocity", "physics", "correction"]
     assert cli.physics.free_names
+
+
+def test_shared_scenes_say_when_they_land_and_how_large_their_images_are():
+    assert {path.stem for path in (CONFIGS / "shared").glob("*.yaml")} == SHARED.keys()
+    for name, scene in SHARED.items():
+        cli = configured(f"scenes/{scene}", "cpu", f"shared/{name}")
+        assert changes(configured(f"scenes/{scene}", "cpu"), cli) <= {
+            "phases.velocity",
+            "phases.physics",  # its hit_frame follows that of the velocity
+            *("data.image_scale", "data.box_lower", "data.box_upper"),
+        }
+        assert cli.config.phases.velocity.init_args.hit_frame < cli.config.data.frames
+        assert cli.config.data.image_scale == (0.5 if name == scene else 1.0)  # 256 or 128 pixels
+
+
+def test_five_view_sets_are_different_and_use_every_view():
+    sets = [tuple(configured("scenes/torus", f"views/3v_{k}").config.data.train_views) for k in range(1, 6)]
+    assert len(set(sets)) == 5 and {len(views) for views in sets} == {3}
+    assert {view for views in sets for view in views} == set(range(11))
 
 
 @pytest.mark.parametrize("baseline", sorted(path.stem for path in (CONFIGS / "baselines").glob("*.yaml")))
