@@ -1,5 +1,7 @@
 """Whether material, ground and effects make one model, and the local laws that follow from them."""
 
+# mypy: disable-error-code="type-abstract"
+
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -33,8 +35,8 @@ def check_model(where: str, material: Material, ground: Ground, effects: Sequenc
     """
     grounds = of_kind(effects, GroundEffect)
     if len(grounds) > 1:
-        names = " and ".join(type(effect).__name__ for effect in grounds)
-        raise UserInputError(f"{where}: the effects {names} each replace the ground; keep one")
+        both = " and ".join(type(effect).__name__ for effect in grounds)
+        raise UserInputError(f"{where}: the effects {both} each replace the ground; keep one")
     if grounds and not isinstance(ground, Sticky):
         raise UserInputError(
             f"{where}: the effect {type(grounds[0]).__name__} replaces a ground that is Sticky, but it is "
@@ -44,9 +46,8 @@ def check_model(where: str, material: Material, ground: Ground, effects: Sequenc
         effect.check_material(material)
     own = [*{**material.parameters, **dict.fromkeys(_coefficients(material))}]
     names = [*own, *ground.parameters, *(name for e in effects for name in (*e.parameters, *e.constants))]
-    for name in names:
-        if names.count(name) > 1:
-            raise UserInputError(f"{where}: material, ground and effects have two parameters {name!r}; keep one")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise UserInputError(f"{where}: material, ground and effects have two parameters {twice[0]!r}; keep one")
 
 
 def local_laws(material: Material, ground: Ground, effects: Sequence[Effect]) -> tuple[LocalLaws, dict[str, float]]:

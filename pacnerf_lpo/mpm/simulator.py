@@ -1,5 +1,7 @@
 """Differentiable MLS-MPM: particles in, their positions at every video frame out."""
 
+# mypy: disable-error-code="type-abstract"
+
 import difflib
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace

@@ -44,3 +44,28 @@ def add_isotropic(a: Tensor3, scalar: Any) -> Tensor3:
 def scaled(a: Tensor3, scalar: Any) -> Tensor3:
     """scalar a."""
     return [[scalar * a[i][j] for j in AXES] for i in AXES]
+
+
+def added(a: Tensor3, b: Tensor3) -> Tensor3:
+    """a + b."""
+    return [[x + y for x, y in zip(*rows, strict=True)] for rows in zip(a, b, strict=True)]
+
+
+def deviator(a: Tensor3) -> Tensor3:
+    """a - tr(a) / 3 I."""
+    return add_isotropic(a, -(a[0][0] + a[1][1] + a[2][2]) / 3.0)
+
+
+def contraction(a: Tensor3, b: Tensor3) -> Any:
+    """a : b."""
+    return sum(a[i][j] * b[i][j] for i in AXES for j in AXES)
+
+
+def cofactor(a: Tensor3) -> Tensor3:
+    """det(a) a^-T."""
+
+    def minor(i: int, j: int) -> Any:
+        (p, q), (r, s) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
+        return a[p][r] * a[q][s] - a[p][s] * a[q][r]
+
+    return [[minor(i, j) for j in AXES] for i in AXES]

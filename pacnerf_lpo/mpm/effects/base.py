@@ -180,6 +180,3 @@ class Observation(Effect):
 
     def _renamed(self, values: Mapping[str, float]) -> dict[str, float]:
         return {self.full_name(name): float(value) for name, value in values.items()}
-
-    def _renamed(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {self.full_name(name): float(value) for name, value in values.items()}
