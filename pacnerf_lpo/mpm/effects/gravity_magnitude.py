@@ -1,0 +1,34 @@
+"""Gravity of another strength than believed, which is also a scale of another size."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from pacnerf_lpo.mpm.effects.base import BodyForce
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.point import Point
+
+
+class GravityMagnitude(BodyForce):
+    """Acceleration (0, -d, 0) beside gravity.
+
+    Motion alone cannot tell it from a length scale that is wrong by g / (g + d).
+
+    Args:
+        extra_gravity: d [m/s^2]; negative where the body falls slower (buoyancy).
+    """
+
+    parameters = {  # noqa: RUF012
+        "extra_gravity": Parameter("extra_gravity", "m/s^2", Identity(), (-20.0, 100.0), "extra gravity")
+    }
+    null = {"extra_gravity": 0.0}  # noqa: RUF012
+    signature = "the body falls along another vertical parabola, in all views alike"
+    confused_with = ("LinearDrag", "QuadraticDrag")
+    separating_experiment = "a scale bar in the picture; and a second drop from twice the height, against drag"
+    probes = ({"extra_gravity": -0.5}, {"extra_gravity": 0.5}, {"extra_gravity": 2.0})
+
+    def __init__(self, extra_gravity: float = 0.0):
+        super().__init__({"extra_gravity": extra_gravity})
+
+    @staticmethod
+    def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
+        return [0.0, -c.extra_gravity, 0.0]
