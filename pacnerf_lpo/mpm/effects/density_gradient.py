@@ -1,0 +1,50 @@
+"""Bodies that are heavier on one side."""
+
+from types import SimpleNamespace
+
+from torch import Tensor
+
+from pacnerf_lpo.mpm.effects.base import InitialState
+from pacnerf_lpo.mpm.effects.common import linear_factor
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+
+
+class DensityGradient(InitialState):
+    """The mass of a particle times max(1 + k . (X - X_c), 0.05), with the centre of mass X_c at frame 0. Unless the
+    bound is met the mass of the body stays, and its centre moves.
+
+    Args:
+        density_gradient_x, density_gradient_y, density_gradient_z: k [1/m].
+    """
+
+    parameters = {  # noqa: RUF012
+        name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"density gradient along {name[-1]}", scale=0.5)
+        for name in ("density_gradient_x", "density_gradient_y", "density_gradient_z")
+    }
+    null = {"density_gradient_x": 0.0, "density_gradient_y": 0.0, "density_gradient_z": 0.0}  # noqa: RUF012
+    signature = "the body tips over on contact, towards its heavy side"
+    confused_with = ("StiffnessGradient", "InitialSpin")
+    separating_experiment = "the body balanced on an edge, which shows its centre of mass"
+    probes = (
+        {"density_gradient_x": 2.0, "density_gradient_y": 0.0, "density_gradient_z": 0.0},
+        {"density_gradient_x": 0.0, "density_gradient_y": 2.0, "density_gradient_z": 0.0},
+        {"density_gradient_x": 0.0, "density_gradient_y": 0.0, "density_gradient_z": 2.0},
+    )
+
+    def __init__(
+        self, density_gradient_x: float = 0.0, density_gradient_y: float = 0.0, density_gradient_z: float = 0.0
+    ):
+        super().__init__(
+            {
+                "density_gradient_x": density_gradient_x,
+                "density_gradient_y": density_gradient_y,
+                "density_gradient_z": density_gradient_z,
+            }
+        )
+
+    @staticmethod
+    def apply(
+        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        factor = linear_factor(positions, mass, (c.density_gradient_x, c.density_gradient_y, c.density_gradient_z))
+        return velocity, factor * mass, stiffness

@@ -1,0 +1,47 @@
+"""A body that already turns in the first frame."""
+
+from types import SimpleNamespace
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.mpm.effects.base import InitialState
+from pacnerf_lpo.mpm.effects.common import from_centre
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+
+
+class InitialSpin(InitialState):
+    """v += omega x (X - X_c) with the centre of mass X_c, and the velocity gradient that belongs to it.
+
+    Args:
+        spin_x, spin_y, spin_z: omega [rad/s].
+    """
+
+    parameters = {  # noqa: RUF012
+        name: Parameter(name, "rad/s", Identity(), (-200.0, 200.0), f"initial spin about {name[-1]}")
+        for name in ("spin_x", "spin_y", "spin_z")
+    }
+    null = {"spin_x": 0.0, "spin_y": 0.0, "spin_z": 0.0}  # noqa: RUF012
+    signature = "the body turns from frame 0 on"
+    confused_with = ("GroundFriction", "DensityGradient")
+    separating_experiment = "a longer flight before the contact"
+    probes = (
+        {"spin_x": 1.0, "spin_y": 0.0, "spin_z": 0.0},
+        {"spin_x": 0.0, "spin_y": 1.0, "spin_z": 0.0},
+        {"spin_x": 0.0, "spin_y": 0.0, "spin_z": 1.0},
+    )
+
+    def __init__(self, spin_x: float = 0.0, spin_y: float = 0.0, spin_z: float = 0.0):
+        super().__init__({"spin_x": spin_x, "spin_y": spin_y, "spin_z": spin_z})
+
+    @staticmethod
+    def apply(
+        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        return velocity + from_centre(positions, mass) @ InitialSpin.velocity_gradient(c).T, mass, stiffness
+
+    @staticmethod
+    def velocity_gradient(c: SimpleNamespace) -> Tensor:
+        zero = torch.zeros_like(c.spin_x)
+        rows = [zero, -c.spin_z, c.spin_y, c.spin_z, zero, -c.spin_x, -c.spin_y, c.spin_x, zero]
+        return torch.stack(rows).reshape(3, 3)

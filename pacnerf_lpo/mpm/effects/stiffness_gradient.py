@@ -1,0 +1,51 @@
+"""Bodies that are stiffer on one side."""
+
+from types import SimpleNamespace
+
+from torch import Tensor
+
+from pacnerf_lpo.mpm.effects.base import InitialState
+from pacnerf_lpo.mpm.effects.common import linear_factor
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+
+
+class StiffnessGradient(InitialState):
+    """All moduli of a particle times max(1 + k . (X - X_c), 0.05), with the centre of mass X_c at frame 0.
+
+    Args:
+        stiffness_gradient_x, stiffness_gradient_y, stiffness_gradient_z: k [1/m].
+    """
+
+    parameters = {  # noqa: RUF012
+        name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"stiffness gradient along {name[-1]}", scale=0.5)
+        for name in ("stiffness_gradient_x", "stiffness_gradient_y", "stiffness_gradient_z")
+    }
+    null = {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 0.0}  # noqa: RUF012
+    signature = "one side gives way more than the other, and the body tips over on rebound"
+    confused_with = ("DensityGradient", "InitialSpin")
+    separating_experiment = "the same body dropped upside down"
+    probes = (
+        {"stiffness_gradient_x": 2.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 0.0},
+        {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 2.0, "stiffness_gradient_z": 0.0},
+        {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 2.0},
+    )
+
+    def __init__(
+        self, stiffness_gradient_x: float = 0.0, stiffness_gradient_y: float = 0.0, stiffness_gradient_z: float = 0.0
+    ):
+        super().__init__(
+            {
+                "stiffness_gradient_x": stiffness_gradient_x,
+                "stiffness_gradient_y": stiffness_gradient_y,
+                "stiffness_gradient_z": stiffness_gradient_z,
+            }
+        )
+
+    @staticmethod
+    def apply(
+        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        factor = linear_factor(
+            positions, mass, (c.stiffness_gradient_x, c.stiffness_gradient_y, c.stiffness_gradient_z)
+        )
+        return velocity, mass, factor * stiffness
