@@ -1,0 +1,46 @@
+"""Solids that damp their own deformation."""
+
+from types import SimpleNamespace
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.effects.base import LawEffect
+from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.materials.newtonian import Newtonian
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.point import Law, Point
+from pacnerf_lpo.mpm.tensors import added, determinant, deviator, scaled, symmetric
+
+
+class KelvinVoigt(LawEffect):
+    """A dashpot beside the material: tau += 2 eta J dev(sym grad v), with eta times the particle's stiffness factor.
+
+    Explicit time steps bear it while eta < rho dx^2 / (4 dt), about.
+
+    Args:
+        solid_viscosity: eta [Pa s].
+    """
+
+    parameters = {  # noqa: RUF012
+        "solid_viscosity": Parameter("solid_viscosity", "Pa s", Identity(), (-1e3, 1e6), "viscosity of the solid", 1.0)
+    }
+    null = {"solid_viscosity": 0.0}  # noqa: RUF012
+    signature = "a lower rebound, and a ringing that dies sooner"
+    confused_with = ("LinearDrag", "Adhesion", "ThermalSoftening")
+    separating_experiment = "the free ringing of the body after it is plucked, without any flight or contact"
+    one_sided = True
+    probes = ({"solid_viscosity": 5.0}, {"solid_viscosity": 50.0})
+
+    def __init__(self, solid_viscosity: float = 0.0):
+        super().__init__({"solid_viscosity": solid_viscosity})
+
+    @classmethod
+    def check_material(cls, material: Material) -> None:
+        if isinstance(material, Newtonian):
+            raise UserInputError("effect KelvinVoigt: Newtonian has this viscosity already, mu; leave the effect out")
+
+    @staticmethod
+    def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
+        F, tau = inner(point, c)
+        viscosity = point.stiffness * c.solid_viscosity
+        rate = deviator(symmetric(point.C))
+        return F, added(tau, scaled(rate, 2.0 * viscosity * determinant(point.F)))
