@@ -105,8 +105,8 @@ class Evaluation:
         self._record = Record()
         row = self._record.variables
         time, step, m, V, factor = row([t, dt, mass, volume, stiffness])
-        tensors, vectors = [[row(r) for r in tensor] for tensor in (F, C)], [row(x), row(X), row(v)]
-        self._point = Point(*tensors, *vectors, time, step, m, V, factor, row(history))
+        F, C = [row(r) for r in F], [row(r) for r in C]
+        self._point = Point(F, C, row(x), row(X), row(v), time, step, m, V, factor, row(history))
         self._coefficients = row(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._F_new, self._tau, self._history = laws.stress(self._point, named)
