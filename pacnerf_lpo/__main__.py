@@ -17,6 +17,7 @@ COMMANDS = {
     "render": ("videos of a run: measured, predicted, residual", "pacnerf_lpo.commands.render"),
     "export": ("particles of a run as PLY, one file per frame", "pacnerf_lpo.commands.export"),
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
+    "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
 }
 

@@ -32,11 +32,34 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     parser = ArgumentParser(prog=name, description=description, formatter_class=HelpFormatter, exit_on_error=False)
     parser.add_function_arguments(run, as_positional=True)
     try:
-        config = parser.parse_args(list(words))
+        config = parser.parse_args(_spelled_out(run, words))
     except ArgumentError as error:
         raise explain(error, parser, []) from error
     run(**vars(_instantiated(parser, config)))
     return 0
+
+
+def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
+    """Options as the parser wants them: ``--data-root`` is ``--data_root``, a switch is true, a list may be words."""
+    from inspect import signature
+
+    kinds = {name: str(parameter.annotation) for name, parameter in signature(run).parameters.items()}
+    options: list[list[str]] = [[]]
+    for word in words:
+        name, equals, value = word.removeprefix("--").partition("=")
+        if word.startswith("--"):
+            options.append(["--" + name.replace("-", "_"), *([value] if equals else [])])
+        else:
+            options[-1].append(word)
+    result = options[0]
+    for option, *values in options[1:]:
+        kind = kinds.get(option.removeprefix("--"), "")
+        if kind == "bool" and not values:
+            values = ["true"]
+        if kind.startswith("list[str]") and values and not values[0].startswith("["):
+            values = [str(values)]
+        result += [option, *values]
+    return result
 
 
 def _instantiated(parser: ArgumentParser, config: Namespace) -> Namespace:

@@ -1,0 +1,109 @@
+"""The key of a result: a hash of the resolved configuration, of the data it uses, and of the package's version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import pacnerf_lpo.commands.fit  # noqa: F401  (short class names in YAML exist once their modules are imported)
+from pacnerf_lpo import __version__
+from pacnerf_lpo.cli import PhaseCLI
+from pacnerf_lpo.data.assets import resolve_root
+from pacnerf_lpo.data.index import read_index
+from pacnerf_lpo.data.pac_nerf import choose_files
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.physics import Physics
+
+SECTIONS_OF_THE_BEGINNING = ("seed_everything", "data", "physics", "phases", "trainer")
+
+
+class ConfigReader:
+    """Resolves command lines of ``fit`` to complete configurations; the parser is made once."""
+
+    def __init__(self) -> None:
+        self._cli: PhaseCLI | None = None
+
+    def read(self, words: Sequence[str]) -> dict[str, Any]:
+        """Every value of the configuration, those that nobody set included.
+
+        Args:
+            words: options of ``fit``, ``--config`` files among them.
+
+        Raises:
+            UserInputError: they do not fit.
+        """
+        words = list(words)
+        if self._cli is None:
+            self._cli = PhaseCLI(words, VideoData, Physics)
+        else:
+            self._cli.parse_arguments(self._cli.parser, words)
+        return yaml.safe_load(self._cli.dump())
+
+
+def run_key(config: Mapping[str, Any]) -> str:
+    """The key of a run's results.
+
+    The rounds are left out, because the results after every round are kept; so are the places of run, data and truth.
+
+    Args:
+        config: resolved configuration.
+    """
+    kept = deepcopy(dict(config))
+    kept.pop("truth")
+    for name in ("run_dir", "rounds"):
+        kept["outer_loop"].pop(name)
+    return _key(kept)
+
+
+def beginning_key(config: Mapping[str, Any]) -> str:
+    """The key of static grids, velocity and first identification: whatever comes after them is left out."""
+    kept = {name: deepcopy(config[name]) for name in SECTIONS_OF_THE_BEGINNING}
+    kept["phases"].pop("correction", None)
+    return _key(kept)
+
+
+def data_digest(section: Mapping[str, Any]) -> str:
+    """Hash of the contents of all files that the section ``data`` of a configuration reads.
+
+    Raises:
+        UserInputError: the scene cannot be read.
+    """
+    root = resolve_root(section["root"])
+    index = read_index(root)
+    views = _used_views(section, index.views())
+    chosen = choose_files(root, index, views, section["frames"], section["background"])
+    occluders = [path for view in views if (path := chosen.occluder(view)).exists()]
+    digest = hashlib.sha256(file_digest(index.path))
+    for path in (*chosen.needed(), *occluders):
+        digest.update(path.name.encode())
+        digest.update(file_digest(path))
+    return digest.hexdigest()
+
+
+@cache
+def file_digest(path: Path) -> bytes:
+    """SHA-256 of a file's contents; each file is read once per process."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError as error:
+        raise UserInputError(f"{path}: {error.strerror}") from None
+
+
+def _used_views(section: Mapping[str, Any], available: Sequence[int]) -> list[int]:
+    if section["train_views"] is None or section["test_views"] is None:
+        return list(available)
+    return sorted({*section["train_views"], *section["test_views"]})
+
+
+def _key(config: dict[str, Any]) -> str:
+    config["data"]["root"] = data_digest(config["data"])
+    content = json.dumps([__version__, config], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
