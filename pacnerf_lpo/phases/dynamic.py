@@ -39,9 +39,10 @@ class DynamicPhase(AbstractPhase):
         self.steps, self.silhouette_weight, self.seed = steps, silhouette_weight, seed
 
     def attach(self, data: VideoData, physics: Physics) -> None:
-        """See :meth:`AbstractPhase.attach`; checks that video and model agree on the frame rate."""
+        """See :meth:`AbstractPhase.attach`; checks that video and model agree on the frame rate and the cameras."""
         super().attach(data, physics)
         check_frame_rate(data, physics)
+        check_cameras(data, physics)
         physics.halvings = 0
 
     def import_state(self, state: ParticleState | None) -> None:
@@ -119,3 +120,14 @@ def check_frame_rate(data: VideoData, physics: Physics) -> None:
             f"{data.video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is "
             f"{physics.frame_rate:g}; set --physics.frame_rate={measured:.4g}"
         )
+
+
+def check_cameras(data: VideoData, physics: Physics) -> None:
+    """Raise UserInputError when an effect names a camera that the training views do not show."""
+    used = [data.video.view_ids[index] for index in data.train]
+    for effect in physics.observations:
+        if effect.view is not None and effect.view not in used:
+            raise UserInputError(
+                f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
+                f"set its view to one of {used}, or add it to data.train_views"
+            )

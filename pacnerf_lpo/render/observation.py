@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
 
 NEWTON_STEPS = 8
+NEWTON_TOLERANCE = 1e-9  # in image coordinates
 LONGEST_NEWTON_STEP = 0.2  # in image coordinates, keeps pixels beyond a fold of the lens finite
 
 
@@ -75,7 +76,7 @@ class Observer:
             return data.rays(view)
         height, width = video.images.shape[2:4]
         observed = cameras.pixel_centres(video.intrinsics[view], height, width)
-        ideal = self._undistorted(observed, bent, view_id) if bent else observed
+        ideal = self.undistorted(observed, view_id) if bent else observed
         pose = self.pose(video.camera_to_world[view].double(), view_id, _since_start(video, frame))
         return cameras.rays_through(ideal, pose)
 
@@ -85,9 +86,24 @@ class Observer:
             camera_to_world = effect.camera(view_id, camera_to_world, t, effect.coefficients(self.values))
         return camera_to_world
 
-    def image_plane(self, ideal: Tensor, view_id: int) -> Tensor:
-        """Observed image coordinates of ideal ones [x / z and y / z, (..., 2)]."""
-        return self._distorted(ideal, self.changing("image_plane", view_id), view_id)
+    def distorted(self, ideal: Tensor, view_id: int) -> Tensor:
+        """Observed image coordinates of ideal ones [x / z and y / z, (R, 2)]."""
+        for effect in self.changing("image_plane", view_id):
+            ideal = effect.image_plane(view_id, ideal, effect.coefficients(self.values))
+        return ideal
+
+    def undistorted(self, observed: Tensor, view_id: int) -> Tensor:
+        """Ideal image coordinates of observed ones [x / z and y / z, (R, 2)], by Newton's method.
+
+        The last step is differentiable in the values and in ``observed``.
+        """
+        ideal = observed.detach()
+        for _ in range(NEWTON_STEPS):
+            step = self._newton_step(ideal, observed.detach(), view_id).detach()
+            ideal = ideal + step.clamp(-LONGEST_NEWTON_STEP, LONGEST_NEWTON_STEP)
+            if step.abs().max() < NEWTON_TOLERANCE:
+                break
+        return ideal + self._newton_step(ideal, observed, view_id)
 
     def colour(self, colour: Tensor, transmittance: Tensor, video: Video, view: int, frame: int) -> Tensor:
         """Observed colour of pixels on white [0..1, (..., 3)].
@@ -111,29 +127,13 @@ class Observer:
             and (view_id is None or effect.concerns(view_id))
         ]
 
-    def _distorted(self, uv: Tensor, effects: Sequence[Observation], view_id: int) -> Tensor:
-        for effect in effects:
-            uv = effect.image_plane(view_id, uv, effect.coefficients(self.values))
-        return uv
-
-    def _undistorted(self, observed: Tensor, effects: Sequence[Observation], view_id: int) -> Tensor:
-        """Ideal image coordinates of observed ones (R, 2) by Newton's method; its last step is differentiable."""
-        ideal = observed.detach()
-        for _ in range(NEWTON_STEPS):
-            step = self._newton_step(ideal, observed.detach(), effects, view_id).detach()
-            ideal = ideal + step.clamp(-LONGEST_NEWTON_STEP, LONGEST_NEWTON_STEP)
-            if step.abs().max() < 1e-12:
-                break
-        return ideal + self._newton_step(ideal, observed, effects, view_id)
-
-    def _newton_step(self, ideal: Tensor, observed: Tensor, effects: Sequence[Observation], view_id: int) -> Tensor:
+    def _newton_step(self, ideal: Tensor, observed: Tensor, view_id: int) -> Tensor:
         """J^-1 (observed - distorted(ideal)), with a constant J: the derivative by the coefficients is exact."""
         with torch.enable_grad():
             variable = ideal.detach().requires_grad_()
-            image = self._distorted(variable, effects, view_id)
+            image = self.distorted(variable, view_id)
             rows = [torch.autograd.grad(image[:, k].sum(), variable, retain_graph=True)[0] for k in (0, 1)]
-        residual = observed - self._distorted(ideal, effects, view_id)
-        return torch.linalg.solve(torch.stack(rows, dim=1), residual)
+        return torch.linalg.solve(torch.stack(rows, dim=1), observed - self.distorted(ideal, view_id))
 
 
 AS_BELIEVED = Observer()
@@ -213,7 +213,7 @@ def project(
         return pixels, depth
     focal = torch.stack((intrinsic[0, 0], -intrinsic[1, 1]))
     uv = (pixels - intrinsic[:2, 2]) / focal
-    return intrinsic[:2, 2] + focal * observer.image_plane(uv, view_id), depth
+    return intrinsic[:2, 2] + focal * observer.distorted(uv, view_id), depth
 
 
 def _since_start(video: Video, frame: int) -> float:
