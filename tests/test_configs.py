@@ -109,6 +109,12 @@ def test_corrections():
     assert "correction" not in configured("scenes/torus", "corrections/none").phases
 
 
+def test_a_correction_after_cpu_keeps_its_iterations():
+    assert "correction" not in configured("scenes/torus", "cpu", "corrections/none").phases
+    grid = configured("scenes/torus", "cpu", "corrections/go").phases["correction"]
+    assert type(grid).__name__ == "GridOptimizationModule" and grid.steps == 40
+
+
 def test_cpu_keeps_what_distinguishes_the_baselines():
     length = [
         configured("scenes/torus", baseline, "cpu").config.phases.static.init_args.length.init_args

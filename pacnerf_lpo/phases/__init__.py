@@ -1,6 +1,7 @@
 """The phases of Algorithm 1; importing them makes their short names known to the command line."""
 
 from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.grid_optimization import GridOptimizationModule
 from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, PaperAdam
 from pacnerf_lpo.phases.lpo import LPOModule
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -9,6 +10,7 @@ from pacnerf_lpo.phases.velocity import VelocityModule
 __all__ = [
     "AbstractPhase",
     "GaussNewton",
+    "GridOptimizationModule",
     "IdentificationMethod",
     "LPOModule",
     "PaperAdam",

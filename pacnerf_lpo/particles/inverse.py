@@ -1,0 +1,51 @@
+"""Particles to grid the other way round: node values whose interpolation at the particles gives their values back."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.scene.trilinear import Stencil, gather, scatter, stencil
+from pacnerf_lpo.types import FieldGrid
+
+ITERATIONS = 30
+
+
+@torch.no_grad()
+def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: float) -> FieldGrid:
+    """The field from which particles with these values could have been sampled.
+
+    Averaging particles on nodes (:func:`particles_to_grid`) spreads a field by up to a cell; sampled again it would be
+    thicker. Here the nodes minimise the squared difference between their interpolation and the particles' values, by
+    conjugate gradients from the average; the few iterations leave nodes that hardly matter near the average. Nodes that
+    no particle touches are empty.
+
+    Args:
+        positions: [m, (N, 3)]
+        density: raw density [(N,)]
+        features: [(N, 12)]
+        dx: node spacing [m]
+    """
+    mean = particles_to_grid(positions, density, features, dx)
+    shape = mean.density.shape[0], mean.density.shape[1], mean.density.shape[2]
+    points = stencil(positions, mean.lower, dx, shape)
+    touched = scatter(torch.ones_like(density)[:, None], points) > 0
+    start = torch.where(touched, torch.cat((mean.density[..., None], mean.features), dim=-1).flatten(0, 2), 0)
+    nodes = _least_squares(points, torch.cat((density[:, None], features), dim=1), start)
+    raw = torch.where(touched, nodes[:, :1], mean.density.reshape(-1, 1))
+    return FieldGrid(raw.view(shape), nodes[:, 1:].view(*shape, -1), mean.lower, dx)
+
+
+def _least_squares(points: Stencil, values: Tensor, nodes: Tensor) -> Tensor:
+    """Nodes (X*Y*Z, C) with gather(nodes) close to ``values`` (M, C): conjugate gradients on the normal equations."""
+    residual = scatter(values - gather(nodes, points), points)
+    direction, size = residual, residual.square().sum(0)
+    for _ in range(ITERATIONS):
+        image = gather(direction, points)
+        step = size / image.square().sum(0).clamp_min(torch.finfo(size.dtype).tiny)
+        nodes = nodes + step * direction
+        residual = residual - step * scatter(image, points)
+        before, size = size, residual.square().sum(0)
+        direction = residual + size / before.clamp_min(torch.finfo(size.dtype).tiny) * direction
+    return nodes

@@ -1,0 +1,92 @@
+"""+GO: correct the Eulerian grid of frame 0 by the whole video, as LPO corrects particles (LPO paper, section 4)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.particles.inverse import grid_of_particles
+from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
+from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.types import FieldGrid, ParticleState
+
+
+class GridOptimizationModule(DynamicPhase):
+    """Optimises density and features of a grid while physics, velocity and colour network stay frozen.
+
+    Every step samples particles from the grid anew; the gradient reaches the grid through the interpolation of density
+    and features, not through the positions. The grid comes from the imported particles, and particles sampled from it
+    with the fixed seed are exported.
+
+    Args:
+        iterations: Adam steps.
+        density_drives_mass: let the gradient of the density flow through alpha into mass and stiffness too.
+        feature_rate: Adam rate of density and features.
+        relative_alpha: particles are kept whose alpha is at least this fraction of the largest.
+        silhouette_weight: see :class:`DynamicPhase`.
+        seed: seed of the exported particles and of the random choice of views.
+    """
+
+    lower: Tensor
+
+    def __init__(
+        self,
+        iterations: int = 100,
+        density_drives_mass: bool = True,
+        feature_rate: float = 0.1,
+        relative_alpha: float = RELATIVE_ALPHA,
+        silhouette_weight: float = 0.0,
+        seed: int = 0,
+    ):
+        super().__init__(iterations, silhouette_weight, seed)
+        self.density_drives_mass, self.feature_rate = density_drives_mass, feature_rate
+        self.relative_alpha = relative_alpha
+
+    def import_state(self, state: ParticleState | None) -> None:
+        """Make a grid of the particles, trainable."""
+        super().import_state(state)
+        grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
+        self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
+        self.register_buffer("lower", grid.lower)
+        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """Adam on the grid."""
+        return torch.optim.Adam([self.density, self.features], lr=self.feature_rate, betas=(0.9, 0.999))
+
+    def training_step(self, step: int, _: int) -> Tensor:
+        """Misfit over all frames of freshly sampled particles, one random training view for each frame."""
+        frames = self.misfit.frames
+        positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
+        driving = density if self.density_drives_mass else density.detach()
+        velocity = self.state.velocity.mean(0)
+        trajectory = self.physics.rollout(
+            positions, velocity.expand_as(positions), driving, self._values, self.spacings, frames
+        )
+        seen, observer = self.watch(trajectory, velocity, self._values)
+        loss = self.misfit.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
+        self.log("correction/loss", loss)
+        self.log("correction/particles", float(len(positions)))
+        return loss
+
+    def particles(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """Positions [m, (N, 3)], and density (N,) and features (N, 12), the latter two differentiable in the grid.
+
+        Raises:
+            UserInputError: the body has vanished.
+        """
+        grid = FieldGrid(self.density, self.features, self.lower, self.state.spacing)
+        positions = sample_particles(grid, generator, self.relative_alpha).detach()
+        if not len(positions):
+            raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")
+        return positions, *interpolate(grid, positions)
+
+    @torch.no_grad()
+    def export_state(self) -> ParticleState:
+        """The state with particles sampled from the trained grid."""
+        positions, density, features = self.particles(torch.Generator().manual_seed(self.seed))
+        velocity = self.state.velocity.mean(0).expand_as(positions).clone()
+        return self.state.with_(
+            positions=positions.cpu(), velocity=velocity, density=density.cpu(), features=features.cpu()
+        )
