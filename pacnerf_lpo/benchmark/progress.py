@@ -72,7 +72,7 @@ class Progress:
             for record in records:
                 if record["status"] == "done" and not record["copied_from"]:
                     seen[record["phase"]].append(record["seconds"])
-            if run.run_dir in self.outcomes:
+            if run.run_dir in self.outcomes and self.outcomes[run.run_dir].status != "stopped":
                 continue
             correction = run.name.correction not in ("", NO_CORRECTION)
             steps = algorithm_1(run.rounds, correction)
