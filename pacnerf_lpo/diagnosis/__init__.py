@@ -1,0 +1,1 @@
+"""Finding the missing physics: compare, localise, screen, refit, accept."""

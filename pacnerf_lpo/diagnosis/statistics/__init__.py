@@ -1,0 +1,1 @@
+"""Statistics of residual vectors: noise model from twins, score test, calibration, classes, intervals, acceptance."""

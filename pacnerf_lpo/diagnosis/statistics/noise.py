@@ -1,0 +1,245 @@
+"""The error of a comparison where the physics is right: bias and covariance of the residual, learnt from twins.
+
+A twin is the residual of data simulated from the fitted null model itself, by a finer grid, with other particle seeds,
+a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24, and D >> T entries, so that the sample
+covariance alone is singular, and far too small along directions that the twins did not happen to take. It is shrunk
+towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
+
+    C = S^2 + a G K G + (1 - a) X^T X / (T - 1),    K = rho^|frame - frame'| within one view and kind,
+
+S the sensor noise, G^2 the rest of the twins' variance, smoothed over neighbouring frames and shared between views, X
+the twins' deviations with the sensor noise filtered out, and a the shrinkage that makes a left-out twin most likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.layout import Layout
+
+LEAST_TWINS = 4
+SHRINKAGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
+LARGEST_CORRELATION = 0.98
+WINDOW = 2
+"""Variances are averaged over this many frames to either side."""
+SHARING = 8.0
+"""Number of twins at which an entry's own variance and that of the same kind in all views weigh the same."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The entries of a layout as S series, one for every view and kind, each in the order of its L frames.
+
+    Block-diagonal matrices are (S, L, L). Short series are padded with entries that read 0, or ``fill``.
+    index: number of the entry, D where padded (S, L)
+    gap: distance in frames, (S, L, L)
+    instant: the same number for entries of one frame and kind, whatever the view (D,)
+    """
+
+    index: np.ndarray
+    gap: np.ndarray
+    instant: np.ndarray
+
+    @staticmethod
+    def of(layout: Layout) -> Series:
+        """Sort the entries of a layout."""
+        names = [f"{view} {kind}" for view, kind in zip(layout.view, layout.kind, strict=True)]
+        _, label, sizes = np.unique(names, return_inverse=True, return_counts=True)
+        order = np.lexsort((layout.frame, label))
+        index = np.full((len(sizes), sizes.max()), len(layout))
+        index[np.arange(sizes.max()) < sizes[:, None]] = order
+        frame = np.append(np.asarray(layout.frame, float), 0.0)[index]
+        names = [f"{frame} {kind}" for frame, kind in zip(layout.frame, layout.kind, strict=True)]
+        return Series(index, np.abs(frame[:, :, None] - frame[:, None]), np.unique(names, return_inverse=True)[1])
+
+    def gather(self, values: np.ndarray, fill: float = 0.0) -> np.ndarray:
+        """Values (D, ...) by series (S, L, ...)."""
+        return np.concatenate((values, np.full((1, *values.shape[1:]), fill)))[self.index]
+
+    def scatter(self, values: np.ndarray) -> np.ndarray:
+        """Values by series (S, L, ...) in the order of the entries (D, ...)."""
+        result = np.empty((len(self.instant) + 1, *values.shape[2:]))
+        result[self.index] = values
+        return result[:-1]
+
+    def multiply(self, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """A block-diagonal matrix (S, L, L) times vectors (D,) or (D, m)."""
+        columns = vectors if vectors.ndim == 2 else vectors[:, None]
+        return self.scatter(blocks @ self.gather(columns)).reshape(vectors.shape)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Mean and covariance of the residual under the null model.
+
+    mean: the model's numerical bias (D,)
+    twins: what it was learnt from (T, D)
+    sensor_sigma: standard deviation of the sensor noise of every entry (D,)
+    layout: view, frame and kind of every entry
+    shrinkage: weight a of the structured target
+    correlation: rho of neighbouring frames
+    series: the layout as courses in time
+    whitener: L^-1 with S^2 + a G K G = L L^T, by series
+    basis, weights: orthonormal (D, q) and (q,): L^-1 C L^-T = I + basis diag(weights^2) basis^T
+    """
+
+    mean: np.ndarray
+    twins: np.ndarray = field(repr=False)
+    sensor_sigma: np.ndarray = field(repr=False)
+    layout: Layout = field(repr=False)
+    shrinkage: float
+    correlation: float
+    series: Series = field(repr=False)
+    whitener: np.ndarray = field(repr=False)
+    basis: np.ndarray = field(repr=False)
+    weights: np.ndarray = field(repr=False)
+
+    @classmethod
+    def from_twins(cls, twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> NoiseModel:
+        """Learn bias and covariance.
+
+        Args:
+            twins: residuals of simulated nulls, sensor noise included (T, D), T >= 4
+            sensor_sigma: standard deviation of the sensor noise (D,), positive
+            layout: view, frame and kind of every entry
+
+        Raises:
+            ValueError: shapes do not agree, fewer than four twins, values not finite, or a sigma that is not positive.
+        """
+        twins, sensor_sigma = np.asarray(twins, float), np.asarray(sensor_sigma, float)
+        _check(twins, sensor_sigma, layout)
+        series, deviations = Series.of(layout), (twins - twins.mean(0)).T
+        spread = _numerical_spread(deviations, sensor_sigma, series)
+        correlation = _frame_correlation(deviations, spread, series)
+        target = _target(spread, correlation, series)
+        smooth = _filtered(deviations, target, sensor_sigma, series)
+        likelihoods = [
+            _left_out_likelihood(deviations, smooth, _whitener(target, sensor_sigma, series, a), series, a)
+            for a in SHRINKAGES
+        ]
+        shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
+        return cls._assemble(twins, sensor_sigma, layout, series, shrinkage, correlation)
+
+    @classmethod
+    def _assemble(
+        cls,
+        twins: np.ndarray,
+        sensor_sigma: np.ndarray,
+        layout: Layout,
+        series: Series,
+        shrinkage: float,
+        correlation: float,
+    ) -> NoiseModel:
+        mean = twins.mean(0)
+        deviations = (twins - mean).T
+        target = _target(_numerical_spread(deviations, sensor_sigma, series), correlation, series)
+        smooth = _filtered(deviations, target, sensor_sigma, series)
+        whitener = _whitener(target, sensor_sigma, series, shrinkage)
+        low_rank = series.multiply(whitener, smooth) * np.sqrt((1 - shrinkage) / (len(twins) - 1))
+        basis, weights, _ = np.linalg.svd(low_rank, full_matrices=False)
+        return cls(mean, twins, sensor_sigma, layout, shrinkage, correlation, series, whitener, basis, weights)
+
+    def whiten(self, changes: np.ndarray) -> np.ndarray:
+        """Differences of residuals (D,) or (D, m) in units of the noise: W x, with W ((1 + 1/T) C) W^T = I.
+
+        1/T is for the error of the mean that is subtracted from every residual.
+        """
+        scaled = self.series.multiply(self.whitener, changes)
+        shorter = (1 / np.sqrt(1 + self.weights**2) - 1) * self.basis
+        return (scaled + shorter @ (self.basis.T @ scaled)) / np.sqrt(1 + 1 / len(self.twins))
+
+    def whiten_residual(self, residual: np.ndarray) -> np.ndarray:
+        """W (r - mean) (D,): standard normal where the null model holds."""
+        return self.whiten(residual - self.mean)
+
+    def leave_one_out(self) -> Iterator[tuple[NoiseModel, np.ndarray]]:
+        """For each twin: the model learnt from the others (shrinkage and correlation kept), and the twin (D,)."""
+        for index, twin in enumerate(self.twins):
+            others = np.delete(self.twins, index, axis=0)
+            yield (
+                self._assemble(others, self.sensor_sigma, self.layout, self.series, self.shrinkage, self.correlation),
+                twin,
+            )
+
+
+def _check(twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:
+    if twins.ndim != 2 or len(twins) < LEAST_TWINS:
+        raise ValueError(f"twins have shape {twins.shape}; at least {LEAST_TWINS} residual vectors are needed")
+    for name, array in (("sensor_sigma", sensor_sigma), ("layout.view", layout.view), ("layout.frame", layout.frame)):
+        if np.shape(array) != twins.shape[1:]:
+            raise ValueError(f"{name} has shape {np.shape(array)}, but the twins have {twins.shape[1]} entries")
+    if not (np.isfinite(twins).all() and np.isfinite(sensor_sigma).all() and (sensor_sigma > 0).all()):
+        raise ValueError("twins and sensor_sigma must be finite, and sensor_sigma positive")
+
+
+def _numerical_spread(deviations: np.ndarray, sensor_sigma: np.ndarray, series: Series) -> np.ndarray:
+    """G (D,): root of the twins' variance less the sensor's, averaged over neighbouring frames and over views."""
+    count = deviations.shape[1]
+    excess = (deviations**2).sum(1) / (count - 1) - sensor_sigma**2
+    near = (series.gap <= WINDOW) * series.gather(np.ones_like(excess))[:, None]
+    smooth = series.multiply(near / near.sum(2, keepdims=True), excess)
+    shared = (np.bincount(series.instant, smooth) / np.bincount(series.instant))[series.instant]
+    own = count / (count + SHARING)
+    return np.sqrt(np.maximum(own * smooth + (1 - own) * shared, 0.0))
+
+
+def _frame_correlation(deviations: np.ndarray, spread: np.ndarray, series: Series) -> float:
+    """Correlation of the numerical error between neighbouring frames; sensor noise does not contribute."""
+    courses, spreads = series.gather(deviations), series.gather(spread)
+    product = (courses[:, :-1] * courses[:, 1:]).sum() / (deviations.shape[1] - 1)
+    scale = (spreads[:, :-1] * spreads[:, 1:]).sum()
+    return float(np.clip(product / scale, 0.0, LARGEST_CORRELATION)) if scale > 0 else 0.0
+
+
+def _target(spread: np.ndarray, correlation: float, series: Series) -> np.ndarray:
+    """G K G, by series (S, L, L)."""
+    spreads = series.gather(spread)
+    return correlation**series.gap * spreads[:, :, None] * spreads[:, None]
+
+
+def _covariance(target: np.ndarray, sensor_sigma: np.ndarray, series: Series, weight: float) -> np.ndarray:
+    """S^2 + weight G K G, by series (S, L, L)."""
+    return weight * target + series.gather(sensor_sigma, 1.0)[:, None] ** 2 * np.eye(target.shape[1])
+
+
+def _whitener(target: np.ndarray, sensor_sigma: np.ndarray, series: Series, weight: float) -> np.ndarray:
+    """L^-1 with L L^T = S^2 + weight G K G, by series (S, L, L)."""
+    return np.linalg.inv(np.linalg.cholesky(_covariance(target, sensor_sigma, series, weight)))
+
+
+def _filtered(deviations: np.ndarray, target: np.ndarray, sensor_sigma: np.ndarray, series: Series) -> np.ndarray:
+    """Wiener filter: the part of the deviations (D, T) that the target explains and the sensor noise does not."""
+    gain = np.linalg.solve(_covariance(target, sensor_sigma, series, 1.0), target)
+    return series.multiply(gain.transpose(0, 2, 1), deviations)
+
+
+def _left_out_likelihood(
+    deviations: np.ndarray, smooth: np.ndarray, whitener: np.ndarray, series: Series, shrinkage: float
+) -> float:
+    """Log-likelihood, up to a constant, of every twin under mean and low-rank part of the others, summed.
+
+    Args:
+        deviations, smooth: of all twins from their mean, as they are and filtered (D, T)
+        whitener: L^-1 with L L^T = S^2 + a G K G
+        series: of the layout
+        shrinkage: a
+    """
+    whitened = series.multiply(whitener, np.concatenate((deviations, smooth), axis=1))
+    gram, count = whitened.T @ whitened, deviations.shape[1]
+    total = 2 * count * float(np.log(np.diagonal(whitener, axis1=1, axis2=2)).sum())
+    for twin in range(count):
+        # From the mean of the others: twin i deviates by x_i T/(T-1), twin j by x_j + x_i/(T-1).
+        others = np.delete(np.arange(count), twin)
+        mix = np.zeros((2 * count, count))
+        mix[twin, 0] = count / (count - 1)
+        mix[count + others, np.arange(1, count)] = 1.0
+        mix[count + twin, 1:] = 1 / (count - 1)
+        mix[:, 1:] *= np.sqrt((1 - shrinkage) / (count - 2))
+        small = mix.T @ gram @ mix
+        inner = np.eye(count - 1) + small[1:, 1:]
+        square = small[0, 0] - small[0, 1:] @ np.linalg.solve(inner, small[1:, 0])
+        total -= square * (count - 1) / count + np.linalg.slogdet(inner)[1]
+    return total / 2
