@@ -1,161 +1,180 @@
 """Isotropic plasticity in principal space: a law maps three log-strains, and the tensors around it are done here, once.
 
-With b = F Fᵀ = U diag(beta) Uᵀ and e = ln(beta)/2, a return mapping e -> (f, tau) gives
+With b = F Fᵀ = U diag(beta) Uᵀ and e = ln(beta)/2, a flow rule says which share k of the deviator of e stays, and which
+mean strain m; then f = m + k dev(e), and of Hencky's energy
 
-    F_new = U diag(exp(f - e)) Uᵀ F,     tau = U diag(tau) Uᵀ.
+    F_new = F + U diag(exp(f - e) - 1) Uᵀ F,     tau = U diag(2 mu f + lambda tr(f)) Uᵀ.
 
-Along the principal axes the adjoint is that of the return mapping. Across them, rotating the axes changes U diag(g)
-Uᵀ by the divided differences (g_i - g_j)/(beta_i - beta_j). Where two stretches come closer than ``near``, the return
-mapping is evaluated at two strains that far apart, with the same mean: for an isotropic law the error is of second
-order, and nothing is singular.
+(In exact arithmetic the first is U diag(exp(f - e)) Uᵀ F. But rounded eigenvectors are not quite orthonormal, from one
+substep to the next in the same way, and an elastic particle multiplied by U Uᵀ would slowly change its volume.)
+
+Along the principal axes the adjoint is that of the flow rule. Across them, rotating the axes changes U diag(g) Uᵀ by
+the divided differences (g_i - g_j)/(beta_i - beta_j). As k and m are isotropic, f_i - f_j = k (e_i - e_j), so these
+follow from (e_i - e_j)/(beta_i - beta_j), for nearly equal stretches by series: nothing is singular or cancels.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from pacnerf_lpo.mpm.differentiation import Record, Scalar, exp, maximum, plain
-from pacnerf_lpo.mpm.runtime import compiling_double, components, entries, keep, ti
+from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
+from pacnerf_lpo.mpm.runtime import compiling_double, keep, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
+SMALLEST_STRETCH_SQUARE = 0.0025
 SMALLEST_BETA = 1e-12
 """Keeps the logarithm finite where rounding makes a vanishing eigenvalue negative."""
-
+SMALLEST_SQUARE = 1e-36
+"""Of the deviator of b; below, b counts as isotropic. A normal number in float32."""
 TINY = 1e-15
 """Makes the rotation of two equal eigenvalues the identity."""
+NEAR = 0.02
+"""Relative gap of two eigenvalues below which a series of their divided differences is exact to 1e-15."""
 
-ReturnMap = Callable[[list[Any]], tuple[list[Any], list[Any]]]
-"""Three principal log-strains -> three new ones, and three principal Kirchhoff stresses [Pa]."""
-
-
-@ti.func
-def distinct_direction(M):
-    """Unit vector in the kernel of a symmetric 3x3 matrix of rank 2: the longest cross product of two rows."""
-    r0, r1 = ti.Vector([M[0, 0], M[0, 1], M[0, 2]]), ti.Vector([M[0, 1], M[1, 1], M[1, 2]])
-    r2 = ti.Vector([M[0, 2], M[1, 2], M[2, 2]])
-    a, b, c = r0.cross(r1), r1.cross(r2), r2.cross(r0)
-    na, nb, nc = a.norm_sqr(), b.norm_sqr(), c.norm_sqr()
-    first, second = na >= nb and na >= nc, nb >= nc
-    norm = ti.max(na, nb, nc)
-    scale = 1.0 / ti.sqrt(norm)
-    return ti.Vector([scale * ti.select(first, a[k], ti.select(second, b[k], c[k])) for k in ti.static(range(3))])
+Flow = Callable[[list[Any], Any, Any], tuple[Any, Any]]
+"""Principal log-strains, their mean and the norm of their deviator -> share k of the deviator that stays, new mean."""
 
 
-@ti.func
-def symmetric_eigen(b):
+def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     """Eigenvalues of a symmetric 3x3 matrix and eigenvectors (columns), accurate to rounding also when some are equal.
 
     The best separated eigenvalue is the root of 4 c^3 - 3 c = r in [sqrt(3)/2, 1], by Newton from a polynomial within
     2e-5; the other two follow from one rotation in the plane across its vector, without a test or a branch on how close
     they are. After D. Eberly, "A robust eigensolver for 3x3 symmetric matrices", 2014; orthonormal basis of the plane:
-    Duff et al., "Building an orthonormal basis, revisited", 2017.
+    Duff et al., "Building an orthonormal basis, revisited", 2017. Emitted number by number: as small vectors and
+    matrices the same takes a fifth longer.
     """
-    mean = b.trace() / 3.0
-    S = b - mean * ti.Matrix.identity(float, 3)
-    size = ti.sqrt((S * S).sum() / 6.0)
-    values, U = ti.Vector([b[0, 0], b[1, 1], b[2, 2]]), ti.Matrix.identity(float, 3)
-    if size > 0.0:
-        S = S * (1.0 / size)
-        half = 0.5 * S.determinant()
-        r = ti.min(ti.abs(half), 1.0)
-        c = 0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467)))
-        for _ in ti.static(range(2 if compiling_double() else 1)):
-            c -= (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0)
-        distinct = 2.0 * ti.select(half < 0.0, -c, c)
-        a = distinct_direction(S - distinct * ti.Matrix.identity(float, 3))
-        side = ti.select(a[2] < 0.0, -1.0, 1.0)
-        tilt = -1.0 / (side + a[2])
-        p = ti.Vector([1.0 + side * a[0] * a[0] * tilt, side * a[0] * a[1] * tilt, -side * a[0]])
-        q = ti.Vector([a[0] * a[1] * tilt, side + a[1] * a[1] * tilt, -a[1]])
-        Sp, Sq = S @ p, S @ q
-        pp, pq, qq = p.dot(Sp), q.dot(Sp), q.dot(Sq)
-        d = 0.5 * (qq - pp)
-        h = ti.sqrt(d * d + pq * pq)
-        cosine, sine = ti.abs(d) + h + TINY, ti.select(d < 0.0, -pq, pq)
-        scale = 1.0 / ti.sqrt(cosine * cosine + sine * sine)
-        cosine, sine = scale * cosine, scale * sine
-        centre, h = 0.5 * (pp + qq), ti.select(d < 0.0, -h, h)
-        values = mean + size * ti.Vector([a.dot(S @ a), centre - h, centre + h])
-        U = ti.Matrix.cols([a, cosine * p - sine * q, cosine * q + sine * p])
-    return values, U
+    mean = keep((b[0][0] + b[1][1] + b[2][2]) * (1.0 / 3.0))
+    S = _symmetric(lambda i, j: b[i][j] - mean if i == j else b[i][j])
+    size = keep(ti.sqrt(ti.max(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE)))
+    inverse = keep(1.0 / size)
+    S = _symmetric(lambda i, j: S[i][j] * inverse)
+    half = keep(0.5 * _dot(S[0], _cofactors(S)[0]))
+    r = keep(ti.min(ti.abs(half), 1.0))
+    c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
+    for _ in range(2 if compiling_double() else 1):
+        c = keep(c - (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0))
+    distinct = keep(ti.select(half < 0.0, -2.0 * c, 2.0 * c))
+    a = _kernel(_symmetric(lambda i, j: S[i][j] - distinct if i == j else S[i][j]))
+    side = keep(ti.select(a[2] < 0.0, -1.0, 1.0))
+    tilt = keep(-1.0 / (side + a[2]))
+    twist = keep(a[0] * a[1] * tilt)
+    p = [keep(1.0 + side * a[0] * a[0] * tilt), keep(side * twist), keep(-side * a[0])]
+    q = [twist, keep(side + a[1] * a[1] * tilt), keep(-a[1])]
+    Sp = [keep(_dot(row, p)) for row in S]
+    pp, pq = keep(_dot(p, Sp)), keep(_dot(q, Sp))
+    d = keep(-0.5 * distinct - pp)  # half of q·Sq - p·Sp; the trace is zero
+    h = keep(ti.sqrt(d * d + pq * pq))
+    cosine, sine = keep(ti.abs(d) + h + TINY), keep(ti.select(d < 0.0, -pq, pq))
+    scale = keep(1.0 / ti.sqrt(cosine * cosine + sine * sine))
+    cosine, sine, h = keep(scale * cosine), keep(scale * sine), keep(ti.select(d < 0.0, -h, h))
+    values = [keep(mean + size * x) for x in (distinct, -0.5 * distinct - h, -0.5 * distinct + h)]
+    return values, [[a[i], keep(cosine * p[i] - sine * q[i]), keep(cosine * q[i] + sine * p[i])] for i in AXES]
 
 
-@ti.func
-def divided_differences(mapping: ti.template(), e, ratio, stress, beta, i: ti.template(), j: ti.template()):
-    """(ratio_i - ratio_j) / (beta_i - beta_j) and the same for the stresses, at strains at least ``near`` apart."""
-    near = ti.static(1e-7 if compiling_double() else 5e-5)
-    R, T, B, gap = ratio[i] - ratio[j], stress[i] - stress[j], beta[i] - beta[j], e[i] - e[j]
-    if ti.abs(gap) < near:
-        mean, half = 0.5 * (e[i] + e[j]), ti.select(gap < 0.0, -0.5, 0.5) * near
-        apart = e
-        apart[i], apart[j] = mean + half, mean - half
-        there = _evaluated(mapping, apart)
-        R, T = there[i] - there[j], there[3 + i] - there[3 + j]
-        B = 4.0 * half * ti.exp(2.0 * mean)  # exp(2 e_i) - exp(2 e_j) without its cancellation; sinh(near) = near
-    return R / B, T / B
-
-
-def return_mapped(F: Tensor3, mapping: ReturnMap) -> tuple[Tensor3, Tensor3]:
-    """New deformation gradient and Kirchhoff stress [Pa] of an isotropic law given in principal log-strains.
+def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, Tensor3]:
+    """New deformation gradient and Kirchhoff stress [Pa] of Hencky elasticity with an isotropic flow rule.
 
     Stretches below 0.05 count as 0.05 (PAC-NeRF).
 
     Args:
         F: trial deformation gradient.
-        mapping: the law, see :data:`ReturnMap`; it may use any number of the local law.
+        mu: shear modulus [Pa].
+        lam: Lamé's first coefficient [Pa].
+        flow: what stays of the strain, see :data:`Flow`; it may use any number of the local law.
     """
     record: Record = F[0][0].record
     f = [[plain(a) for a in row] for row in F]
-    values, vectors = symmetric_eigen(ti.Matrix(_symmetric(lambda i, j: _dot(f[i], f[j]))))
-    U, beta = entries(keep(vectors)), [keep(ti.max(x, SMALLEST_BETA)) for x in components(keep(values))]
+    values, U = symmetric_eigen(_symmetric(lambda i, j: _dot(f[i], f[j])))
+    beta = [keep(ti.max(x, SMALLEST_BETA)) for x in values]
     columns = _transposed(U)
+    turned = _product(columns, f)
     across: dict[tuple[int, int], Any] = {}
+    stretched: list[Any] = []
 
     def strain_adjoint(g: list) -> list:
-        along = [0.0 if g[i] is None else 0.5 * g[i] / beta[i] for i in AXES]
-        middle = _symmetric(lambda i, j: along[i] if i == j else across.get((i, j), 0.0))
-        of_b = _symmetric(_rotation(U, middle))
-        return [2.0 * a for a in _flat(_product(of_b, f))]
+        along = [0.0 if g[i] is None else keep(g[i] / beta[i]) for i in AXES]
+        of_b = _symmetric(lambda i, j: along[i] if i == j else across[i, j])
+        of_turned = [keep(a + b) for a, b in zip(_flat(_product(of_b, turned)), stretched, strict=True)]
+        return _flat(_product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]]))
 
-    strain = record.step([0.5 * ti.log(x) for x in beta], [a for row in F for a in row], strain_adjoint)
-
-    def floored(e: list[Any]) -> tuple[list[Any], list[Any]]:
-        return mapping([maximum(x, LOG_SMALLEST_STRETCH) for x in e])
-
-    new, stress = floored(strain)
-    ratio = [exp(new[i] - strain[i]) for i in AXES]
-    R, tau = (_symmetric(_spectrum(U, [plain(x) for x in g])) for g in (ratio, stress))
+    operands = _flat(F)
+    trial = record.step([0.5 * ti.log(x) for x in beta], operands, strain_adjoint)
+    strain = [maximum(x, LOG_SMALLEST_STRETCH) for x in trial]
+    mean = (strain[0] + strain[1] + strain[2]) * (1.0 / 3.0)
+    deviator = [x - mean for x in strain]
+    kept, new_mean = flow(strain, mean, sqrt(_dot(deviator, deviator)))
+    pressure, shear = (2.0 * mu + 3.0 * lam) * new_mean, 2.0 * mu * kept
+    ratio = [exp(kept * d + new_mean - x) for d, x in zip(deviator, trial, strict=True)]
+    stress = [shear * d + pressure for d in deviator]
 
     def adjoint(g: list) -> list:
-        """Adjoints of F, of the three ratios and of the three stresses, from those of F_new and tau.
+        """Adjoints of the three ratios and of the three stresses, from those of F_new and tau.
 
-        What rotates the axes is left in ``across`` for the adjoint of the strains, which comes next.
+        What else reaches the strains is left in ``across`` and ``stretched`` for their adjoint, which comes next.
         """
         g = [0.0 if x is None else x for x in g]
-        of_new, of_tau = [g[0:3], g[3:6], g[6:9]], g[9:]
-        of_R = _symmetric(lambda i, j: 0.5 * (_dot(of_new[i], f[j]) + _dot(of_new[j], f[i])))
-        of_T = _symmetric(lambda i, j: 0.5 * (of_tau[3 * i + j] + of_tau[3 * j + i]))
-        of_R, of_T = (_symmetric(_rotation(columns, a)) for a in (of_R, of_T))
-        known = [keep(ti.Vector([plain(x) for x in values])) for values in (strain, ratio, stress, beta)]
-        for i, j in ((0, 1), (0, 2), (1, 2)):
-            slope_R, slope_T = divided_differences(floored, *known, i, j)
-            across[i, j] = keep(of_R[i][j] * slope_R + of_T[i][j] * slope_T)
-        return [*_flat(_product(R, of_new)), *(of_R[i][i] for i in AXES), *(of_T[i][i] for i in AXES)]
+        of_new = _product(columns, [g[0:3], g[3:6], g[6:9]])
+        of_tau = _symmetric(lambda i, j: 0.5 * (g[9 + 3 * i + j] + g[9 + 3 * j + i]))
+        of_T = _symmetric(_rotation(columns, of_tau))
+        stretched.extend(keep(plain(ratio[k]) * x) for k in AXES for x in of_new[k])
+        slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(kept))
+        for (i, j), (of_ratio, of_strain) in slopes.items():
+            of_R = _dot(of_new[i], turned[j]) + _dot(of_new[j], turned[i])
+            across[i, j] = keep(of_R * of_ratio + 2.0 * plain(shear) * of_T[i][j] * of_strain)
+        return [*(_dot(of_new[i], turned[i]) for i in AXES), *(of_T[i][i] for i in AXES)]
 
-    outputs, operands = [*_flat(_product(R, f)), *_flat(tau)], [*(a for row in F for a in row), *ratio, *stress]
-    flat = record.step(outputs, operands, adjoint)
+    change = _product(U, [[keep((plain(ratio[k]) - 1.0) * x) for x in turned[k]] for k in AXES])
+    new = [keep(x + y) for x, y in zip(_flat(f), _flat(change), strict=True)]
+    tau = _symmetric(_spectrum(U, [plain(x) for x in stress]))
+    flat = record.step([*new, *_flat(tau)], [*ratio, *stress], adjoint)
     return [flat[0:3], flat[3:6], flat[6:9]], [flat[9:12], flat[12:15], flat[15:18]]
 
 
-def _evaluated(mapping: ReturnMap, e: Any) -> list[Any]:
-    """Ratios exp(f - e), then stresses, of a return mapping at other strains (a 3-vector), without a record."""
-    strain, aside = components(e), Record()
-    new, stress = mapping([Scalar(aside, x) for x in strain])
-    return [*(keep(ti.exp(plain(n) - x)) for n, x in zip(new, strain, strict=True)), *(plain(x) for x in stress)]
+def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int, int], tuple[Any, Any]]:
+    """(ratio_i - ratio_j) / (beta_i - beta_j), and the same of the floored strains, for each pair of axes.
+
+    With x = (beta_i - beta_j) / (beta_i + beta_j), e_i - e_j = artanh x; and the difference of two exponentials is
+    their sum times tanh of half the difference of the exponents.
+    """
+    result = {}
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        gap, total = keep(beta[i] - beta[j]), keep(1.0 / (beta[i] + beta[j]))
+        x, inverse = keep(gap * total), keep(1.0 / gap)
+        near, square = keep(ti.abs(x) < NEAR), keep(x * x)
+        limit = keep(total * (1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7)))))
+        floored = keep(ti.select(beta[i] > SMALLEST_STRETCH_SQUARE, limit, 0.0))
+        exponent = keep(kept * floored - limit)
+        y = keep(0.25 * (exponent * gap) * (exponent * gap))
+        mean = 0.5 * (ratio[i] + ratio[j]) * (1.0 - y * (1.0 / 3 - y * (2.0 / 15)))
+        of_ratio = keep(ti.select(near, mean * exponent, (ratio[i] - ratio[j]) * inverse))
+        result[i, j] = of_ratio, keep(ti.select(near, floored, (strain[i] - strain[j]) * inverse))
+    return result
 
 
-def _dot(a: list, b: list) -> Any:
+def _kernel(M: Tensor3) -> list[Any]:
+    """Unit vector in the kernel of a semidefinite matrix of rank 2: its cofactors are c a aᵀ; their longest column."""
+    A = _cofactors(M)
+    first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
+    a = [keep(ti.select(first, A[0][k], ti.select(second, A[1][k], A[2][k]))) for k in AXES]
+    scale = keep(1.0 / ti.sqrt(_dot(a, a)))
+    return [keep(scale * x) for x in a]
+
+
+def _cofactors(a: Tensor3) -> Tensor3:
+    """Of a symmetric matrix; symmetric."""
+    n = [1, 2, 0]
+    return _symmetric(lambda i, j: a[n[i]][n[j]] * a[n[n[i]]][n[n[j]]] - a[n[i]][n[n[j]]] * a[n[n[i]]][n[j]])
+
+
+def _squares(a: Tensor3) -> Any:
+    """Sum of the squares of a symmetric matrix's entries."""
+    off = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2]
+    return a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2] + 2.0 * off
+
+
+def _dot(a: Sequence, b: Sequence) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

@@ -9,7 +9,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import maximum, where
 from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened
+from pacnerf_lpo.mpm.materials.hencky import kept_share
 from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
 from pacnerf_lpo.mpm.parameters import Identity, Log10, Parameter
 from pacnerf_lpo.mpm.point import Law, Point
@@ -62,15 +62,13 @@ class YieldStress(LawEffect):
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
         mu, (strain,) = point.stiffness * c.mu, point.history
         largest = math.sqrt(2 / 3) * (c.yield_stress + c.hardening * strain) / (2.0 * mu)
-        flow: list[Any] = []
+        plastic: list[Any] = []
 
-        def mapping(e: list[Any]) -> tuple[list[Any], list[Any]]:
-            _, deviator, norm = mean_and_deviator(e)
-            flow.append(maximum(norm - largest, 0.0) / (1.0 + c.hardening / (3.0 * mu)))
-            return shortened(e, deviator, norm, flow[-1]), [0.0, 0.0, 0.0]
+        def flow(e: list[Any], mean: Any, norm: Any) -> tuple[Any, Any]:
+            plastic.append(maximum(norm - largest, 0.0) / (1.0 + c.hardening / (3.0 * mu)))
+            return kept_share(norm, plastic[0]), mean
 
-        returned, _ = return_mapped(point.F, mapping)
-        plastic = flow[0]
-        elastic = [[where(plastic > 0.0, returned[i][j], point.F[i][j]) for j in AXES] for i in AXES]
+        returned, _ = return_mapped(point.F, 0.0, 0.0, flow)
+        elastic = [[where(plastic[0] > 0.0, returned[i][j], point.F[i][j]) for j in AXES] for i in AXES]
         F, tau = inner(replace(point, F=elastic), c)
-        return F, tau, [strain + math.sqrt(2 / 3) * plastic]
+        return F, tau, [strain + math.sqrt(2 / 3) * plastic[0]]

@@ -11,7 +11,7 @@ from torch import Tensor
 from pacnerf_lpo.mpm.differentiation import maximum, where
 from pacnerf_lpo.mpm.materials.base import Material, lame
 from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG, named
-from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened, stress
+from pacnerf_lpo.mpm.materials.hencky import kept_share
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped
@@ -43,12 +43,11 @@ class DruckerPrager(Material):
     @staticmethod
     def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
         mu, lam = point.stiffness * c.mu, point.stiffness * c.lam
-        slope = 3.0 * c.alpha * (3.0 * lam + 2.0 * mu) / (2.0 * mu)
+        slope = 3.0 * c.alpha * (1.5 * (c.lam / c.mu) + 1.0)
 
-        def mapping(e: list[Any]) -> tuple[list[Any], list[Any]]:
-            mean, deviator, norm = mean_and_deviator(e)
-            compressed = shortened(e, deviator, norm, maximum(norm + slope * mean, 0.0))
-            new = [where(mean < 0.0, x, 0.0) for x in compressed]
-            return new, stress(new, mu, lam)
+        def flow(e: list[Any], mean: Any, norm: Any) -> tuple[Any, Any]:
+            compressed = mean < 0.0
+            kept = kept_share(norm, maximum(norm + slope * mean, 0.0))
+            return where(compressed, kept, 0.0), where(compressed, mean, 0.0)
 
-        return return_mapped(point.F, mapping)
+        return return_mapped(point.F, mu, lam, flow)

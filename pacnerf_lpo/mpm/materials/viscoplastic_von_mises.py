@@ -10,7 +10,7 @@ from torch import Tensor
 from pacnerf_lpo.mpm.differentiation import exp, maximum
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import BULK, SHEAR, YIELD, named
-from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened, stress
+from pacnerf_lpo.mpm.materials.hencky import kept_share
 from pacnerf_lpo.mpm.parameters import Log10, Parameter
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped
@@ -46,10 +46,8 @@ class ViscoplasticVonMises(Material):
         largest = math.sqrt(2 / 3) * c.tau_y / (2.0 * mu)
         delay = 1.5 * c.eta / (mu * point.dt)
 
-        def mapping(e: list[Any]) -> tuple[list[Any], list[Any]]:
-            _, deviator, norm = mean_and_deviator(e)
+        def flow(e: list[Any], mean: Any, norm: Any) -> tuple[Any, Any]:
             trace_b = exp(2.0 * e[0]) + exp(2.0 * e[1]) + exp(2.0 * e[2])
-            new = shortened(e, deviator, norm, maximum(norm - largest, 0.0) / (1.0 + delay / trace_b))
-            return new, stress(new, mu, lam)
+            return kept_share(norm, maximum(norm - largest, 0.0) / (1.0 + delay / trace_b)), mean
 
-        return return_mapped(point.F, mapping)
+        return return_mapped(point.F, mu, lam, flow)

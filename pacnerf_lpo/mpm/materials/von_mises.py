@@ -10,7 +10,7 @@ from torch import Tensor
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.materials.base import Material, lame
 from pacnerf_lpo.mpm.materials.common import POISSON, YIELD, YOUNG, named
-from pacnerf_lpo.mpm.materials.hencky import mean_and_deviator, shortened, stress
+from pacnerf_lpo.mpm.materials.hencky import kept_share
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped
 from pacnerf_lpo.mpm.tensors import Tensor3
@@ -40,9 +40,7 @@ class VonMises(Material):
         mu, lam = point.stiffness * c.mu, point.stiffness * c.lam
         largest = math.sqrt(2 / 3) * c.tau_y / (2.0 * mu)
 
-        def mapping(e: list[Any]) -> tuple[list[Any], list[Any]]:
-            _, deviator, norm = mean_and_deviator(e)
-            new = shortened(e, deviator, norm, maximum(norm - largest, 0.0))
-            return new, stress(new, mu, lam)
+        def flow(e: list[Any], mean: Any, norm: Any) -> tuple[Any, Any]:
+            return kept_share(norm, maximum(norm - largest, 0.0)), mean
 
-        return return_mapped(point.F, mapping)
+        return return_mapped(point.F, mu, lam, flow)
