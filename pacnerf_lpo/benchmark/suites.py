@@ -104,6 +104,22 @@ SUITES = {
             TimeLayout("times", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
         ),
     ),
+    "shared_once": Suite(
+        SHARED,
+        (
+            ImageLayout(
+                "correction_3v_dagger", "Geometric correction (R = 1), test views", corrected("3v_dagger", 1, WITH_NONE)
+            ),
+            ErrorLayout(
+                "identification_once",
+                "Physical identification (R = 1), error",
+                (Column(BASELINES["3v_dagger"], "3v_dagger"),),
+            ),
+            TimeLayout(
+                "times_once", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)
+            ),
+        ),
+    ),
     "quick": Suite(
         ("bird",),
         (
