@@ -74,10 +74,13 @@ def calibrate(
         seed: of the simulated maxima
     """
     squares = left_out_squares(noise, jacobian, probes)
-    scales = _moderated(squares)
+    scales = moderated_scales(squares)
     dof = len(noise.twins) - 1 + LENDING / 2
     maxima = np.array(
-        [np.sqrt((row / _moderated(np.delete(squares, twin, axis=0)) ** 2).max()) for twin, row in enumerate(squares)]
+        [
+            np.sqrt((row / moderated_scales(np.delete(squares, twin, axis=0)) ** 2).max())
+            for twin, row in enumerate(squares)
+        ]
     )
     draws = np.sort(_simulated_maxima(Remainder.of(noise, jacobian), probes, dof, np.random.default_rng(seed)))
     names = [probe.name for probe in probes]
@@ -95,8 +98,8 @@ def left_out_squares(noise: NoiseModel, jacobian: np.ndarray, probes: Sequence[P
     return np.array(rows)
 
 
-def _moderated(squares: np.ndarray) -> np.ndarray:
-    """Scale of every effect (K,) from left-out squares (T, K)."""
+def moderated_scales(squares: np.ndarray) -> np.ndarray:
+    """Scale of every direction (K,), at least 1, from the squares of left-out twins along it (T, K)."""
     own = squares.mean(0)
     common = max(float(own.mean()), 1.0)
     return np.sqrt(np.maximum((len(squares) * own + LENDING * common) / (len(squares) + LENDING), 1.0))

@@ -112,9 +112,9 @@ def score_test(
     """Rank effects by how well they explain the residual, best first.
 
     With whitened r, J and d, and M = I - J J^+ (Rao 1948; nuisance as in Neyman 1959): z = d^T M r / ||M d||, and
-    coefficient = size d^T M r / ||M d||^2. A one-sided effect counts only where d^T M r > 0. Components are taken together: the
-    squared projection ||P r||^2 onto their span is chi^2 with m degrees of freedom, and z is the normal deviate of the
-    same two-sided probability.
+    coefficient = size d^T M r / ||M d||^2. A one-sided effect counts only where d^T M r > 0. Components are taken
+    together: the squared projection ||P r||^2 onto their span is chi^2 with m degrees of freedom, and z is the normal
+    deviate of the same two-sided probability.
 
     Args:
         noise: of the residual
@@ -139,7 +139,7 @@ def _score(probe: Probe, changes: np.ndarray, left: np.ndarray, scale: float) ->
         fit = changes @ amplitude
         gain = float(fit @ fit)
         errors = scale * np.linalg.norm(inverse, axis=1) * np.abs(sizes)
-        z = equivalent_z(gain / scale**2, int(np.linalg.matrix_rank(changes)))
+        z = float(equivalent_z(np.array(gain / scale**2), int(np.linalg.matrix_rank(changes))))
         return Score(
             probe.name,
             0,
@@ -168,16 +168,15 @@ def _score(probe: Probe, changes: np.ndarray, left: np.ndarray, scale: float) ->
     )
 
 
-def equivalent_z(gain: np.ndarray | float, dof: int) -> float | np.ndarray:
+def equivalent_z(gain: np.ndarray, dof: int) -> np.ndarray:
     """The z for which a two-sided normal test has the probability that chi^2 with ``dof`` exceeds ``gain``."""
     if dof == 0:
         return np.zeros_like(gain)
     return -ndtri_exp(np.minimum(log_chi2_survival(gain, dof), -1e-12) - np.log(2))
 
 
-def log_chi2_survival(gain: np.ndarray | float, dof: int) -> np.ndarray:
+def log_chi2_survival(gain: np.ndarray, dof: int) -> np.ndarray:
     """log P(chi^2_dof > gain); beyond the range of floats by the asymptotic series of the incomplete gamma function."""
-    gain = np.asarray(gain, float)
     half, x = dof / 2, np.maximum(gain, 1.0) / 2
     far = (half - 1) * np.log(x) - x - gammaln(half) + np.log1p((half - 1) / x * (1 + (half - 2) / x))
     return np.where(gain > 300 + 10 * dof, far, chi2.logsf(np.minimum(gain, 300 + 10 * dof), dof))
