@@ -57,10 +57,11 @@ class DynamicPhase(AbstractPhase):
         return StepNumbers(self.steps, lambda: self.global_step)
 
     def one_view_per_frame(self, step: int, frames: int) -> list[list[int]]:
-        """One random training view for each frame."""
+        """One random training view for each frame, of those whose image is not held out."""
         generator = torch.Generator().manual_seed(self.seed * 100_003 + step)
-        picks = torch.randint(len(self.data.train), (frames,), generator=generator)
-        return [[self.data.train[int(pick)]] for pick in picks]
+        picks = torch.rand(frames, generator=generator).tolist()
+        open_views = ([v for v in self.data.train if (v, frame) not in self.held_out] for frame in range(frames))
+        return [[views[int(pick * len(views))]] for pick, views in zip(picks, open_views, strict=True)]
 
     def fixed_views(self, frames: int, per_frame: int | None) -> list[list[int]]:
         """So many training views for each frame, evenly spread and rotating from frame to frame; None: all of them."""
@@ -87,7 +88,9 @@ class DynamicPhase(AbstractPhase):
         Returns:
             Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
         """
-        observer = Observer(self.physics.observations, parameters)
+        names = [name for effect in self.physics.observations for name in effect.parameters]
+        now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
+        observer = Observer(self.physics.observations, now)
         return observer.seen(trajectory, velocity, self.data.video.times[: len(trajectory)]), observer
 
     @property

@@ -57,10 +57,16 @@ def cameras() -> tuple[torch.Tensor, torch.Tensor]:
     return torch.stack(poses), intrinsic.expand(3, 3, 3)
 
 
-def film(state: ParticleState, trajectory: torch.Tensor) -> SimpleNamespace:
-    """What a VideoData offers the phases, of particles moving along ``trajectory`` [m, (F, N, 3)]."""
+def film(state: ParticleState, trajectory: torch.Tensor, true_poses: torch.Tensor | None = None) -> SimpleNamespace:
+    """What a VideoData offers the phases, of particles moving along ``trajectory`` [m, (F, N, 3)].
+
+    ``true_poses`` [(3, 3, 4)]: where the cameras really stood while they filmed; the video says something else.
+    """
     poses, intrinsics = cameras()
-    rays = [pixel_rays(intrinsic, pose, SIZE, SIZE) for intrinsic, pose in zip(intrinsics, poses, strict=True)]
+    believed, rays = (
+        [pixel_rays(intrinsic, pose, SIZE, SIZE) for intrinsic, pose in zip(intrinsics, where, strict=True)]
+        for where in (poses, poses if true_poses is None else true_poses)
+    )
     colour = ColourNetwork()
     colour.load_state_dict(state.colour_network)
     images, mattes = torch.empty(3, len(trajectory), SIZE, SIZE, 3), torch.empty(3, len(trajectory), SIZE, SIZE)
@@ -82,7 +88,7 @@ def film(state: ParticleState, trajectory: torch.Tensor) -> SimpleNamespace:
         frame_ids=tuple(range(len(trajectory))),
         source="block",
     )
-    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=lambda view: rays[view])
+    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=lambda view: believed[view])
 
 
 def physics(**guess: float) -> Physics:
