@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import threading
 import time
@@ -14,18 +15,19 @@ from typing import TextIO
 
 from pacnerf_lpo.benchmark.cells import NO_CORRECTION
 from pacnerf_lpo.benchmark.execution import Outcome
-from pacnerf_lpo.benchmark.plan import PlannedRun
+from pacnerf_lpo.benchmark.plan import BEGINNING, PlannedRun
 from pacnerf_lpo.manifest import FILE_NAME
-from pacnerf_lpo.outer_loop import algorithm_1
+from pacnerf_lpo.outer_loop import PhaseStep, algorithm_1
 
 TERMINAL_SECONDS = 1.0
-FILE_SECONDS = 60.0
+FILE_SECONDS = 10.0
+TIMES = " | "
 
 
 class Progress:
     """While entered, shows the state of all runs on standard error, again and again.
 
-    In a terminal the view is replaced in place; elsewhere it is printed when it changes, at most once a minute.
+    In a terminal the view is replaced in place; elsewhere it is printed when it changes.
 
     Args:
         runs: all of them.
@@ -39,10 +41,10 @@ class Progress:
         self.runs, self.outcomes, self.jobs = runs, outcomes, jobs
         self.stream = stream or sys.stderr
         self._end, self._lines, self._shown = threading.Event(), 0, ""
+        self._started = time.monotonic()
         self._thread = threading.Thread(target=self._loop, daemon=True)
 
     def __enter__(self) -> Progress:
-        self._started = time.monotonic()
         self._thread.start()
         return self
 
@@ -54,16 +56,20 @@ class Progress:
     def text(self) -> str:
         """The view as it is now."""
         ended = [outcome.status for outcome in self.outcomes.values()]
-        going = [(run, phase) for run in self.runs if run.run_dir not in self.outcomes and (phase := _current(run))]
+        going = [
+            (run, phase) for run in self.runs if run.run_dir not in self.outcomes and (phase := current_phase(run))
+        ]
         waiting = len(self.runs) - len(ended) - len(going) + ended.count("stopped")
         counts = {"done": ended.count("finished"), "running": len(going), "failed": ended.count("failed")}
         said = ", ".join(f"{number} {word}" for word, number in {**counts, "waiting": waiting}.items())
-        line = f"{len(self.runs)} runs: {said} | {_clock(time.monotonic() - self._started)} elapsed"
-        left = self._seconds_left()
-        line += "" if left is None else f", about {_clock(left)} left"
-        return "\n".join([line, *(f"  {run.name}: {phase}" for run, phase in going)])
+        times = f"{_clock(time.monotonic() - self._started)} elapsed"
+        left = self.seconds_left()
+        times += "" if left is None else f", about {_clock(left)} left"
+        return "\n".join(
+            [f"{len(self.runs)} runs: {said}{TIMES}{times}", *(f"  {run.name}: {phase}" for run, phase in going)]
+        )
 
-    def _seconds_left(self) -> float | None:
+    def seconds_left(self) -> float | None:
         """Phases still to come, each as long as its like have taken here; None while a kind has not been seen."""
         seen: dict[str, list[float]] = defaultdict(list)
         missing: list[str] = []
@@ -74,11 +80,9 @@ class Progress:
                     seen[record["phase"]].append(record["seconds"])
             if run.run_dir in self.outcomes and self.outcomes[run.run_dir].status != "stopped":
                 continue
-            correction = run.name.correction not in ("", NO_CORRECTION)
-            steps = algorithm_1(run.rounds, correction)
             done = sum(record["status"] == "done" for record in records)
-            done = max(done, 3) if run.start is not None else done
-            missing += [step.role for step in steps[done:]]
+            done = max(done, BEGINNING) if run.start is not None else done
+            missing += [step.role for step in _steps(run)[done:]]
         if any(role not in seen for role in missing):
             return None
         return sum(sum(seen[role]) / len(seen[role]) for role in missing) / self.jobs
@@ -93,17 +97,25 @@ class Progress:
         if self.stream.isatty():
             self.stream.write(f"\x1b[{self._lines}F\x1b[J" if self._lines else "")
             self._lines = text.count("\n") + 1
+        elif self._shown == (shown := re.sub(rf"{re.escape(TIMES)}.*", "", text)):
+            return
+        else:
+            self._shown = shown
         self.stream.write(text + "\n")
         self.stream.flush()
 
 
-def _current(run: PlannedRun) -> str | None:
+def current_phase(run: PlannedRun) -> str | None:
     """The phase a run is in, told by its manifest; None when it is in none."""
     records = _records(run)
     for record in records:
         if record["status"] == "running":
             return record["phase"] if record["round"] == 0 else f"round {record['round']}, {record['phase']}"
-    return None
+    return "evaluation" if len(records) == len(_steps(run)) else None
+
+
+def _steps(run: PlannedRun) -> list[PhaseStep]:
+    return algorithm_1(run.rounds, run.name.correction not in ("", NO_CORRECTION))
 
 
 def _records(run: PlannedRun) -> list[dict]:

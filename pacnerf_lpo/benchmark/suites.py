@@ -88,38 +88,31 @@ TABLE_16 = ImageLayout("table16", "Geometric recorrection, six views", (FULL, *c
 PAPER = (TABLE_4, TABLE_5, TABLE_6, TABLE_7, TABLE_8, TABLE_10, TABLE_11, TABLE_12, TABLE_13, TABLE_14, TABLE_15)
 QUICK = (Column("PAC-NeRF-6v", "6v", group="6v"), Column("+LPO", "6v", "lpo", group="6v"))
 
+# The development videos: parts that cost less than the whole, which takes over what the parts have computed
+SHARED_ONCE = (
+    ImageLayout("correction", "Geometric correction (R = 1), test views", ONCE),
+    TimeLayout("times", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
+)
+SHARED_ROUNDS = (
+    ImageLayout("rounds", "Geometric (re)correction by number of rounds, test views", ROUNDS),
+    ErrorLayout("identification_rounds", "Physical identification by number of rounds, error", LATER_ROUNDS),
+)
+SHARED_FULL_VIEW = (
+    ValueLayout("full_view", "Identification from all views", (FULL,)),
+    ErrorLayout("full_view_error", "Identification from all views, error", (FULL,)),
+)
+SHARED_REPEATED = (
+    ImageLayout("recorrection", "Geometric recorrection (R = 4), test views", REPEATED),
+    ErrorLayout("identification", "Physical identification (R = 4), error", REPEATED),
+)
+
 SUITES = {
     **{layout.name: Suite(NINE, (layout,)) for layout in (*PAPER, TABLE_16)},
     "table9": Suite(("droplet",), (TABLE_9,)),
-    "shared": Suite(
-        SHARED,
-        (
-            ImageLayout("correction", "Geometric correction (R = 1), test views", ONCE),
-            ImageLayout("recorrection", "Geometric recorrection (R = 4), test views", REPEATED),
-            ErrorLayout("identification", "Physical identification (R = 4), error", REPEATED),
-            ImageLayout("rounds", "Geometric (re)correction by number of rounds, test views", ROUNDS),
-            ErrorLayout("identification_rounds", "Physical identification by number of rounds, error", LATER_ROUNDS),
-            ValueLayout("full_view", "Identification from all views", (FULL,)),
-            ErrorLayout("full_view_error", "Identification from all views, error", (FULL,)),
-            TimeLayout("times", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
-        ),
-    ),
-    "shared_once": Suite(
-        SHARED,
-        (
-            ImageLayout(
-                "correction_3v_dagger", "Geometric correction (R = 1), test views", corrected("3v_dagger", 1, WITH_NONE)
-            ),
-            ErrorLayout(
-                "identification_once",
-                "Physical identification (R = 1), error",
-                (Column(BASELINES["3v_dagger"], "3v_dagger"),),
-            ),
-            TimeLayout(
-                "times_once", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)
-            ),
-        ),
-    ),
+    "shared_once": Suite(SHARED, SHARED_ONCE),
+    "shared_rounds": Suite(SHARED, SHARED_ROUNDS),
+    "shared_full_view": Suite(SHARED, SHARED_FULL_VIEW),
+    "shared": Suite(SHARED, (*SHARED_ONCE, *SHARED_ROUNDS, *SHARED_FULL_VIEW, *SHARED_REPEATED)),
     "quick": Suite(
         ("bird",),
         (

@@ -26,8 +26,9 @@ def run(
 ) -> None:
     """Run what a suite's tables need and is not there yet, and write the tables as Markdown, CSV and LaTeX.
 
-    A suite is one of the paper's tables, table4 to table16; shared, five development videos; or quick, two small runs
-    on the shipped scene. Stop it with Ctrl-C; the same command goes on.
+    A suite is one of the paper's tables, table4 to table16; quick, two small runs on the shipped scene; or shared, five
+    development videos, with its parts shared_once (R = 1), shared_rounds (+LPO, R = 1 to 4) and shared_full_view.
+    Stop it with Ctrl-C; the same command goes on.
 
     example: pacnerf-lpo benchmark --suite quick --output runs/quick
 

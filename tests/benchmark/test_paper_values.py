@@ -80,8 +80,10 @@ def test_every_row_has_the_table_s_columns(name: str):
 
 @pytest.mark.parametrize(
     ("one", "other", "said"),
-    [(2, 1, (21, 5, 1)), (7, 6, (20, 5, 2)), (2, 3, (20, 4, 3)), (2, 4, (15, 10, 2)), (2, 5, (18, 5, 4))]
-    + [(7, 8, (17, 8, 2)), (7, 9, (12, 13, 2)), (7, 10, (16, 6, 5))],
+    [
+        *[(2, 1, (21, 5, 1)), (2, 3, (20, 4, 3)), (2, 4, (15, 10, 2)), (2, 5, (18, 5, 4))],
+        *[(7, 6, (20, 5, 2)), (7, 8, (17, 8, 2)), (7, 9, (12, 13, 2)), (7, 10, (16, 6, 5))],
+    ],
 )
 def test_wins_draws_and_losses_of_lpo_in_table_5(one: int, other: int, said: tuple[int, int, int]):
     """Appendix B.1 counts them over 27 items; one item of some columns is not legible in our copy."""
