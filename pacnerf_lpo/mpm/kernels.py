@@ -55,6 +55,36 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     width = STATE + H
 
     @ti.func
+    def evaluated(
+        state: ti.template(),
+        constants: ti.template(),
+        coefficients: ti.template(),
+        numbers: ti.template(),
+        p,
+        x,
+        v,
+        C,
+        F,
+        substep,
+    ):
+        """All local laws at one particle."""
+        return Evaluation(
+            laws,
+            entries(trial(C, F, numbers[2])),
+            entries(C),
+            [x[0], x[1], x[2]],
+            [constants[CONSTANTS * p + 2 + a] for a in ti.static(range(3))],
+            [v[0], v[1], v[2]],
+            numbers[8] + numbers[2] * substep,
+            numbers[2],
+            constants[CONSTANTS * p],
+            numbers[3],
+            constants[CONSTANTS * p + 1],
+            coefficients,
+            [state[width * p + STATE + h] for h in ti.static(range(H))],
+        )
+
+    @ti.func
     def begin_substep(
         state: ti.template(),
         ahead: ti.template(),
@@ -75,21 +105,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         """Local laws and P2G of one particle; returns the first node of its stencil."""
         dx, inv_dx, dt, volume = numbers[0], numbers[1], numbers[2], numbers[3]
         mass = constants[CONSTANTS * p]
-        e = Evaluation(
-            laws,
-            entries(trial(C, F, dt)),
-            entries(C),
-            [x[0], x[1], x[2]],
-            [constants[CONSTANTS * p + 2 + a] for a in ti.static(range(3))],
-            [v[0], v[1], v[2]],
-            numbers[8] + dt * substep,
-            dt,
-            mass,
-            volume,
-            constants[CONSTANTS * p + 1],
-            coefficients,
-            [state[width * p + STATE + h] for h in ti.static(range(H))],
-        )
+        e = evaluated(state, constants, coefficients, numbers, p, x, v, C, F, substep)
         store_matrix(ahead, width * p + 15, ti.Matrix(e.F_new))
         for h in ti.static(range(H)):
             ahead[width * p + STATE + h] = e.history[h]
@@ -357,21 +373,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                     )
                     first, f, w, dw = stencil(x, inv_dx)
                     cell = inside(first, dims, status, substep)
-                    e = Evaluation(
-                        laws,
-                        entries(trial(C, F, dt)),
-                        entries(C),
-                        [x[0], x[1], x[2]],
-                        [constants[oc + 2 + a] for a in ti.static(range(3))],
-                        [v[0], v[1], v[2]],
-                        numbers[8] + dt * substep,
-                        dt,
-                        mass,
-                        volume,
-                        constants[oc + 1],
-                        coefficients,
-                        [now[o + STATE + h] for h in ti.static(range(H))],
-                    )
+                    e = evaluated(now, constants, coefficients, numbers, p, x, v, C, F, substep)
                     A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
                     m, mi, mj, mk, slope = gather_adjoint(
                         node,

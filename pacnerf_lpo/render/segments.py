@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -9,15 +10,17 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import embedding_bag
 
+Map = Callable[[Tensor, Tensor], Tensor]
+
 
 def segment_sum(values: Tensor, lengths: Tensor) -> Tensor:
     """Sum the sample values (M, C) of each ray: (R, C). Differentiable."""
-    return _Sum.apply(values, lengths)
+    return _Linear.apply(values, lengths, _sum, _copy)
 
 
 def segment_copy(values: Tensor, lengths: Tensor) -> Tensor:
     """Copy each ray's values (R, C) to its samples: (M, C). Differentiable."""
-    return _Copy.apply(values, lengths)
+    return _Linear.apply(values, lengths, _copy, _sum)
 
 
 def _sum(values: Tensor, lengths: Tensor) -> Tensor:
@@ -29,33 +32,20 @@ def _copy(values: Tensor, lengths: Tensor) -> Tensor:
     return values.repeat_interleave(lengths, dim=0)
 
 
-class _Sum(Function):
+class _Linear(Function):
+    """A linear map of the values and its adjoint: sum and copy are each the other's."""
+
     @staticmethod
-    def forward(ctx: Any, values: Tensor, lengths: Tensor) -> Tensor:
+    def forward(ctx: Any, values: Tensor, lengths: Tensor, mapping: Map, adjoint: Map) -> Tensor:
         ctx.save_for_backward(lengths)
         ctx.save_for_forward(lengths)
-        return _sum(values, lengths)
+        ctx.mapping, ctx.adjoint = mapping, adjoint
+        return mapping(values, lengths)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:
-        return _copy(gradients[0], ctx.saved_tensors[0]), None
+        return ctx.adjoint(gradients[0], ctx.saved_tensors[0]), None, None, None
 
     @staticmethod
     def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        return _sum(tangents[0], ctx.saved_tensors[0])
-
-
-class _Copy(Function):
-    @staticmethod
-    def forward(ctx: Any, values: Tensor, lengths: Tensor) -> Tensor:
-        ctx.save_for_backward(lengths)
-        ctx.save_for_forward(lengths)
-        return _copy(values, lengths)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Any:
-        return _sum(gradients[0], ctx.saved_tensors[0]), None
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        return _copy(tangents[0], ctx.saved_tensors[0])
+        return ctx.mapping(tangents[0], ctx.saved_tensors[0])

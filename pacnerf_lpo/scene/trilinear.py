@@ -59,12 +59,12 @@ def stencil(positions: Tensor, lower: Tensor, dx: float, shape: Shape) -> Stenci
 
 def gather(values: Tensor, points: Stencil) -> Tensor:
     """Interpolate node values (X*Y*Z, C) at the points: (M, C). Differentiable in values and weights."""
-    return _Gather.apply(values, points.weights, points.cell, points.shape)
+    return _Transfer.apply(values, points.weights, points.cell, points.shape, False)
 
 
 def scatter(values: Tensor, points: Stencil) -> Tensor:
     """Add point values (M, C) to their eight nodes with the trilinear weights: (X*Y*Z, C). Differentiable in both."""
-    return _Scatter.apply(values, points.weights, points.cell, points.shape)
+    return _Transfer.apply(values, points.weights, points.cell, points.shape, True)
 
 
 def _corner_offsets(shape: Shape) -> list[int]:
@@ -98,52 +98,32 @@ def _weight_gradient(points: Tensor, nodes: Tensor, cell: Tensor, shape: Shape) 
     return torch.bmm(at_corners, points[:, :, None]).squeeze(2)
 
 
-class _Gather(Function):
+class _Transfer(Function):
+    """Gather, or scatter where ``to_nodes``; the adjoint of each by the values is the other."""
+
     @staticmethod
-    def forward(ctx: Any, values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
+    def forward(ctx: Any, values: Tensor, weights: Tensor, cell: Tensor, shape: Shape, to_nodes: bool) -> Tensor:
         ctx.save_for_backward(values, weights, cell)
         ctx.save_for_forward(values, weights, cell)
-        ctx.shape = shape
-        return _gather(values, weights, cell, shape)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Any:
-        values, weights, cell = ctx.saved_tensors
-        (grad,) = gradients
-        to_values = _scatter(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
-        to_weights = _weight_gradient(grad, values, cell, ctx.shape) if ctx.needs_input_grad[1] else None
-        return to_values, to_weights, None, None
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        values, weights, cell = ctx.saved_tensors
-        out = values.new_zeros(len(cell), values.shape[1])
-        for tangent, args in ((tangents[0], (tangents[0], weights)), (tangents[1], (values, tangents[1]))):
-            out = out if tangent is None else out + _gather(*args, cell, ctx.shape)
-        return out
-
-
-class _Scatter(Function):
-    @staticmethod
-    def forward(ctx: Any, values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
-        ctx.save_for_backward(values, weights, cell)
-        ctx.save_for_forward(values, weights, cell)
-        ctx.shape = shape
-        return _scatter(values, weights, cell, shape)
+        ctx.shape, ctx.to_nodes = shape, to_nodes
+        return (_scatter if to_nodes else _gather)(values, weights, cell, shape)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:
         values, weights, cell = ctx.saved_tensors
         grad = gradients[0].contiguous()
-        to_values = _gather(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
-        to_weights = _weight_gradient(values, grad, cell, ctx.shape) if ctx.needs_input_grad[1] else None
-        return to_values, to_weights, None, None
+        adjoint = _gather if ctx.to_nodes else _scatter
+        at_points, at_nodes = (values, grad) if ctx.to_nodes else (grad, values)
+        to_values = adjoint(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
+        to_weights = _weight_gradient(at_points, at_nodes, cell, ctx.shape) if ctx.needs_input_grad[1] else None
+        return to_values, to_weights, None, None, None
 
     @staticmethod
     def jvp(ctx: Any, *tangents: Any) -> Tensor:
         values, weights, cell = ctx.saved_tensors
-        nodes = ctx.shape[0] * ctx.shape[1] * ctx.shape[2]
-        out = values.new_zeros(nodes, values.shape[1])
+        transfer = _scatter if ctx.to_nodes else _gather
+        rows = ctx.shape[0] * ctx.shape[1] * ctx.shape[2] if ctx.to_nodes else len(cell)
+        out = values.new_zeros(rows, values.shape[1])
         for tangent, args in ((tangents[0], (tangents[0], weights)), (tangents[1], (values, tangents[1]))):
-            out = out if tangent is None else out + _scatter(*args, cell, ctx.shape)
+            out = out if tangent is None else out + transfer(*args, cell, ctx.shape)
         return out
