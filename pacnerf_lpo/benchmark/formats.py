@@ -10,6 +10,7 @@ from pathlib import Path
 from pacnerf_lpo.benchmark.tables import Entry, Row, Table
 from pacnerf_lpo.manifest import write_atomically
 
+FAILED = "failed: "
 LEGEND = "Best **bold**, second best <u>underlined</u>, of each baseline's columns; in brackets what the paper prints."
 TEX = {"↑": r"$\uparrow$", "↓": r"$\downarrow$", "†": r"$^\dagger$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
 TEX |= {power: f"$^{number}$" for number, power in enumerate("⁰¹²³⁴")}
@@ -32,13 +33,13 @@ def write_table(table: Table, folder: Path) -> list[Path]:
 def markdown(table: Table) -> str:
     """The table with its legend and, under it, what is missing and why."""
     marks: dict[str, Callable[[str], str]] = {"best": "**{}**".format, "second": "<u>{}</u>".format, "": str}
-    missing = list(dict.fromkeys(entry.note for row in table.rows for entry in row.entries if entry.note))
+    missing = _notes(table)
     lines = [f"## {table.title}", "", f"| {' | '.join((*table.head, *table.columns))} |"]
     lines.append("|---|---|" + "---:|" * len(table.columns))
     for row in table.rows:
         cells = [_cell(row, entry, marks[entry.mark], missing) for entry in row.entries]
         lines.append(f"| {' | '.join((row.scene, row.quantity, *cells))} |")
-    notes = [f"n/a {number}: {note}" for number, note in enumerate(missing, start=1)]
+    notes = [f"{number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
     keys = sorted({entry.key for row in table.rows for entry in row.entries if entry.key and entry.value is not None})
     notes += [*table.notes, f"Keys of the runs (their configurations are in `runs/`): {', '.join(keys) or 'none'}"]
     return "\n".join([*lines, "", LEGEND, *(f"\n{note}" for note in notes)]) + "\n"
@@ -63,9 +64,10 @@ def latex(table: Table) -> str:
         "second": r"\underline{{{}}}".format,
         "": str,
     }
-    missing: list[str] = []
+    missing = _notes(table)
     lines = [rf"% {table.title}", rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}", r"\toprule"]
     lines.append(" & ".join(map(_tex, (*table.head, *table.columns))) + r" \\")
+    lines[1:1] = [f"% {number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
     last = None
     for row in table.rows:
         if row.scene != last:
@@ -79,11 +81,19 @@ def latex(table: Table) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
+def _notes(table: Table) -> list[str]:
+    """Why figures are missing, each reason once; cells refer to them by number."""
+    return list(dict.fromkeys(entry.note for row in table.rows for entry in row.entries if entry.value is None))
+
+
+def _reason(note: str) -> str:
+    return note if note.startswith(FAILED) else f"n/a ({note})"
+
+
 def _cell(row: Row, entry: Entry, mark: Callable[[str], str], missing: list[str]) -> str:
     """``**28.91** (28.18)``, or ``n/a 1`` where the first note says why."""
     if entry.value is None:
-        number = f" {missing.index(entry.note) + 1}" if entry.note in missing else ""
-        text = "failed" + number if entry.note.startswith("failed") else "n/a" + number
+        text = f"{'failed' if entry.note.startswith(FAILED) else 'n/a'} {missing.index(entry.note) + 1}"
     else:
         text = mark(row.printed(entry.value))
         text += "" if entry.deviation is None else f" ± {row.printed(entry.deviation)}"

@@ -180,7 +180,22 @@ class ErrorLayout(Layout):
                 entries = [one if isinstance(one, Entry) else one.error(name) for one in found]
                 printed = paper_values(self.name, scene.name, name) if scene.original else []
                 rows.append(Row(scene.name, PARAMETERS[name][0], ".3f", -1, beside(entries, printed)))
-        return self.table(rows)
+        table = self.table(rows)
+        table.notes += self._counts(rows)
+        return table
+
+    def _counts(self, rows: Sequence[Row]) -> list[str]:
+        """In how many items each column is closer to the truth than the first of its group."""
+        notes = []
+        for i, column in enumerate(self.columns):
+            first = next(j for j, other in enumerate(self.columns) if other.group == column.group)
+            pairs = [(row.entries[i].value, row.entries[first].value) for row in rows]
+            gains = [theirs - mine for mine, theirs in pairs if mine is not None and theirs is not None]
+            if first < i and gains and column.group:
+                closer = f"closer to the truth in {sum(gain > 0 for gain in gains)} of {len(gains)} items"
+                farther = f"farther by {max(0.0, -min(gains)):.3f} at most"
+                notes.append(f"{column.label} against {self.columns[first].label}: {closer}, {farther}")
+        return notes
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def plan_runs(
         config = reader.read(words)
         first = planned.get(name.beginning)
         shares = first is not None and name != name.beginning and beginning_key(config) == beginning_key(first.config)
-        key = run_key(config)
+        key = beginning_key(config) if name == name.beginning else run_key(config)
         run_dir = output / "runs" / f"{str(name).replace(' ', '-')}-{key}"
         planned[name] = PlannedRun(
             name, scene, tuple(files), needed[name], config, key, run_dir, first if shares else None

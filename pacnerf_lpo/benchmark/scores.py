@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.benchmark.cells import Column, RunName, run_of
+from pacnerf_lpo.benchmark.execution import Outcome
 from pacnerf_lpo.benchmark.plan import LABEL_FILE, PlannedRun
-from pacnerf_lpo.benchmark.runner import failure_of
 from pacnerf_lpo.benchmark.tables import Entry
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
 
@@ -68,22 +68,23 @@ class Book:
 
     Args:
         runs: the runs of the suite; nothing is read from any other run.
+        outcomes: how they ended just now, by their directories.
     """
 
-    def __init__(self, runs: Sequence[PlannedRun]):
-        self.runs = {run.name: run for run in runs}
+    def __init__(self, runs: Sequence[PlannedRun], outcomes: Mapping[Path, Outcome]):
+        self.runs, self.outcomes = {run.name: run for run in runs}, outcomes
 
     def figures(self, scene: str, column: Column, views: str = "") -> Figures | Entry:
         """The results of a column for a scene; an entry that says why where there are none."""
         run = self.runs[run_of(scene, column, views)]
-        failure = failure_of(run)
         path = run.run_dir / RESULTS_FILE
-        if not path.exists():
-            return Entry(note=f"failed: {failure}" if failure else "not run yet", key=run.key)
-        for phase in _read(path)["phases"]:
+        for phase in _read(path)["phases"] if path.exists() else ():
             if phase["round"] == column.round and phase["phase"] == column.phase:
                 return Figures(_read(path), phase, _checked_key(run))
-        return Entry(note=f"failed: {failure}" if failure else f"round {column.round} not run", key=run.key)
+        outcome = self.outcomes.get(run.run_dir)
+        if outcome is not None and outcome.status == "failed":
+            return Entry(note=f"failed: {outcome.error}", key=run.key)
+        return Entry(note=f"round {column.round} was not run" if path.exists() else "not run yet", key=run.key)
 
     def run(self, name: RunName) -> PlannedRun:
         """The run of this name."""

@@ -90,8 +90,15 @@ QUICK = (Column("PAC-NeRF-6v", "6v", group="6v"), Column("+LPO", "6v", "lpo", gr
 
 # The development videos: parts that cost less than the whole, which takes over what the parts have computed
 SHARED_ONCE = (
-    ImageLayout("correction", "Geometric correction (R = 1), test views", ONCE),
-    TimeLayout("times", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
+    ImageLayout(
+        "correction_3v_dagger", "Geometric correction (R = 1), test views", corrected("3v_dagger", 1, WITH_NONE)
+    ),
+    ErrorLayout("identification_once", "Physical identification (R = 1), error", corrected("3v_dagger", 1, {})),
+    TimeLayout("times_once", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
+)
+SHARED_ONCE_3V = (
+    ImageLayout("correction_3v", "Geometric correction (R = 1), test views", corrected("3v", 1, WITH_NONE)),
+    ErrorLayout("identification_once_3v", "Physical identification (R = 1), error", corrected("3v", 1, {})),
 )
 SHARED_ROUNDS = (
     ImageLayout("rounds", "Geometric (re)correction by number of rounds, test views", ROUNDS),
@@ -110,9 +117,10 @@ SUITES = {
     **{layout.name: Suite(NINE, (layout,)) for layout in (*PAPER, TABLE_16)},
     "table9": Suite(("droplet",), (TABLE_9,)),
     "shared_once": Suite(SHARED, SHARED_ONCE),
+    "shared_once_3v": Suite(SHARED, SHARED_ONCE_3V),
     "shared_rounds": Suite(SHARED, SHARED_ROUNDS),
     "shared_full_view": Suite(SHARED, SHARED_FULL_VIEW),
-    "shared": Suite(SHARED, (*SHARED_ONCE, *SHARED_ROUNDS, *SHARED_FULL_VIEW, *SHARED_REPEATED)),
+    "shared": Suite(SHARED, (*SHARED_ONCE, *SHARED_ONCE_3V, *SHARED_ROUNDS, *SHARED_FULL_VIEW, *SHARED_REPEATED)),
     "quick": Suite(
         ("bird",),
         (

@@ -27,8 +27,8 @@ def run(
     """Run what a suite's tables need and is not there yet, and write the tables as Markdown, CSV and LaTeX.
 
     A suite is one of the paper's tables, table4 to table16; quick, two small runs on the shipped scene; or shared, five
-    development videos, with its parts shared_once (R = 1), shared_rounds (+LPO, R = 1 to 4) and shared_full_view.
-    Stop it with Ctrl-C; the same command goes on.
+    development videos, with its parts shared_once and shared_once_3v (R = 1), shared_rounds (+LPO, R = 1 to 4) and
+    shared_full_view. Stop it with Ctrl-C; the same command goes on.
 
     example: pacnerf-lpo benchmark --suite quick --output runs/quick
 
@@ -60,7 +60,7 @@ def run(
         print("\n".join(_line(one) for one in runs))
         return
     outcomes = run_all(runs, folder, resources)
-    book = Book(runs)
+    book = Book(runs, outcomes)
     for layout in chosen.layouts:
         table = layout.build(book, scenes)
         write_table(table, folder / "tables")
