@@ -70,18 +70,22 @@ class TrainingLength:
         scaling_steps: numbers of steps after which the voxel size halves.
         halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the
             weight schedules still see all of them. None: all.
+        shorten: divides steps and scaling_steps, whatever the baseline says they are.
 
     Raises:
         UserInputError: the numbers do not form a schedule.
     """
 
-    def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None):
+    def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None, shorten: int = 1):
+        if shorten < 1:
+            raise UserInputError(f"phases.static.length: shorten = {shorten}; give 1 or more")
         if sorted(set(scaling_steps)) != scaling_steps or not all(0 < step < steps for step in scaling_steps):
             raise UserInputError(
                 f"phases.static.length: scaling_steps {scaling_steps} must increase and lie between 0 and "
                 f"steps = {steps}"
             )
-        self.steps, self.scaling_steps = steps, scaling_steps
+        self.steps = steps // shorten
+        self.scaling_steps = [step // shorten for step in scaling_steps]
         self.halvings = len(scaling_steps) if halvings is None else halvings
         if not 0 <= self.halvings <= len(scaling_steps):
             raise UserInputError(

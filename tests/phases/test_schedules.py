@@ -42,3 +42,8 @@ def test_impossible_lengths(arguments):
 def test_impossible_period(schedule):
     with pytest.raises(UserInputError, match="every"):
         schedule(every=0)
+
+
+def test_a_shortened_training_keeps_its_proportions():
+    short = TrainingLength(2000, [333, 667, 1333], shorten=2)
+    assert (short.steps, short.scaling_steps) == (1000, [166, 333, 666])
