@@ -106,7 +106,8 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
     deviator = [x - mean for x in strain]
     kept, new_mean = flow(strain, mean, sqrt(_dot(deviator, deviator)))
     pressure, shear = (2.0 * mu + 3.0 * lam) * new_mean, 2.0 * mu * kept
-    ratio = [exp(kept * d + new_mean - x) for d, x in zip(deviator, trial, strict=True)]
+    lost, shift = kept - 1.0, new_mean - mean  # exactly 0 without flow
+    ratio = [exp(lost * d + shift + (y - x)) for d, y, x in zip(deviator, strain, trial, strict=True)]
     stress = [shear * d + pressure for d in deviator]
 
     def adjoint(g: list) -> list:
