@@ -1,0 +1,290 @@
+"""Measurements other than images: tracked points (CSV) and point clouds (one PLY per frame), read and checked.
+
+Every reader raises UserInputError, one line: what is wrong, in which file and row, and how to mend it.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from plyfile import PlyData, PlyParseError
+
+from pacnerf_lpo.errors import UserInputError
+
+COLUMNS = ("time_s", "id", "x_m", "y_m", "z_m")
+SIGMA = "sigma_m"
+FARTHEST = 100.0
+"""Coordinates beyond this [m] are taken for millimetres."""
+TIME_TOLERANCE = 1e-3
+"""Times may lie outside the video by this much [s]: they are often written with three digits."""
+LEAST_SIGMA = 1e-5
+CLOUD_NAME = re.compile(r"cloud_(\d+)\.ply$")
+LEAST_POINTS = 20
+
+
+@dataclass(frozen=True)
+class TrackedPoints:
+    """Points of the body's material, followed over time. Rows are sorted by time.
+
+    times: [s, (M,)]
+    ids: which point it is [(M,), str]
+    positions: [m, (M, 3)]
+    sigma: standard deviation of every coordinate [m, (M,)]
+    source: where they were read from, for messages
+    """
+
+    times: np.ndarray
+    ids: np.ndarray
+    positions: np.ndarray
+    sigma: np.ndarray
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class PointClouds:
+    """Points on the body's surface or within it, at some times, without identity.
+
+    times: [s, (C,)], increasing
+    points: one array per time [m, (n, 3)]
+    sigma: standard deviation of the coordinates of each cloud [m, (C,)]; 0 where unknown
+    source: where they were read from, for messages
+    """
+
+    times: np.ndarray
+    points: list[np.ndarray]
+    sigma: np.ndarray
+    source: str = ""
+
+
+def read_tracked_points(path: str | Path, video_times: Sequence[float]) -> TrackedPoints:
+    """Read a CSV with the columns time_s, id, x_m, y_m, z_m and, if known, sigma_m.
+
+    Without sigma_m, the noise is estimated from the roughness of the tracks.
+
+    Args:
+        path: the file.
+        video_times: of the frames that the model is simulated for [s, (F,)]; the file may use any times between.
+    """
+    path = Path(path)
+    rows = _csv_rows(path)
+    header = [name.strip() for name in rows[0][1]]
+    columns = {name: _column(path, header, name) for name in COLUMNS}
+    if SIGMA in header:
+        columns[SIGMA] = header.index(SIGMA)
+    body = rows[1:]
+    if not body:
+        raise UserInputError(f"{path}: holds no row below its header; write one row per point and time")
+    ids = [_cell(path, line, row, columns["id"], "id").strip() for line, row in body]
+    numbers = {
+        name: np.array([_number(path, line, row, column, name) for line, row in body])
+        for name, column in columns.items()
+        if name != "id"
+    }
+    lines = [line for line, _ in body]
+    positions = np.stack([numbers[name] for name in ("x_m", "y_m", "z_m")], axis=1)
+    _check_rows(path, lines, ids, numbers, positions, video_times)
+    order = np.argsort(numbers["time_s"], kind="stable")
+    times, names, positions = numbers["time_s"][order], np.array(ids)[order], positions[order]
+    sigma = numbers[SIGMA][order] if SIGMA in numbers else np.full(len(times), track_noise(times, names, positions))
+    return TrackedPoints(times, names, positions, sigma, str(path))
+
+
+def track_noise(times: np.ndarray, ids: np.ndarray, positions: np.ndarray) -> float:
+    """Standard deviation of the noise of tracks [m], from the departure of points from their neighbours in time.
+
+    A point is compared with the parabola through the two before and the one after it (third differences, which smooth
+    motion leaves small); the median makes a few impacts harmless. Tracks of fewer than four points say nothing.
+
+    Args:
+        times: [s, (M,)], sorted
+        ids: (M,)
+        positions: [m, (M, 3)]
+    """
+    departures = []
+    for name in np.unique(ids):
+        t, x = times[ids == name], positions[ids == name]
+        for i in range(len(t) - 3):
+            nodes = t[i : i + 4]
+            weights = 1 / np.array([np.prod(node - np.delete(nodes, k)) for k, node in enumerate(nodes)])
+            departures.append(weights @ x[i : i + 4] / np.linalg.norm(weights))
+    if not departures:
+        return 1e-3
+    return max(1.4826 * float(np.median(np.abs(departures))), LEAST_SIGMA)
+
+
+def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> PointClouds:
+    """Read ``cloud_000.ply`` and so on: the number is that of the video's frame.
+
+    A header may say otherwise, in comment lines: ``comment time_s 0.125`` and ``comment sigma_m 0.002``.
+
+    Args:
+        folder: with the files.
+        video_times: of the frames that the model is simulated for [s, (F,)].
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise UserInputError(f"{folder}: there is no such folder; give one with cloud_000.ply and so on")
+    paths = sorted(path for path in folder.glob("*.ply") if CLOUD_NAME.search(path.name))
+    if not paths:
+        raise UserInputError(f"{folder}: holds no cloud_000.ply; name the files cloud_<frame>.ply")
+    times, clouds, sigmas = [], [], []
+    for path in paths:
+        points, comments = _read_ply(path)
+        _check_cloud(path, points)
+        times.append(_cloud_time(path, comments, video_times))
+        sigmas.append(_comment(path, comments, SIGMA, 0.0))
+        if sigmas[-1] < 0:
+            raise UserInputError(f"{path}: {SIGMA} {sigmas[-1]:g} is negative; write the standard deviation in metres")
+        clouds.append(points)
+    order = np.argsort(times, kind="stable")
+    for before, after in itertools.pairwise(order):
+        if times[before] == times[after]:
+            raise UserInputError(f"{paths[after]}: taken at {times[after]:g} s, as {paths[before].name}; remove one")
+    ordered = [clouds[index] for index in order]
+    return PointClouds(np.array(times)[order], ordered, np.array(sigmas)[order], str(folder))
+
+
+def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every row that is not blank, the header first."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: there is no such file; give a CSV with {', '.join(COLUMNS)}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserInputError(f"{path}: cannot be read as text ({error}); save it as CSV in UTF-8") from None
+    reader = csv.reader(text.splitlines())
+    rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    if not rows:
+        raise UserInputError(
+            f"{path}: is empty; write a header line {','.join(COLUMNS)} and one row per point and time"
+        )
+    return rows
+
+
+def _column(path: Path, header: list[str], name: str) -> int:
+    if name in header:
+        return header.index(name)
+    others = [other for other in header if other not in (*COLUMNS, SIGMA)]
+    near = difflib.get_close_matches(name, others, n=1, cutoff=0.3)
+    mend = f"rename '{near[0]}' if that is meant" if near else f"the header must read {','.join(COLUMNS)}"
+    raise UserInputError(f"{path}, line 1: the column {name} is missing; {mend}")
+
+
+def _cell(path: Path, line: int, row: list[str], column: int, name: str) -> str:
+    if column >= len(row) or not row[column].strip():
+        raise UserInputError(f"{path}, line {line}: {name} is empty; fill it in or remove the row")
+    return row[column]
+
+
+def _number(path: Path, line: int, row: list[str], column: int, name: str) -> float:
+    cell = _cell(path, line, row, column, name)
+    try:
+        value = float(cell)
+    except ValueError:
+        raise UserInputError(f"{path}, line {line}: {name} '{cell.strip()}' is not a number; mend it") from None
+    if not np.isfinite(value):
+        raise UserInputError(
+            f"{path}, line {line}: {name} is {cell.strip()}; remove the row where nothing was measured"
+        )
+    return value
+
+
+def _check_rows(
+    path: Path,
+    lines: list[int],
+    ids: list[str],
+    numbers: dict[str, np.ndarray],
+    positions: np.ndarray,
+    video_times: Sequence[float],
+) -> None:
+    seen: dict[tuple[str, float], int] = {}
+    for index, (line, name, time) in enumerate(zip(lines, ids, numbers["time_s"].tolist(), strict=True)):
+        where = f"{path}, line {line}"
+        if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
+            raise UserInputError(_outside(where, time, video_times))
+        if np.abs(positions[index]).max() > FARTHEST:
+            raise UserInputError(_too_far(where, float(np.abs(positions[index]).max())))
+        if SIGMA in numbers and numbers[SIGMA][index] <= 0:
+            raise UserInputError(f"{where}: {SIGMA} {numbers[SIGMA][index]:g} must be positive; write metres")
+        if (name, time) in seen:
+            raise UserInputError(f"{where}: id {name} at {time:g} s is also in line {seen[name, time]}; remove one")
+        seen[name, time] = line
+    if len(set(ids)) == len(ids):
+        raise UserInputError(
+            f"{path}: no id occurs twice, so nothing is followed; give a point the same id at all times"
+        )
+
+
+def _outside(where: str, time: float, video_times: Sequence[float]) -> str:
+    return (
+        f"{where}: time {time:g} s lies outside the video, {video_times[0]:g} to {video_times[-1]:g} s; "
+        "shift the clock, write seconds, or remove the row"
+    )
+
+
+def _too_far(where: str, value: float) -> str:
+    return f"{where}: a coordinate of {value:g} m is no scene of this kind; divide millimetres by 1000"
+
+
+def _read_ply(path: Path) -> tuple[np.ndarray, list[str]]:
+    try:
+        data = PlyData.read(str(path))
+        vertex = data["vertex"]
+    except (PlyParseError, KeyError, ValueError, EOFError) as error:
+        raise UserInputError(
+            f"{path}: no PLY with vertices ({' '.join(str(error).split())}); export it again"
+        ) from None
+    names = [part.name for part in vertex.properties]
+    for axis in "xyz":
+        if axis not in names:
+            raise UserInputError(f"{path}: vertices have no '{axis}', but {', '.join(names)}; export x, y, z in metres")
+    return np.stack([np.asarray(vertex[axis], float) for axis in "xyz"], axis=1), list(data.comments)
+
+
+def _check_cloud(path: Path, points: np.ndarray) -> None:
+    if len(points) < LEAST_POINTS:
+        raise UserInputError(
+            f"{path}: holds {len(points)} points; at least {LEAST_POINTS} make a cloud, remove the file"
+        )
+    bad = np.flatnonzero(~np.isfinite(points).all(1))
+    if len(bad):
+        raise UserInputError(f"{path}: vertex {bad[0]} holds NaN or infinity; remove such points before export")
+    if np.abs(points).max() > FARTHEST:
+        worst = int(np.abs(points).max(1).argmax())
+        raise UserInputError(_too_far(f"{path}, vertex {worst}", float(np.abs(points).max())))
+
+
+def _cloud_time(path: Path, comments: list[str], video_times: Sequence[float]) -> float:
+    match = CLOUD_NAME.search(path.name)
+    number = int(match[1]) if match else 0
+    default = video_times[number] if number < len(video_times) else np.inf
+    time = _comment(path, comments, "time_s", default)
+    if np.isinf(time):
+        raise UserInputError(
+            f"{path}: the video has frames 0 to {len(video_times) - 1}; renumber the file, or write 'comment time_s' "
+            "in its header"
+        )
+    if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
+        raise UserInputError(_outside(str(path), time, video_times))
+    return time
+
+
+def _comment(path: Path, comments: list[str], key: str, default: float) -> float:
+    for comment in comments:
+        name, _, value = comment.strip().partition(" ")
+        if name != key:
+            continue
+        try:
+            return float(value)
+        except ValueError:
+            raise UserInputError(
+                f"{path}: 'comment {comment}' does not read 'comment {key} <number>'; mend it"
+            ) from None
+    return default

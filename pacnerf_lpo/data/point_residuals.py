@@ -1,0 +1,189 @@
+"""Measured points against simulated particles: tracked points by attachment to the material, clouds by summaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline, interp1d
+from scipy.spatial import cKDTree
+
+from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints
+from pacnerf_lpo.errors import UserInputError
+
+NEIGHBOURS = 16
+FARTHEST = 4.0
+"""A tracked point may start this many typical particle distances outside the body."""
+TRIM = 0.9
+TAIL = 0.02
+LARGEST_CLOUD = 4000
+RESAMPLES = 24
+CLOUD_KINDS = (
+    *(f"cloud {axis}" for axis in "xyz"),
+    *(f"cloud spread {pair}" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+    *(f"cloud {end} {axis}" for end in ("low", "high") for axis in "xyz"),
+    "cloud distance",
+)
+"""Names of the summaries of a cloud, all in metres."""
+UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Tracked points as affine combinations of particles: x_k(t) = sum_n weights[k, n] x[neighbours[k, n]](t).
+
+    names: of the points (K,)
+    neighbours: particle numbers (K, n)
+    weights: sum to 1, and reproduce the point where it was first seen (K, n)
+    first: time at which it was first seen [s, (K,)]
+    """
+
+    names: np.ndarray
+    neighbours: np.ndarray
+    weights: np.ndarray
+    first: np.ndarray
+
+
+@dataclass(frozen=True)
+class TrackResiduals:
+    """Measured minus model of every sighting after the first, which is zero by construction.
+
+    residual: [m, (M, 3)]
+    sigma: standard deviation, that of the first sighting included [m, (M,)]
+    times: [s, (M,)]
+    ids: (M,)
+    """
+
+    residual: np.ndarray
+    sigma: np.ndarray
+    times: np.ndarray
+    ids: np.ndarray
+
+
+def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray) -> Attachment:
+    """Tie every tracked point to the particles near it where it is first seen.
+
+    The weights are those of moving least squares of first order (Lancaster and Salkauskas 1981), so that the point
+    follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body.
+
+    Args:
+        tracks: the measurement.
+        trajectory: particles at every frame [m, (F, N, 3)]
+        times: of the frames [s, (F,)]
+
+    Raises:
+        UserInputError: a point starts away from the body.
+    """
+    names, rows = np.unique(tracks.ids, return_index=True)
+    points, first = tracks.positions[rows], tracks.times[rows]
+    reach = FARTHEST * _typical_distance(trajectory[0])
+    moments, moment = np.unique(first, return_inverse=True)
+    bodies = at_times(trajectory, times, moments)
+    trees = [cKDTree(body) for body in bodies]
+    neighbours, weights = [], []
+    for name, point, when in zip(names, points, moment, strict=True):
+        distances, near = trees[when].query(point, k=min(NEIGHBOURS, trajectory.shape[1]))
+        if distances[0] > reach:
+            raise UserInputError(
+                f"{tracks.source}: id {name} is first seen {distances[0]:.3g} m away from the body, at "
+                f"{moments[when]:g} s; check units, axes (y is up) and the clock, or remove the point"
+            )
+        neighbours.append(near)
+        weights.append(_affine_weights(bodies[when][near] - point, distances[-1]))
+    return Attachment(names, np.array(neighbours), np.array(weights), first)
+
+
+def track_residuals(
+    tracks: TrackedPoints, attachment: Attachment, trajectory: np.ndarray, times: np.ndarray
+) -> TrackResiduals:
+    """Compare tracked points with the material they are attached to, cubic in time between frames.
+
+    Args:
+        tracks: the measurement.
+        attachment: of :func:`attach`.
+        trajectory: particles at every frame [m, (F, N, 3)]
+        times: of the frames [s, (F,)]
+    """
+    point = np.searchsorted(attachment.names, tracks.ids)
+    later = tracks.times > attachment.first[point]
+    point, when = point[later], tracks.times[later]
+    particles = trajectory[:, attachment.neighbours]
+    carried = np.einsum("fkni,kn->fki", particles, attachment.weights)
+    model = at_times(carried, times, when)[np.arange(len(when)), point]
+    first_sigma = np.array([tracks.sigma[tracks.ids == name][0] for name in attachment.names])
+    sigma = np.hypot(tracks.sigma[later], first_sigma[point])
+    return TrackResiduals(tracks.positions[later] - model, sigma, when, tracks.ids[later])
+
+
+def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measured minus model summaries of every cloud.
+
+    The last summary is the trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that
+    a cloud of a part of the body, seen from one side, is not blamed for what it does not show.
+
+    Args:
+        clouds: the measurement.
+        trajectory: particles at every frame [m, (F, N, 3)]
+        times: of the frames [s, (F,)]
+
+    Returns:
+        residual and its standard deviation from resampling the cloud [m, (C, 16)], in the order of CLOUD_KINDS.
+    """
+    model = at_times(trajectory, times, clouds.times)
+    residuals, sigmas = [], []
+    for points, noise, particles in zip(clouds.points, clouds.sigma, model, strict=True):
+        points = points[:: -(-len(points) // LARGEST_CLOUD)]
+        distances = cKDTree(particles).query(points)[0]
+        residuals.append(np.append(cloud_summary(points) - cloud_summary(particles), _trimmed(distances)))
+        random = np.random.default_rng(0)
+        draws = [random.integers(0, len(points), len(points)) for _ in range(RESAMPLES)]
+        spread = np.std([np.append(cloud_summary(points[d]), _trimmed(distances[d])) for d in draws], axis=0, ddof=1)
+        sigmas.append(np.maximum(np.hypot(spread, noise / np.sqrt(len(points))), 1e-6))
+    return np.array(residuals), np.array(sigmas)
+
+
+def cloud_summary(points: np.ndarray) -> np.ndarray:
+    """Centroid, symmetric root of the covariance, and where the outermost 2 % begin on each side [m, (15,)].
+
+    Args:
+        points: [m, (n, 3)]
+    """
+    centre = points.mean(0)
+    variances, axes = np.linalg.eigh(np.cov(points.T))
+    root = (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    ends = np.quantile(points, (TAIL, 1 - TAIL), axis=0)
+    return np.concatenate((centre, root[UPPER], ends.ravel()))
+
+
+def at_times(trajectory: np.ndarray, times: np.ndarray, when: np.ndarray) -> np.ndarray:
+    """Positions (F, ..., 3) at other times (n, ..., 3) [m]: a cubic spline, linear with fewer than four frames.
+
+    Args:
+        trajectory: [m, (F, ..., 3)]
+        times: of its frames [s, (F,)]
+        when: [s, (n,)], clipped to the simulated interval
+    """
+    when = np.clip(when, times[0], times[-1])
+    if len(times) == 1:
+        return np.repeat(trajectory, len(when), axis=0)
+    curve = CubicSpline(times, trajectory) if len(times) > 3 else interp1d(times, trajectory, axis=0)
+    return curve(when)
+
+
+def _affine_weights(offsets: np.ndarray, reach: float) -> np.ndarray:
+    """w = f (1, o) a with sum w = 1 and sum w o = 0, f falling with the distance; o offsets from the point (n, 3)."""
+    fall = np.exp(-((np.linalg.norm(offsets, axis=1) / max(reach, 1e-12)) ** 2) * 2)
+    basis = np.concatenate((np.ones((len(offsets), 1)), offsets / max(reach, 1e-12)), axis=1)
+    moments = basis.T @ (fall[:, None] * basis)
+    weights = fall * (basis @ np.linalg.pinv(moments, rcond=1e-8)[:, 0])
+    return weights / weights.sum()
+
+
+def _typical_distance(points: np.ndarray) -> float:
+    """Median distance of a particle to its nearest neighbour [m]."""
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
+def _trimmed(distances: np.ndarray) -> float:
+    """Mean of the smaller 90 %."""
+    return float(np.sort(distances)[: max(1, int(TRIM * len(distances)))].mean())
