@@ -70,10 +70,14 @@ def simulate(run: Run, stage: Stage) -> Tensor:
 
 def observer_of(run: Run, stage: Stage) -> Observer:
     """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
-    if not stage.moves:
-        return AS_BELIEVED
-    values = {**run.physics.guess, **stage.state.physics}
-    return Observer(run.physics.observations, {name: torch.tensor(value) for name, value in values.items()})
+    return Observer(run.physics.observations, _values(run, stage)) if stage.moves else AS_BELIEVED
+
+
+def velocity_of(run: Run, stage: Stage) -> Tensor:
+    """Velocity of every particle at frame 0, the effects on it included [m/s, (N, 3)]."""
+    state = stage.state
+    spacings = state.spacing, state.base_spacing
+    return run.physics.initial_velocity(state.positions, state.velocity, state.density, _values(run, stage), spacings)
 
 
 def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Tensor]]:
@@ -85,7 +89,7 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     positions = simulate(run, stage)
     renderer = StateRenderer(stage.state)
     video, observer = run.data.video, observer_of(run, stage)
-    seen = observer.seen(positions, stage.state.velocity, video.times[: len(positions)])
+    seen = observer.seen(positions, velocity_of(run, stage), video.times[: len(positions)])
     views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
     folder.mkdir(parents=True, exist_ok=True)
@@ -131,6 +135,11 @@ class StateRenderer:
 def to_bytes(image: Tensor) -> np.ndarray:
     """Values in 0..1 to 0..255, rounded."""
     return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).numpy()
+
+
+def _values(run: Run, stage: Stage) -> dict[str, Tensor]:
+    values = {**run.physics.guess, **stage.state.physics}
+    return {name: torch.tensor(value) for name, value in values.items()}
 
 
 def _is_current(run: Run, stage: Stage) -> bool:

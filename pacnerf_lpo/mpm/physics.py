@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Literal
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.mpm.effects.base import Effect, Observation
+from pacnerf_lpo.mpm.effects.base import Effect, InitialState, Observation
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.model import check_model
@@ -137,8 +138,7 @@ class Physics:
         Raises:
             SimulationError: still unstable after the last halving.
         """
-        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
-        return self.motion(positions, velocity, opacity.clamp_min(LEAST_OPACITY), parameters, spacings[0], frames)
+        return self.motion(positions, velocity, self._fraction(density, spacings), parameters, spacings[0], frames)
 
     def motion(
         self,
@@ -162,6 +162,28 @@ class Physics:
                 if self.halvings >= MAX_HALVINGS:
                     raise
                 self.halvings += 1
+
+    def initial_velocity(
+        self,
+        positions: Tensor,
+        velocity: Tensor,
+        density: Tensor,
+        parameters: Mapping[str, Tensor],
+        spacings: tuple[float, float],
+    ) -> Tensor:
+        """Velocity at frame 0 with the effects on the initial state [m/s, (N, 3)]; arguments as of :meth:`rollout`."""
+        mass = self._fraction(density, spacings)
+        stiffness = mass**3
+        for effect in (e for e in self.effects if isinstance(e, InitialState)):
+            values = {name: parameters[name] for name in effect.parameters}
+            values |= {name: torch.tensor(value) for name, value in effect.constants.items()}
+            velocity, mass, stiffness = effect.apply(positions, velocity, mass, stiffness, SimpleNamespace(**values))
+        return velocity
+
+    def _fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
+        """How much of (dx/2)^3 is matter [0..1, (N,)]."""
+        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
+        return opacity.clamp_min(LEAST_OPACITY)
 
     def simulate(self, state: ParticleState, frames: int) -> Tensor:
         """Positions of a state at every frame, without gradients [m, (frames, N, 3)].

@@ -13,7 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.misfit import VideoMisfit
-from pacnerf_lpo.render.observation import Observer
+from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.types import ParticleState
 
 FRAME_RATE_TOLERANCE = 0.01
@@ -82,16 +82,21 @@ class DynamicPhase(AbstractPhase):
 
         Args:
             trajectory: [m, (F, N, 3)]
-            velocity: at frame 0 [m/s, (N, 3) or (3,)]
+            velocity: at frame 0, without the effects on it [m/s, (N, 3) or (3,)]
             parameters: every physical parameter [SI]
 
         Returns:
             Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
         """
+        if not self.physics.observations:
+            return trajectory[None], AS_BELIEVED
+        start = self.physics.initial_velocity(
+            trajectory[0], velocity.expand_as(trajectory[0]), self.state.density, parameters, self.spacings
+        )
         names = [name for effect in self.physics.observations for name in effect.parameters]
         now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
         observer = Observer(self.physics.observations, now)
-        return observer.seen(trajectory, velocity, self.data.video.times[: len(trajectory)]), observer
+        return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     @property
     def spacings(self) -> tuple[float, float]:

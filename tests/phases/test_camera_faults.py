@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import CameraRotation, CameraShift, Exposure, RadialDistortion, TimeOffset
+from pacnerf_lpo.mpm.effects import CameraRotation, CameraShift, Exposure, InitialSpin, RadialDistortion, TimeOffset
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, LPOModule, PaperAdam, PhysicsIDModule, VelocityModule
@@ -110,6 +110,17 @@ def test_other_phases_see_through_the_corrected_cameras(faulty, state, phase):
             phase.velocity.data.copy_(torch.tensor(VELOCITY))
         losses.append(phase.training_step(0, 0).item())
     assert losses[1] < 1e-4 * losses[0]
+
+
+def test_a_clock_that_is_early_knows_the_spin(state):
+    """v = v0 + omega x (x - centre of mass); the block and its density are symmetric."""
+    turning = model(InitialSpin(spin_y=2.0), TimeOffset(view=0))
+    values = {name: torch.tensor(value) for name, value in turning.guess.items()}
+    spacings = state.spacing, state.base_spacing
+    found = turning.initial_velocity(state.positions, state.velocity, state.density, values, spacings)
+    arm = state.positions - state.positions.mean(0)
+    turned = torch.linalg.cross(torch.tensor([0.0, 2.0, 0.0]).expand_as(arm), arm)
+    torch.testing.assert_close(found, state.velocity + turned, rtol=0, atol=1e-5)
 
 
 def test_a_camera_that_is_not_there_is_named(data):
