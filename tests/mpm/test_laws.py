@@ -107,6 +107,15 @@ def test_uniaxial_stretch_below_yield_is_hencky_elastic(evaluate, law):
     torch.testing.assert_close(new, F, rtol=0, atol=EXACT)
 
 
+@pytest.mark.parametrize("law", ["VonMises", "ViscoplasticVonMises", "DruckerPrager"])
+def test_without_flow_the_deformation_gradient_is_kept_to_the_bit(law):
+    """Else the rounding of every substep adds up: strains of stiff solids are small. Compressed, for the sand."""
+    p = {**BY_NAME[law].parameters, "tau_y": ELASTIC}
+    F = rotation(4) @ (0.8 * EYE + 0.01 * torch.roll(EYE, 1, 0)) @ rotation(5)
+    new, _ = EVALUATORS["engine"](law, p, F, NO_FLOW)
+    assert torch.equal(new, F)
+
+
 @pytest.mark.parametrize("s", [0.8, 0.97])
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c.law)
 def test_hydrostatic_compression(evaluate, case, s):
