@@ -106,6 +106,7 @@ class PhaseCLI(LightningCLI):
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
         loop: OuterLoop = self.outer_loop
         correction = "correction" in self.phases
+        loop.check(self.datamodule, correction)
         if self.config.resume is None:
             loop.start(correction)
             write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
@@ -128,7 +129,7 @@ class PhaseCLI(LightningCLI):
         loop: OuterLoop = self.outer_loop
         loop.begin(step)
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
-        module = copy.deepcopy(self.phases[step.role])
+        module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
         checkpoint = loop.checkpoint(step)
         options = copy.deepcopy(self.trainer_config)

@@ -43,6 +43,7 @@ class PhaseRecord:
     steps: optimiser steps, which place the next phase on TensorBoard's time line.
     error: one line, when it failed.
     copied_from: the run that computed it, when this one started from a copy of its phases.
+    held_out_error: after a correction that some training images were kept back from, the error in these.
     """
 
     index: int
@@ -55,6 +56,7 @@ class PhaseRecord:
     steps: int = 0
     error: str | None = None
     copied_from: str | None = None
+    held_out_error: float | None = None
 
 
 @dataclass
@@ -64,6 +66,20 @@ class Manifest:
     run_dir: Path
     status: str = "running"
     phases: list[PhaseRecord] = field(default_factory=list)
+
+    @property
+    def chosen_round(self) -> int | None:
+        """The last round before the held-out error stopped falling; None when no images were held out."""
+        errors = [record.held_out_error for record in self.phases if record.held_out_error is not None]
+        for done in range(1, len(errors)):
+            if not errors[done] < errors[done - 1]:
+                return done
+        return len(errors) or None
+
+    @property
+    def rounds_measured(self) -> int:
+        """Rounds whose held-out error is known."""
+        return sum(record.held_out_error is not None for record in self.phases)
 
     def save(self) -> None:
         """Write ``manifest.json``."""

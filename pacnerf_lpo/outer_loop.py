@@ -6,16 +6,20 @@ import io
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import pytorch_lightning as pl
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
 from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.held_out import held_out_error, held_out_images
 from pacnerf_lpo.types import ParticleState
 
-Role = Literal["static", "velocity", "physics", "correction"]
+if TYPE_CHECKING:
+    from pacnerf_lpo.data.video_module import VideoData
+
+Role = Literal["static", "velocity", "physics", "correction", "refit"]
 
 
 @dataclass(frozen=True)
@@ -31,18 +35,25 @@ class PhaseStep:
         """Name of its files, such as ``00_static`` or ``02_r1_physics``."""
         return f"{self.index:02d}_{self.role}" if self.round == 0 else f"{self.index:02d}_r{self.round}_{self.role}"
 
+    @property
+    def template(self) -> str:
+        """Section of ``phases`` that configures it: grids are fitted again as they were first."""
+        return "static" if self.role == "refit" else self.role
 
-def algorithm_1(rounds: int, correction: bool) -> list[PhaseStep]:
+
+def algorithm_1(rounds: int, correction: bool, refit: bool = False) -> list[PhaseStep]:
     """Static grids, velocity, then ``rounds`` times: physical identification and, unless switched off, correction.
 
-    The last line of a round in the paper, colour prediction, needs no phase of its own here: the corrected particles
-    themselves go into the next round, and the evaluation renders them.
+    The last line of a round in the paper, colour prediction, needs no phase of its own where the corrected particles
+    themselves go into the next round; with ``refit`` their images go into another fit of the grids before it.
     """
     roles: list[tuple[int, Role]] = [(0, "static"), (0, "velocity")]
     for number in range(1, rounds + 1):
         roles.append((number, "physics"))
         if correction:
             roles.append((number, "correction"))
+        if refit and number < rounds:
+            roles.append((number, "refit"))
     return [PhaseStep(index, number, role) for index, (number, role) in enumerate(roles)]
 
 
@@ -54,6 +65,12 @@ class OuterLoop(pl.Callback):
         rounds: R of Algorithm 1, repetitions of identification and correction.
         physics_start: ``warm``: each identification starts from the parameters of the last one; ``restart``: from the
             initial guess.
+        carry: what goes into the next round. ``particles``: the corrected ones; ``refit_grid``: the static phase runs
+            again, with the frame-0 images of the corrected particles in the training views as targets beside the
+            measured ones, and particles are sampled from its grid.
+        stop_when: ``never``: all rounds are run; ``held_out``: some training images are kept back from the corrections,
+            and the rounds end when the error in them stops falling. The round before that is the one chosen.
+        run_all_rounds: with ``held_out``, choose a round but run the others too, to show what they give.
         checkpoint_seconds: time between two checkpoints of a running phase [s].
     """
 
@@ -62,13 +79,30 @@ class OuterLoop(pl.Callback):
         run_dir: str = "runs/fit",
         rounds: int = 4,
         physics_start: Literal["warm", "restart"] = "warm",
+        carry: Literal["particles", "refit_grid"] = "particles",
+        stop_when: Literal["never", "held_out"] = "never",
+        run_all_rounds: bool = False,
         checkpoint_seconds: float = 60.0,
     ):
         if rounds < 0:
             raise UserInputError(f"outer_loop.rounds = {rounds}: give 0 or more")
         self.run_dir = Path(run_dir)
         self.rounds, self.physics_start, self.checkpoint_seconds = rounds, physics_start, checkpoint_seconds
+        self.carry, self.stop_when, self.run_all_rounds = carry, stop_when, run_all_rounds
         self.state: ParticleState | None = None
+
+    def check(self, data: VideoData, correction: bool) -> None:
+        """Raise UserInputError when images are to be held out and that is not possible."""
+        if self.stop_when == "held_out" and not correction:
+            raise UserInputError(
+                "outer_loop.stop_when = held_out keeps images back from the correction, but phases.correction is null; "
+                "set outer_loop.stop_when to never, or add a correction"
+            )
+        if self.stop_when == "held_out" and len(data.train) < 2:
+            raise UserInputError(
+                "outer_loop.stop_when = held_out keeps images of one view back where another one is left, but "
+                "data.train_views has one view only; add a view, or set outer_loop.stop_when to never"
+            )
 
     def start(self, correction: bool) -> None:
         """Begin a run: make its directory and its manifest."""
@@ -77,21 +111,24 @@ class OuterLoop(pl.Callback):
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
                 "or choose another folder with --outer_loop.run_dir"
             )
-        self.steps = algorithm_1(self.rounds, correction)
+        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
         self.manifest = Manifest(self.run_dir)
         self.manifest.save()
 
     def resume(self, correction: bool) -> None:
         """Go on with an earlier run: after its last finished phase."""
-        self.steps = algorithm_1(self.rounds, correction)
+        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
         self.manifest = Manifest.load(self.run_dir)
         done = self._done()
         if done:
             self.state = ParticleState.load(self.run_dir / done[-1].state)
 
     def next_phase(self) -> PhaseStep | None:
-        """The phase to run now; ``None`` after the last one."""
+        """The phase to run now; ``None`` after the last one, and when another round would not help."""
         done = len(self._done())
+        chosen = self.manifest.chosen_round
+        if chosen is not None and chosen < self.manifest.rounds_measured and not self.run_all_rounds:
+            return None
         return self.steps[done] if done < len(self.steps) else None
 
     def first_step(self) -> int:
@@ -128,15 +165,20 @@ class OuterLoop(pl.Callback):
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
         """Hand the particle state over. Here, and not later, because a checkpoint may be loaded into it afterwards."""
-        state = self.state
-        if state is not None and self._current(trainer).phase == "physics" and self.physics_start == "restart":
+        state, phase, role = self.state, cast(AbstractPhase, pl_module), self._current(trainer).phase
+        if state is not None and role == "physics" and self.physics_start == "restart":
             state = state.with_(physics={})
-        cast(AbstractPhase, pl_module).import_state(state)
+        if role == "correction" and self.stop_when == "held_out":
+            phase.held_out = held_out_images(phase.data)
+        phase.import_state(state)
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         """Take the particle state back and record the phase as done."""
-        self.state = cast(AbstractPhase, pl_module).export_state()
+        phase = cast(AbstractPhase, pl_module)
+        self.state = phase.export_state()
         record = self._current(trainer)
+        if phase.held_out:
+            record.held_out_error = held_out_error(phase.data, phase.physics, self.state, phase.held_out)
         content = io.BytesIO()
         self.state.save(content)
         write_atomically(self.run_dir / record.state, content.getvalue())

@@ -15,8 +15,8 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo import cli, manifest
-from pacnerf_lpo.outer_loop import algorithm_1
+from pacnerf_lpo import cli, manifest, outer_loop
+from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
 from tests import fake_run
 
@@ -62,6 +62,29 @@ def test_order_of_phases():
     stems = [step.stem for step in algorithm_1(2, correction=True)]
     assert stems == [*STEMS, "04_r2_physics", "05_r2_correction"]
     assert [step.role for step in algorithm_1(2, correction=False)] == ["static", "velocity", "physics", "physics"]
+
+
+def test_grids_are_fitted_again_between_rounds_only():
+    stems = [step.stem for step in algorithm_1(2, correction=True, refit=True)]
+    assert stems == [*STEMS, "04_r1_refit", "05_r2_physics", "06_r2_correction"]
+    assert algorithm_1(2, correction=True, refit=True)[4].template == "static"
+
+
+@pytest.mark.parametrize(("run_all", "rounds_run"), [(False, 3), (True, 4)])
+def test_rounds_stop_when_the_held_out_error_does_not_fall(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_all: bool, rounds_run: int
+):
+    errors = iter((3.0, 2.0, 2.5, 1.0))
+    monkeypatch.setattr(OuterLoop, "check", lambda *_: None)  # the fake video has no views
+    monkeypatch.setattr(outer_loop, "held_out_images", lambda data: frozenset({(0, 1)}))
+    monkeypatch.setattr(outer_loop, "held_out_error", lambda *_: next(errors))
+    words = [*fake_run.arguments(tmp_path / "run"), "--outer_loop.rounds=4", "--outer_loop.stop_when=held_out"]
+    words += [f"--outer_loop.run_all_rounds={run_all}", "--outer_loop.carry=refit_grid"]
+    assert fake_run.main(words) == 0
+    content = manifest.Manifest.load(tmp_path / "run")
+    assert content.phases[-1].round == rounds_run and content.phases[-1].phase == "correction"
+    assert content.status == "finished" and content.chosen_round == 2
+    assert sum(record.held_out_error is not None for record in content.phases) == rounds_run  # corrections only
 
 
 def test_run_directory_and_one_time_line(tmp_path: Path):

@@ -16,6 +16,7 @@ from pacnerf_lpo.evaluation.image_metrics import ImageScores, Missing, image_sco
 from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth, velocity_error
 from pacnerf_lpo.evaluation.prediction import render_stage
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.evaluation.tables import result_phase
 from pacnerf_lpo.manifest import write_atomically
 
 RESULTS_FILE = "results.json"
@@ -54,9 +55,11 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "guess": _with_units(run, run.physics.guess),
         "free": list(run.physics.free_names),
         "phases": [_evaluate_stage(run, stage, answer) for stage in run.stages],
+        "result": run.last.stem,
+        "chosen_round": run.manifest.chosen_round,
     }
     if answer is not None:
-        results["truth_errors"] = results["phases"][-1]["truth_errors"]
+        results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects
     write_atomically(run.run_dir / RESULTS_FILE, json.dumps(results, indent=1, allow_nan=False).encode())
     return results
@@ -78,6 +81,8 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
         "parameters": _with_units(run, parameters),
         "velocity": velocity,
     }
+    if record.held_out_error is not None:
+        result["held_out_error"] = record.held_out_error
     if truth is not None:
         errors = parameter_errors(parameters, truth, fluid=_is_fluid(run))
         result["truth_errors"] = {name: error.as_dict() for name, error in errors.items()}

@@ -99,8 +99,9 @@ class Run:
 
     @property
     def last(self) -> Stage:
-        """The last finished phase."""
-        return self.stages[-1]
+        """The phase whose result counts: the last finished one, or where rounds are chosen, the end of that round."""
+        measured = [stage for stage in self.stages if stage.record.held_out_error is not None]
+        return measured[self.manifest.chosen_round - 1] if self.manifest.chosen_round else self.stages[-1]
 
     def stage(self, stem: str | None) -> Stage:
         """The finished phase with this stem, such as ``02_r1_physics``; the last one when None."""

@@ -24,7 +24,61 @@ def markdown_table(results: Mapping[str, Any]) -> str:
                 notes.append(f"LPIPS: {metrics['lpips']}")
             lines.append(f"| {phase['label']} | {views}{scope} | {_metric_cells(metrics)} |")
     lines += ["", *_parameter_lines(results)]
+    if rows := round_rows(results):
+        cells = [f"| {' | '.join(row)} |" for row in rows]
+        lines += ["", cells[0], "|---" * len(rows[0]) + "|", *cells[1:]]
     return "\n".join([*lines, *(["", *dict.fromkeys(notes)] if notes else [])])
+
+
+def phases_to_result(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """All phases up to the one whose result counts: the last one, unless an earlier round was chosen."""
+    stems = [phase["stem"] for phase in results["phases"]]
+    return results["phases"][: stems.index(results["result"]) + 1]
+
+
+def result_phase(results: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The phase whose result counts."""
+    return phases_to_result(results)[-1]
+
+
+def round_ends(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The phase each round of Algorithm 1 is judged by: its correction, or its identification where none follows."""
+    ends = {phase["round"]: phase for phase in results["phases"] if phase["round"] > 0 and phase["phase"] != "refit"}
+    return list(ends.values())
+
+
+def round_rows(results: Mapping[str, Any]) -> list[list[str]]:
+    """A head and one row for each round: image quality, parameters with their errors, held-out error, the choice.
+
+    Empty where there is no round but the first.
+    """
+    rounds = round_ends(results)
+    if len(rounds) < 2:
+        return []
+    names = [f"{name} [{rounds[0]['parameters'][name]['unit']}]" for name in results["free"]]
+    rows = [["round", "PSNR, training views [dB]", "PSNR, test views [dB]", *names, "held-out error"]]
+    for phase in rounds:
+        mark = " (chosen)" if phase["round"] == results["chosen_round"] else ""
+        quality = [_psnr_cell(phase, views) for views in ("train", "test")]
+        found = [_found_cell(phase, name) for name in results["free"]]
+        held_out = f"{phase['held_out_error']:.4g}" if "held_out_error" in phase else ""
+        rows.append([f"{phase['round']}{mark}", *quality, *found, held_out])
+    if results["chosen_round"] is None:
+        return [row[:-1] for row in rows]
+    return rows
+
+
+def _psnr_cell(phase: Mapping[str, Any], views: str) -> str:
+    metrics = (phase.get("image_metrics") or {}).get(views)
+    if metrics is None:
+        return "n/a"
+    return "inf" if metrics["psnr"] is None else f"{metrics['psnr']:.2f}"
+
+
+def _found_cell(phase: Mapping[str, Any], name: str) -> str:
+    """``1.03e+06 (0.013 in log10)``: the value and, where the truth is known, its error."""
+    error = phase.get("truth_errors", {}).get(name)
+    return f"{phase['parameters'][name]['value']:.4g}" + (f" ({describe_error(error)})" if error else "")
 
 
 def _metric_cells(metrics: Mapping[str, Any]) -> str:
@@ -34,7 +88,7 @@ def _metric_cells(metrics: Mapping[str, Any]) -> str:
 
 
 def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
-    last, guess = results["phases"][-1], results["guess"]
+    last, guess = result_phase(results), results["guess"]
     errors = last.get("truth_errors")
     lines = ["| parameter | guess | identified |", "|---|---|---|"]
     if errors is not None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.particles.transfer import EMPTY_WEIGHT, particles_to_grid
 from pacnerf_lpo.scene.trilinear import Stencil, gather, scatter, stencil
 from pacnerf_lpo.types import FieldGrid
 
 ITERATIONS = 30
+RIM_WEIGHT = 4.0  # half of the sum of weights at a node inside, where there are eight particles in each cell
 
 
 @torch.no_grad()
@@ -18,8 +19,8 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
 
     Averaging particles on nodes (:func:`particles_to_grid`) spreads a field by up to a cell; sampled again it would be
     thicker. Here the nodes minimise the squared difference between their interpolation and the particles' values, by
-    conjugate gradients from the average; the few iterations leave nodes that hardly matter near the average. Nodes that
-    no particle touches are empty.
+    conjugate gradients from the average. At the rim, where a node is known by extrapolation only, its density is at
+    most the average, and no feature leaves the particles' range. Nodes that no particle touches are empty.
 
     Args:
         positions: [m, (N, 3)]
@@ -30,11 +31,14 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
     mean = particles_to_grid(positions, density, features, dx)
     shape = mean.density.shape[0], mean.density.shape[1], mean.density.shape[2]
     points = stencil(positions, mean.lower, dx, shape)
-    touched = scatter(torch.ones_like(density)[:, None], points) > 0
-    start = torch.where(touched, torch.cat((mean.density[..., None], mean.features), dim=-1).flatten(0, 2), 0)
+    weight = scatter(torch.ones_like(density)[:, None], points)
+    average = torch.cat((mean.density[..., None], mean.features), dim=-1).flatten(0, 2)
+    start = torch.where(weight > EMPTY_WEIGHT, average, 0)
     nodes = _least_squares(points, torch.cat((density[:, None], features), dim=1), start)
-    raw = torch.where(touched, nodes[:, :1], mean.density.reshape(-1, 1))
-    return FieldGrid(raw.view(shape), nodes[:, 1:].view(*shape, -1), mean.lower, dx)
+    raw, rim = nodes[:, 0], weight[:, 0] < RIM_WEIGHT
+    raw = torch.where(rim, torch.minimum(raw, average[:, 0]), raw)
+    colour = nodes[:, 1:].clamp(features.amin(0), features.amax(0))
+    return FieldGrid(raw.view(shape), colour.view(*shape, -1), mean.lower, dx)
 
 
 def _least_squares(points: Stencil, values: Tensor, nodes: Tensor) -> Tensor:

@@ -13,8 +13,10 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
+from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
+from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
@@ -89,7 +91,13 @@ class StaticGridModule(AbstractPhase):
         self.last_psnr = float("nan")
 
     def import_state(self, state: ParticleState | None) -> None:
-        """Start from an empty field in the video's box; the static phase is the first and takes no state."""
+        """Start from an empty field in the video's box.
+
+        As the first phase it takes no state. Between two rounds it does: images of the state's particles in the
+        training views are targets beside the measured ones, and its motion and physics are handed on.
+        """
+        self.previous = state
+        self._predicted = {} if state is None else self._images_of(state)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             self.colour = ColourNetwork()
@@ -157,7 +165,9 @@ class StaticGridModule(AbstractPhase):
         }
 
     def export_state(self) -> ParticleState:
-        """Particles sampled with the fixed seed, at rest, with the field's density and features and no physics.
+        """Particles sampled with the fixed seed, with the field's density and features.
+
+        They are at rest and without physics, unless a state with both was imported.
 
         Raises:
             UserInputError: the object has vanished.
@@ -167,13 +177,14 @@ class StaticGridModule(AbstractPhase):
         with torch.no_grad():
             positions = sample_particles(grid, torch.Generator().manual_seed(self.seed), self.relative_alpha)
             density, features = interpolate(grid, positions)
+        velocity = torch.zeros(3) if self.previous is None else self.previous.velocity.mean(0)
         weights = {name: value.detach().cpu().clone() for name, value in self.colour.state_dict().items()}
         return ParticleState(
             positions=positions.cpu(),
-            velocity=torch.zeros(positions.shape),
+            velocity=velocity.expand_as(positions).cpu().clone(),
             density=density.cpu(),
             features=features.cpu(),
-            physics={},
+            physics={} if self.previous is None else self.previous.physics,
             spacing=self.field.dx,
             base_spacing=self.base_spacing,
             colour_network=weights,
@@ -197,14 +208,28 @@ class StaticGridModule(AbstractPhase):
 
     def _draw_rays(self, generator: torch.Generator) -> tuple[Rays, Tensor, Tensor]:
         """A random batch of one view: rays, colours [(R, 3)] and object opacities [(R,)]."""
-        view = self.data.train[int(torch.randint(len(self.data.train), (1,), generator=generator))]
+        train = self.data.train
+        pick = int(torch.randint(len(train) + len(self._predicted), (1,), generator=generator))
+        view = train[pick % len(train)]
         candidates = self.pixels_through_box(view)
         pixels = candidates[torch.randint(len(candidates), (self.rays_per_step,), generator=generator)]
         rays, video = self.data.rays(view), self.data.video
-        images, mattes = video.images[view, 0].flatten(0, 1), video.silhouettes[view, 0].flatten()
-        sources = rays.origins, rays.directions, images, mattes
+        measured_pair = video.images[view, 0], video.silhouettes[view, 0]
+        image, silhouette = measured_pair if pick < len(train) else self._predicted[view]
+        sources = rays.origins, rays.directions, image.flatten(0, 1), silhouette.flatten()
         origins, directions, measured, matte = (rows.index_select(0, pixels).to(self.device) for rows in sources)
         return Rays(origins, directions), measured, matte
+
+    def _images_of(self, state: ParticleState) -> dict[int, tuple[Tensor, Tensor]]:
+        """Image [(H, W, 3)] and opacity [(H, W)] of the state's particles at frame 0 in each training view."""
+        colour = ColourNetwork()
+        colour.load_state_dict(state.colour_network)
+        grid = particles_to_grid(state.positions, state.density, state.features, state.spacing)
+        height, width = self.data.video.images.shape[2:4]
+        return {
+            view: render_view(grid, colour, self.data.rays(view), (height, width), state.base_spacing)
+            for view in self.data.train
+        }
 
     def pixels_through_box(self, view: int) -> Tensor:
         """Pixels of a view whose rays meet the box and no occluder; all others are background whatever the field is."""

@@ -28,6 +28,8 @@ class VelocityModule(DynamicPhase):
         tolerance: stops when no component moves by more than this in four iterations [m/s].
     """
 
+    before: Tensor  # velocity before the last step
+
     def __init__(
         self,
         hit_frame: int,
@@ -42,7 +44,7 @@ class VelocityModule(DynamicPhase):
             raise UserInputError(f"hit_frame = {hit_frame}: the velocity needs at least two frames before contact")
         self.frames, self.views_per_frame, self.tolerance = hit_frame, views_per_frame, tolerance
         self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
-        self._before = self.velocity.detach().clone()
+        self.register_buffer("before", self.velocity.detach().clone())
 
     def attach(self, data, physics) -> None:
         """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
@@ -74,12 +76,20 @@ class VelocityModule(DynamicPhase):
         self.log("velocity/loss", loss)
         return LOSS_SCALE * loss
 
+    def on_train_start(self) -> None:
+        """A checkpoint is written between a step and the decision it leads to, so a resumed run decides first."""
+        if self.global_step > 0:
+            self._stop_if_at_rest()
+
     def on_train_batch_end(self, *_) -> None:
         """Log the velocity and stop when it no longer moves."""
-        moved = (self.velocity.detach() - self._before).abs().max().item()
-        self._before = self.velocity.detach().clone()
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
             self.log(f"velocity/v_{axis} [m|s]", value)
+        self._stop_if_at_rest()
+
+    def _stop_if_at_rest(self) -> None:
+        moved = (self.velocity.detach() - self.before).abs().max().item()
+        self.before.copy_(self.velocity.detach())
         if moved < self.tolerance:
             self.trainer.should_stop = True
 

@@ -13,6 +13,7 @@ from typing import Any
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
+from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import sections
 from pacnerf_lpo.report.payload import build_payload
@@ -46,7 +47,7 @@ def write_report(run_dir: str | Path) -> Path:
 
 def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]) -> str:
     """The page as text."""
-    shown = [phase for phase in results["phases"] if "images" in phase]
+    shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     verdict = judge(results, (moving or shown)[-1], payload["contact"])
     data = json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
@@ -62,7 +63,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
         figures=sections.key_figures(results),
         parameters=sections.parameter_table(results),
-        quality=sections.quality_table(results),
+        quality=sections.quality_table(results) + sections.round_table(results),
         times=sections.time_bars(results),
         config=html.escape((run.run_dir / CONFIG_FILE).read_text()),
         state=sections.state_line(run.manifest.status, results),
@@ -73,9 +74,11 @@ def _is_complete(run: Run, results_path: Path) -> bool:
     """Whether the results cover every finished phase as it is now."""
     if not results_path.is_file():
         return False
-    evaluated = [phase["stem"] for phase in json.loads(results_path.read_text())["phases"]]
+    results = json.loads(results_path.read_text())
+    evaluated = [phase["stem"] for phase in results["phases"]]
     newest = max(stage.state_path.stat().st_mtime for stage in run.stages)
-    return evaluated == [stage.stem for stage in run.stages] and results_path.stat().st_mtime >= newest
+    current = "result" in results and evaluated == [stage.stem for stage in run.stages]
+    return current and results_path.stat().st_mtime >= newest
 
 
 def _known_truth(results: Mapping[str, Any]) -> Truth | None:

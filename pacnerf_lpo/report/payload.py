@@ -41,7 +41,8 @@ def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> in
 def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
     """The moving phases whose images go into the page: the first and the last ones, at most three."""
     measured = {phase["stem"] for phase in results["phases"] if "images" in phase}
-    moving = [stage for stage in run.stages if stage.moves and stage.stem in measured]
+    until = run.stages[: run.stages.index(run.last) + 1]
+    moving = [stage for stage in until if stage.moves and stage.stem in measured]
     return moving if len(moving) <= MAX_STAGES else [moving[0], *moving[-(MAX_STAGES - 1) :]]
 
 

@@ -6,14 +6,14 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pacnerf_lpo.evaluation.tables import describe_error
+from pacnerf_lpo.evaluation.tables import describe_error, phases_to_result, result_phase, round_rows
 from pacnerf_lpo.report.quantities import duration, quantity, symbol
 from pacnerf_lpo.report.verdict import explained
 
 
 def found_sentence(results: Mapping[str, Any]) -> str:
     """``E = 103 kPa, ν = 0.296``: the identified parameters."""
-    found = results["phases"][-1]["parameters"]
+    found = result_phase(results)["parameters"]
     return ", ".join(
         f"{symbol(name)} = {quantity(found[name]['value'], found[name]['unit'])}" for name in results["free"]
     )
@@ -21,7 +21,7 @@ def found_sentence(results: Mapping[str, Any]) -> str:
 
 def found_heading(results: Mapping[str, Any]) -> str:
     """The identified parameters as the page's heading."""
-    found = results["phases"][-1]["parameters"]
+    found = result_phase(results)["parameters"]
     parts = [
         f'<span class="found"><i>{_symbol_html(name)}</i>&thinsp;=&thinsp;'
         f"{html.escape(quantity(found[name]['value'], found[name]['unit']))}</span>"
@@ -32,7 +32,7 @@ def found_heading(results: Mapping[str, Any]) -> str:
 
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
-    last, guess = results["phases"][-1], results["guess"]
+    last, guess = result_phase(results), results["guess"]
     errors = last.get("truth_errors")
     head = "<th>parameter</th><th>guess</th><th></th><th>identified</th>"
     head += "<th>true</th><th>error</th>" if errors is not None else ""
@@ -55,7 +55,7 @@ def parameter_table(results: Mapping[str, Any]) -> str:
 
 def key_figures(results: Mapping[str, Any]) -> str:
     """A handful of large numbers."""
-    shown = [phase for phase in results["phases"] if "images" in phase]
+    shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     figures = []
     if moving:
@@ -66,7 +66,7 @@ def key_figures(results: Mapping[str, Any]) -> str:
         everything = range(len(moving[-1]["images"]["rms"]))
         share = max(explained(moving[-1], everything), 0.0)
         figures.append((f"{100 * share:.1f} %", "image explained, all views"))
-    figures.append((f"{results['phases'][-1]['particles']:,}".replace(",", "&#8239;"), "particles"))
+    figures.append((f"{result_phase(results)['particles']:,}".replace(",", "&#8239;"), "particles"))
     figures.append((duration(sum(phase["seconds"] for phase in results["phases"])), "computation"))
     return "".join(f"<div class=figure><b>{value}</b><span>{label}</span></div>" for value, label in figures)
 
@@ -94,6 +94,16 @@ def quality_table(results: Mapping[str, Any]) -> str:
     head = "".join(f"<th>{text}</th>" for text in ("phase", "views", "frames", "PSNR", "SSIM", "LPIPS"))
     foot = "".join(f"<p class=note>{html.escape(note)}</p>" for note in notes)
     return f"<table class=quality><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{foot}"
+
+
+def round_table(results: Mapping[str, Any]) -> str:
+    """What each round of Algorithm 1 gave; nothing where there was one round."""
+    rows = round_rows(results)
+    if not rows:
+        return ""
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in rows[0])
+    body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
+    return f"<h2>Rounds</h2><table class=quality><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def time_bars(results: Mapping[str, Any]) -> str:

@@ -1,0 +1,50 @@
+"""Training images kept back from the correction, to tell whether another round of Algorithm 1 still helps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import torch
+
+from pacnerf_lpo.phases.dynamic import known_values
+from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.render.observation import Observer
+from pacnerf_lpo.types import ParticleState
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.data.video_module import VideoData
+    from pacnerf_lpo.mpm.physics import Physics
+
+Images = frozenset[tuple[int, int]]
+
+
+def held_out_images(data: VideoData) -> Images:
+    """View and frame index of the images kept back: in every second frame that of one training view, in turn.
+
+    Frame 0 is not among them, because the static phase has seen it in all training views.
+    """
+    frames = range(1, len(data.video.times), 2)
+    return frozenset((data.train[turn % len(data.train)], frame) for turn, frame in enumerate(frames))
+
+
+@torch.no_grad()
+def held_out_error(data: VideoData, physics: Physics, state: ParticleState, images: Iterable[tuple[int, int]]) -> float:
+    """Mean squared colour error (values 0..1, summed over channels) of a state in these images.
+
+    Args:
+        data, physics: of the run.
+        state: what a round ended with.
+        images: view and frame index of each image.
+    """
+    video = data.video
+    values = {name: torch.tensor(value) for name, value in known_values(physics, state).items()}
+    observer, misfit = Observer(physics.observations, values), VideoMisfit(data, state)
+    seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
+    errors = [
+        misfit.residual(
+            seen[observer.clock(video.view_ids[view]), frame], state.density, state.features, view, frame, observer
+        )
+        for view, frame in sorted(images)
+    ]
+    return torch.stack(errors).square().sum(-1).mean().item()

@@ -1,0 +1,62 @@
+"""Images kept back from the correction."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.manifest import Manifest, PhaseRecord
+from pacnerf_lpo.outer_loop import OuterLoop
+from pacnerf_lpo.phases import LPOModule
+from pacnerf_lpo.phases.held_out import held_out_error, held_out_images
+from tests.phases.conftest import FRAMES, physics
+
+
+def test_every_second_frame_keeps_one_view_back_in_turn(data):
+    assert sorted(held_out_images(data), key=lambda image: image[1]) == [(0, 1), (1, 3), (2, 5)]
+
+
+def test_a_correction_never_looks_at_them_and_at_every_other_image(data):
+    phase = LPOModule(1)
+    phase.attach(data, physics())
+    phase.held_out = held_out_images(data)
+    seen = {
+        (view, frame)
+        for step in range(60)  # an image of two or three is missed sixty times in a row by chance 1e-10
+        for frame, views in enumerate(phase.one_view_per_frame(step, FRAMES))
+        for view in views
+    }
+    assert seen == {(view, frame) for view in range(3) for frame in range(FRAMES)} - phase.held_out
+
+
+def test_the_error_is_that_of_the_images_held_out(data, state):
+    """Zero at the truth but for the time step, and grown where colours are wrong."""
+    model = physics()
+    model.halvings = 1  # the step with which the film was made
+    assert held_out_error(data, model, state, held_out_images(data)) < 1e-6
+    grey = state.with_(features=torch.zeros_like(state.features))
+    assert held_out_error(data, model, grey, held_out_images(data)) > 1e-3
+
+
+def errors(*values: float | None) -> Manifest:
+    records = [PhaseRecord(i, i, "correction", "done", "", "", held_out_error=value) for i, value in enumerate(values)]
+    return Manifest("", "finished", records)
+
+
+@pytest.mark.parametrize(
+    ("values", "chosen"),
+    [((), None), ((None, None), None), ((3.0,), 1), ((3.0, 2.0), 2), ((3.0, 2.0, 2.0, 1.0), 2), ((3.0, 4.0), 1)],
+)
+def test_the_round_before_the_error_stops_falling_is_chosen(values, chosen):
+    assert errors(*values).chosen_round == chosen
+
+
+def test_it_needs_a_correction_and_two_views(data):
+    loop = OuterLoop(stop_when="held_out")
+    loop.check(data, correction=True)
+    with pytest.raises(UserInputError, match="correction is null"):
+        loop.check(data, correction=False)
+    data = type(data)(**{**vars(data), "train": [1]})
+    with pytest.raises(UserInputError, match="one view only"):
+        loop.check(data, correction=True)
