@@ -114,7 +114,7 @@ ADAM = "--phases.physics.method=PaperAdam"
             "nu = 0.6 is not a possible Poisson's ratio; give a value between -0.45 and 0.45",
         ),
         (["--physics.material.known=[e]"], "NeoHookean.known: 'e' is no parameter of it; choose from E, nu"),
-        (["--physics.effects+=LinearDrg"], "there is no LinearDrg; known are LinearDrag; did you mean LinearDrag?"),
+        (["--physics.effects+=LinearDrg"], "did you mean LinearDrag?"),
         (["--physics.effects+=LinearDrag", "--physics.effects+=LinearDrag"], "two parameters 'drag'"),
         (["--phases.physics.hit_frame=14"], "hit_frame = 14 but"),
         ([ADAM, '--phases.physics.method.learning_rates={"mu": 0.1}'], "mu, which is not identified here"),

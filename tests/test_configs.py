@@ -169,3 +169,22 @@ def test_a_mistake_is_found_before_anything_is_written(
     lines = capsys.readouterr().err.strip().split("\n")  # on a slow machine a bar (\r) shows the images being read
     assert len(lines) == 1 and expected in lines[0], lines
     assert not (tmp_path / "run").exists()
+
+
+EFFECTS = sorted(path.stem for path in (CONFIGS / "effects").glob("*.yaml"))
+SUITED = {"shear_thinning": "cream", "cohesion": "trophy"}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_every_effect_is_an_overlay_that_adds_itself(effect: str):
+    scene = f"scenes/{SUITED.get(effect, 'torus')}"
+    plain, cli = configured(scene), configured(scene, f"effects/{effect}")
+    assert changes(plain, cli) == {"physics.effects"}
+    (added,) = cli.physics.effects
+    assert type(added).__name__.lower() == effect.replace("_", "")
+    assert cli.physics.free_names == [*plain.physics.free_names, *added.parameters]
+
+
+def test_overlays_of_effects_combine():
+    cli = configured("scenes/torus", "effects/linear_drag", "effects/ground_friction")
+    assert [type(effect).__name__ for effect in cli.physics.effects] == ["LinearDrag", "GroundFriction"]
