@@ -70,7 +70,7 @@ class Progress:
         )
 
     def seconds_left(self) -> float | None:
-        """Phases still to come, each as long as its like have taken here; None while a kind has not been seen."""
+        """Phases still to come, each as long as its like have taken here; None while it cannot be told."""
         seen: dict[str, list[float]] = defaultdict(list)
         missing: list[str] = []
         for run in self.runs:
@@ -83,7 +83,7 @@ class Progress:
             done = sum(record["status"] == "done" for record in records)
             done = max(done, BEGINNING) if run.start is not None else done
             missing += [step.role for step in _steps(run)[done:]]
-        if any(role not in seen for role in missing):
+        if not missing or any(role not in seen for role in missing):
             return None
         return sum(sum(seen[role]) / len(seen[role]) for role in missing) / self.jobs
 

@@ -17,6 +17,7 @@ from torch import Tensor
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 LPIPS_INSTALL = "torchvision is not installed: pip install 'pacnerf-lpo[lpips]'"
+LPIPS_PIXELS = 31  # below it, AlexNet's second pooling has nothing left to pool
 
 
 @dataclass(frozen=True)
@@ -105,11 +106,13 @@ def lpips(predicted: Tensor, measured: Tensor) -> Tensor | Missing:
         predicted, measured: (B, H, W, 3) in 0..1.
 
     Returns:
-        (B,), or :class:`Missing` where torchvision or the network's weights are not there.
+        (B,), or :class:`Missing` where torchvision or the network's weights are not there, or the images are too small.
     """
     network = _lpips_network()
     if isinstance(network, Missing):
         return network
+    if min(predicted.shape[1:3]) < LPIPS_PIXELS:
+        return Missing(f"the network wants at least {LPIPS_PIXELS} pixels a side")
     with torch.no_grad():
         pairs = zip(_channels_first(predicted).split(1), _channels_first(measured).split(1), strict=True)
         return torch.stack([network(a, b).reshape(()) for a, b in pairs])

@@ -37,7 +37,10 @@ def plan(tmp_path: Path) -> Planner:
         for name, number in rounds.items():
             config = {
                 "outer_loop": {"rounds": number, "run_dir": "x"},
-                "phases": {"correction": {"class_path": "LPOModule"} if name.correction not in ("", "none") else None},
+                "phases": {
+                    "velocity": {"init_args": {"hit_frame": 4}},
+                    "correction": {"class_path": "LPOModule"} if name.correction not in ("", "none") else None,
+                },
                 "data": {"frames": 12},
             }
             start = None if name == name.beginning else runs[name.beginning]

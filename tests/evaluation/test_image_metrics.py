@@ -14,7 +14,7 @@ from pacnerf_lpo.evaluation.image_metrics import Missing
 @pytest.fixture
 def pair() -> tuple[torch.Tensor, torch.Tensor]:
     generator = torch.Generator().manual_seed(1)
-    measured = torch.rand(2, 24, 31, 3, generator=generator)
+    measured = torch.rand(2, 32, 31, 3, generator=generator)
     return (measured + 0.1 * torch.randn(measured.shape, generator=generator)).clamp(0, 1), measured
 
 
@@ -101,7 +101,7 @@ def test_lpips_is_the_mean_of_the_network_over_images(pair, monkeypatch):
 
     monkeypatch.setattr(image_metrics, "_lpips_network", lambda: network)
     value = image_metrics.image_scores(*pair).mean(torch.tensor([0, 1])).lpips
-    assert seen == [(1, 3, 24, 31)] * 2
+    assert seen == [(1, 3, 32, 31)] * 2
     assert value == pytest.approx((pair[0] - pair[1]).abs().mean().item(), rel=1e-5)
 
 
