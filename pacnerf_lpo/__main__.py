@@ -18,6 +18,7 @@ COMMANDS = {
     "export": ("particles of a run as PLY, one file per frame", "pacnerf_lpo.commands.export"),
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
+    "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
     "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
 }
 

@@ -65,7 +65,7 @@ class Physics:
                 "give at least one substep per frame"
             )
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
-        self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, tuple(gravity)
+        self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
         check_model("physics", material, self.ground, self.effects)

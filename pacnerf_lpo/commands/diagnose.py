@@ -1,0 +1,48 @@
+"""``pacnerf-lpo diagnose``: which physical effect is missing in the model of a run."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Literal
+
+from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
+from pacnerf_lpo.diagnosis.diagnose import diagnose as find
+
+
+def run(
+    run_dir: str,
+    phase: str | None = None,
+    candidates: str | None = None,
+    twins: int = 12,
+    effects: int = 3,
+    until: Literal["compare", "localise", "screen", "refit"] = "refit",
+    seed: int = 1,
+) -> None:
+    """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
+
+    Writes diagnosis.json, effects.yaml (for fit --config) and diagnosis.html into RUN_DIR/diagnosis. A stopped
+    diagnosis goes on where it was; so do the single steps, with --until.
+
+    example: pacnerf-lpo diagnose runs/demo
+
+    Args:
+        run_dir: folder that fit wrote.
+        phase: stem of a finished phase, such as 01_velocity; the last one when not given.
+        candidates: YAML list of effects to try, as physics.effects has it; all known effects when not given.
+        twins: simulated nulls that calibrate the statistics, 8 to 24.
+        effects: at most so many effects are added.
+        until: last step to do.
+        seed: of the twins.
+    """
+    began = time.monotonic()
+    step: Step = until
+    folder = find(
+        run_dir,
+        phase,
+        Options(candidates, twins, effects, step, seed),
+        lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
+    )
+    verdict = json.loads((folder / RESULT).read_text())["verdict"]
+    print("\n".join([verdict["sentence"], *verdict["details"]]))
+    print(f"results: {folder}")

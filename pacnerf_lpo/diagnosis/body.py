@@ -1,0 +1,58 @@
+"""The body of a run, resampled for a diagnosis: other spacing, other particles, the same matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.particles.sampling import interpolate
+from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.scene.activation import solid_fraction
+from pacnerf_lpo.types import ParticleState
+
+SUBSAMPLES = 3
+LEAST_FRACTION = 0.02
+CHUNK = 200_000
+
+
+@dataclass(frozen=True)
+class Body:
+    """Particles at frame 0.
+
+    positions: [m, (N, 3)]
+    fraction: how much of a full particle (spacing/2)^3 is matter [0..1, (N,)]
+    spacing: node spacing of the grid they move on [m]
+    """
+
+    positions: Tensor
+    fraction: Tensor
+    spacing: float
+
+
+@torch.no_grad()
+def resample(state: ParticleState, spacing: float, seed: int = 0, erosion: float = 0.0) -> Body:
+    """One particle in each cell of a lattice of spacing/2, at the centre of the matter in that cell.
+
+    Args:
+        state: particles of a run.
+        spacing: node spacing to move on [m].
+        erosion: raw density above that of the visible surface at which matter begins; thins the body.
+        seed: shifts the lattice, so that two seeds give two samplings of the same body.
+    """
+    grid = particles_to_grid(
+        state.positions, state.density, state.features.new_zeros(len(state.density), 0), state.spacing
+    )
+    half = spacing / 2
+    shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
+    low, high = state.positions.amin(0) - half, state.positions.amax(0) + half
+    counts = ((high - low) / half).ceil().long() + 1
+    corners = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + low - shift
+    inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
+    points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
+    density = torch.cat([interpolate(grid, part)[0] for part in points.reshape(-1, 3).split(CHUNK)])
+    solid = solid_fraction(density - erosion, state.spacing, state.base_spacing).reshape(len(points), -1)
+    kept = solid.mean(1) > LEAST_FRACTION
+    centre = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
+    return Body(centre, solid.mean(1)[kept], spacing)

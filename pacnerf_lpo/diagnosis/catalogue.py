@@ -1,0 +1,138 @@
+"""The effects that a diagnosis tries: all that the package knows, or those of a list."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonargparse import ArgumentError, ArgumentParser
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import effects as known_effects
+from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect, Observation
+from pacnerf_lpo.mpm.materials.base import Material
+
+FAR = 10.0
+"""A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect on trial.
+
+    name: class name, with the file id of its camera where it concerns one: ``CameraShift@3``.
+    effect: an instance at its null.
+    """
+
+    name: str
+    effect: Effect
+
+    @property
+    def joint(self) -> bool:
+        """Whether its coefficients are components that are estimated together, like a force along x and z."""
+        return len(self.effect.parameters) > 1 and not self.effect.one_sided
+
+    @property
+    def discrete(self) -> bool:
+        """Whether it is an alternative of kind, which a small change of a coefficient does not lead to."""
+        nulls, probes = self.effect.null, self.effect.probes
+        far = [abs(null) > FAR * max(abs(probe[name]) for probe in probes) for name, null in nulls.items() if null]
+        return isinstance(self.effect, GroundEffect) or any(far)
+
+    @property
+    def observes(self) -> bool:
+        """Whether it is a fault of the cameras, and no physics."""
+        return isinstance(self.effect, Observation)
+
+    def trials(self) -> list[dict[str, float]]:
+        """Values at which the effect is tried [SI]: of each component alone, or the probes of the class."""
+        probes = list(self.effect.probes)
+        if not self.joint:
+            return probes
+        null = self.effect.null
+        return [{**null, name: self._farthest(name)} for name in null]
+
+    def _farthest(self, name: str) -> float:
+        """The probe of one coefficient that is farthest from its null."""
+        null = self.effect.null[name]
+        return null + max((probe[name] - null for probe in self.effect.probes), key=abs)
+
+
+def whole_catalogue(material: Material, views: Sequence[int], installed: Sequence[Effect]) -> list[Candidate]:
+    """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view.
+
+    Args:
+        material: constitutive law of the model.
+        views: file ids of the cameras.
+        installed: effects that the model has.
+    """
+    classes = [getattr(known_effects, name) for name in known_effects.__all__]
+    made = [effect for kind in classes if hasattr(kind, "parameters") for effect in _instances(kind, views)]
+    return candidates(made, material, installed)
+
+
+def read_candidates(path: Path, material: Material, installed: Sequence[Effect]) -> list[Candidate]:
+    """Candidates from a YAML list of ``class_path`` and ``init_args``, as in ``physics.effects``.
+
+    Raises:
+        UserInputError: no such file, not such a list, unknown classes, or effects that do not apply to the material.
+    """
+    if not path.is_file():
+        raise UserInputError(f"{path}: no such file; give a YAML list of effects, as physics.effects has it")
+    parser = ArgumentParser(exit_on_error=False)
+    parser.add_argument("--effects", type=list[Effect])
+    try:
+        parsed = parser.instantiate(parser.parse_object({"effects": yaml.safe_load(path.read_text())}))
+    except (ArgumentError, yaml.YAMLError, ValueError, TypeError) as error:
+        raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
+    for effect in parsed.effects:
+        effect.check_material(material)
+    return candidates(parsed.effects, material, installed)
+
+
+def candidates(effects: Sequence[Effect], material: Material, installed: Sequence[Effect]) -> list[Candidate]:
+    """Those of the effects that may be added to a model."""
+    taken = {name for effect in installed for name in effect.parameters}
+    grounded = any(isinstance(effect, GroundEffect) for effect in installed)
+    return [
+        Candidate(name_of(effect), effect)
+        for effect in effects
+        if not taken & set(effect.parameters)
+        and not (grounded and isinstance(effect, GroundEffect))
+        and _applies(effect, material)
+    ]
+
+
+def name_of(effect: Effect) -> str:
+    """Class name and, where it concerns one camera, that camera's file id."""
+    view = getattr(effect, "view", None)
+    return type(effect).__name__ if view is None else f"{type(effect).__name__}@{view}"
+
+
+def as_config(effect: Effect, values: dict[str, float]) -> dict[str, Any]:
+    """An effect with values of its coefficients as an entry of ``physics.effects``."""
+    arguments: dict[str, Any] = {
+        own: float(f"{values[full]:.6g}") for own, full in zip(type(effect).parameters, effect.parameters, strict=True)
+    }
+    if getattr(effect, "view", None) is not None:
+        arguments["view"] = effect.view  # type: ignore[attr-defined]
+    return {"class_path": type(effect).__name__, "init_args": arguments}
+
+
+def _instances(kind: type[Effect], views: Sequence[int]) -> Iterator[Effect]:
+    if not issubclass(kind, Observation):
+        yield kind()  # type: ignore[call-arg]
+        return
+    for view in views:
+        yield kind(view=view)  # type: ignore[call-arg]
+
+
+def _applies(effect: Effect, material: Material) -> bool:
+    try:
+        effect.check_material(material)
+    except UserInputError:
+        return False
+    return True

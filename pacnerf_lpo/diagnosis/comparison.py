@@ -1,0 +1,162 @@
+"""Steps 1 and 2: fit the model as it is, and learn from twins how large its residual may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
+from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
+from pacnerf_lpo.diagnosis.statistics.score import Remainder
+from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.mpm.effects.base import Effect
+
+FIRST_ITERATIONS = 10
+WHITENED_ITERATIONS = 5
+MODEL_ERROR = 0.1
+"""Error of a summary before the twins tell [pixels]."""
+LEVEL = 0.9
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A fitted model beside the measurements.
+
+    effects: of the model.
+    names: of its unknowns.
+    free: their free coordinates at the best fit [(K,)]
+    known: every value there [SI]
+    residual: measured minus predicted [pixels, (V, F, 11)]; NaN where not usable
+    jacobian: change of the residual by the unknowns [(V, F, 11, K)]
+    twins: residuals of simulated nulls [(T, V, F, 11)]
+    """
+
+    effects: tuple[Effect, ...]
+    names: tuple[str, ...]
+    free: np.ndarray
+    known: dict[str, float]
+    residual: np.ndarray
+    jacobian: np.ndarray
+    twins: np.ndarray
+
+
+def compare(
+    problem: Problem,
+    effects: Sequence[Effect],
+    known: dict[str, float],
+    count: int,
+    seed: int,
+    progress: Progress,
+) -> Comparison:
+    """Fit material, effects and velocity to the fitted views and frames; simulate twins at the best fit.
+
+    First with the same weight for all summaries, then whitened by the noise that the twins show.
+
+    Args:
+        problem: the run.
+        effects: of the model.
+        known: values to start from [SI].
+        count: number of twins.
+        seed: of the twins.
+        progress: told what happens.
+
+    Raises:
+        SimulationError: the motion at the values to start from is unstable.
+    """
+    model = problem.model(effects, known)
+    raw = problem.residual_of(model, problem.fitted)
+    weight = np.hypot(problem.sensor[problem.fitted], MODEL_ERROR)
+    report = reporter(model, progress)
+    first = fit(lambda free: raw(free) / weight, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report)
+    found = twins(problem, effects, first.free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
+    noise = noise_of(problem, found, problem.fitted)
+    whitened = fit(
+        lambda free: noise.whiten_residual(raw(free)),
+        first.free,
+        model.scales,
+        model.bounds,
+        WHITENED_ITERATIONS,
+        report,
+    )
+    free = whitened.free
+    everywhere = problem.residual_of(model, problem.usable)
+    residual = everywhere(free)
+    jacobian = sensitivities(everywhere, free, residual, model.scales, model.bounds)
+    return Comparison(
+        tuple(effects),
+        model.names,
+        free,
+        model.physical(free),
+        _spread(residual, problem.usable),
+        _spread(jacobian, problem.usable),
+        found,
+    )
+
+
+def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> NoiseModel:
+    """The noise model in the entries of a mask [(V, F, 11), bool], from twins [(T, V, F, 11)]."""
+    return NoiseModel.from_twins(np.nan_to_num(residuals[:, mask]), problem.sensor[mask], problem.layout(mask))
+
+
+def more_than_noise(problem: Problem, comparison: Comparison, noise: NoiseModel) -> Omnibus:
+    """Whether the residual in the fitted entries is larger than the twins' are."""
+    mask = problem.fitted
+    return omnibus(noise, comparison.residual[mask], comparison.jacobian[mask])
+
+
+def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tuple[list[Interval], list[str]]:
+    """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
+    mask = problem.fitted
+    jacobian, residual = comparison.jacobian[mask], comparison.residual[mask]
+    remainder = Remainder.of(noise, jacobian)
+    dispersion = overdispersion(remainder.residual(residual), remainder.dof)
+    model = problem.model(comparison.effects, comparison.known)
+    laplace = laplace_intervals(
+        noise.whiten(jacobian),
+        list(comparison.free),
+        comparison.names,
+        list(model.scales),
+        LEVEL,
+        twin_inflation(noise, jacobian) * np.sqrt(dispersion),
+        len(comparison.twins) - 1,
+    )
+    return [in_si(model, interval) for interval in laplace.intervals], [d.sentence for d in laplace.undetermined]
+
+
+def in_si(model: Model, interval: Interval) -> Interval:
+    """An interval of a free coordinate in SI units."""
+    index = model.names.index(interval.name)
+    low, high = model.bounds[0][index], model.bounds[1][index]
+
+    def physical(free: float) -> float:
+        moved = model.start.copy()
+        moved[index] = np.clip(free, low, high)
+        return model.physical(moved)[interval.name]
+
+    ends = physical(interval.low), physical(interval.high)
+    return Interval(interval.name, physical(interval.value), *ends, (ends[1] - ends[0]) / 2, interval.identifiable)
+
+
+def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarray], None]:
+    """Tells iteration, misfit and the parameters with their units."""
+
+    def report(iteration: int, misfit: float, free: np.ndarray) -> None:
+        values = model.physical(free)
+        shown = ", ".join(f"{p.name} {p.show(values[p.name])}" for p in model.unknowns)
+        progress(f"iteration {iteration}: misfit {misfit:.4g}, {shown}")
+
+    return report
+
+
+def _spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Entries of a mask [(D, ...)] in their places [(V, F, 11, ...)], NaN elsewhere."""
+    whole = np.full((*mask.shape, *values.shape[1:]), np.nan)
+    whole[mask] = values
+    return whole

@@ -1,0 +1,350 @@
+"""The five steps, repeated until nothing more is missing: compare, localise, screen, refit, accept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import yaml
+
+from pacnerf_lpo.diagnosis import localising, wording
+from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
+from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
+from pacnerf_lpo.diagnosis.statistics.intervals import Interval
+from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
+from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.mpm.effects.base import Effect
+
+Step = Literal["compare", "localise", "screen", "refit"]
+RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+ENOUGH = 0.5
+"""An accepted effect that removes less of the held-out error than this leaves something unexplained."""
+
+
+@dataclass
+class Options:
+    """Settings of a diagnosis.
+
+    candidates: YAML list of the effects to try; None: all that the package knows.
+    twins: simulated nulls, 8 to 24.
+    effects: at most so many are added.
+    until: last step to do; of the first round only, unless it is refit.
+    seed: of the twins.
+    """
+
+    candidates: str | None = None
+    twins: int = 12
+    effects: int = 3
+    until: Step = "refit"
+    seed: int = 1
+
+
+@dataclass
+class Round:
+    """One pass of the steps.
+
+    comparison: the model as it stood.
+    omnibus: whether its residual is more than noise.
+    parameters: intervals of all unknowns.
+    undetermined: what the recording does not determine, in words.
+    phases: of the motion, by frame.
+    screening: the ranking; None if the diagnosis stopped before.
+    refits: with one more effect each.
+    accepted: the refit that was taken over.
+    """
+
+    comparison: Comparison
+    omnibus: Omnibus
+    parameters: list[Interval]
+    undetermined: list[str]
+    phases: list[str]
+    screening: Screening | None = None
+    refits: list[Refit] = field(default_factory=list)
+    accepted: Refit | None = None
+
+
+def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: Callable[[str], None]) -> Path:
+    """Find what is missing in the model of a run; writes ``RUN/diagnosis/`` and returns it.
+
+    Raises:
+        UserInputError: no such run or phase, too few views, an unknown effect in the list of candidates.
+        SimulationError: the run's own motion is unstable at the resolution of the diagnosis.
+    """
+    if not 4 <= options.twins <= 200:
+        raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
+    problem = Problem(Run(run_dir), stem)
+    store = Store(problem, {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed")})
+    candidates_for(problem, options, problem.run.physics.effects)  # a mistake in the list shows before any long work
+    effects, known, rounds = tuple(problem.run.physics.effects), problem.first_guess, []
+    for number in range(1, options.effects + 2):
+        told = _prefixed(progress, f"round {number}, ")
+        found = _round(problem, store, options, number, effects, known, told)
+        rounds.append(found)
+        write(problem, rounds, options)
+        if found.accepted is None or number > options.effects:
+            break
+        effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
+    return store.folder
+
+
+def candidates_for(problem: Problem, options: Options, installed: tuple[Effect, ...]) -> list[Candidate]:
+    """What may be added to a model with these effects."""
+    material = problem.run.physics.material
+    if options.candidates is not None:
+        return read_candidates(Path(options.candidates), material, installed)
+    return whole_catalogue(material, problem.video.view_ids, installed)
+
+
+def _round(
+    problem: Problem,
+    store: Store,
+    options: Options,
+    number: int,
+    effects: tuple[Effect, ...],
+    known: dict[str, float],
+    progress: Callable[[str], None],
+) -> Round:
+    told = _prefixed(progress, "compare: ")
+    comparison = store.once(
+        f"{number}_compare", lambda: compare(problem, effects, known, options.twins, options.seed, told)
+    )
+    noise = noise_of(problem, comparison.twins, problem.fitted)
+    parameters, undetermined = intervals(problem, comparison, noise)
+    found = Round(
+        comparison,
+        more_than_noise(problem, comparison, noise),
+        parameters,
+        undetermined,
+        store.once(f"{number}_localise", lambda: localising.phases(problem, comparison)),
+    )
+    if options.until in ("compare", "localise"):
+        return found
+    candidates = candidates_for(problem, options, effects)
+    if not candidates:
+        return found
+    told = _prefixed(progress, "screen: ")
+    found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
+    if options.until == "screen" or number > options.effects or not _suspicious(found):
+        return found
+    for candidate in worth_refitting(candidates, found.screening, LEVEL):
+        told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
+        score = next((s for s in found.screening.scores if s.name == candidate.name), None)
+        trial = partial(refit, problem, comparison, candidate, score, told)
+        again = store.once(f"{number}_refit_{candidate.name}", trial)
+        if again is not None:
+            found.refits.append(again)
+    found.accepted = best_of(found.refits)
+    return found
+
+
+def _suspicious(found: Round) -> bool:
+    """Whether the residual is more than noise, or an effect stands out."""
+    assert found.screening is not None
+    return found.omnibus.p_value < LEVEL or min(found.screening.p_values, default=1.0) < LEVEL
+
+
+def best_of(refits: list[Refit]) -> Refit | None:
+    """Of the accepted refits, the one that removes most of the held-out error; physics before a camera that does as
+    well in its own view.
+    """
+    accepted = [again for again in refits if again.verdict.accepted]
+    physics = [again for again in accepted if not again.candidate.observes]
+    return max(physics or accepted, key=lambda again: again.verdict.removed, default=None)
+
+
+def write(problem: Problem, rounds: list[Round], options: Options) -> None:
+    """Write diagnosis.json and, when effects were accepted, the overlay effects.yaml."""
+    folder = problem.run.run_dir / "diagnosis"
+    folder.mkdir(exist_ok=True)
+    result = summary(problem, rounds)
+    write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
+    accepted = [found.accepted for found in rounds if found.accepted is not None]
+    if accepted:
+        write_atomically(folder / OVERLAY, overlay(problem, accepted).encode())
+
+
+def overlay(problem: Problem, accepted: list[Refit]) -> str:
+    """A configuration file that adds the accepted effects to a run, with the values found."""
+    values = accepted[-1].known
+    effects = [*problem.run.physics.effects, *(again.candidate.effect for again in accepted)]
+    material = {name: float(f"{values[name]:.6g}") for name in problem.run.physics.material.free_names}
+    section = {
+        "physics": {
+            "material": {"class_path": type(problem.run.physics.material).__name__, "init_args": material},
+            "effects": [as_config(effect, values) for effect in effects],
+        }
+    }
+    head = "# Effects found by diagnose; use it after the configuration of the run.\n"
+    return head + yaml.safe_dump(section, sort_keys=False)
+
+
+def summary(problem: Problem, rounds: list[Round]) -> dict:
+    """Everything a report shows, as plain numbers."""
+    video, split = problem.video, problem.split
+    return {
+        "format": 1,
+        "scene": problem.run.scene,
+        "views": list(video.view_ids),
+        "frames": list(video.frame_ids),
+        "times": video.times.tolist(),
+        "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
+        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
+        "verdict": _verdict(problem, rounds),
+        "rounds": [_round_summary(problem, found) for found in rounds],
+    }
+
+
+def _verdict(problem: Problem, rounds: list[Round]) -> dict:
+    sentences: list[str] = []
+    names: list[str] = []
+    kind = "nothing"
+    for found in rounds:
+        if found.accepted is not None and found.screening is not None:
+            again = found.accepted
+            alike = found.screening.group(again.candidate.name) if again.candidate.name in _names(found) else ()
+            p = min(found.screening.p_value(again.candidate.name), 1.0)
+            p = found.omnibus.p_value if again.candidate.discrete else p
+            sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
+            described = problem.run.physics.parameters
+            changes = [
+                wording.moved(described[i.name], i.value, again.known[i.name])
+                for i in found.parameters
+                if i.name in problem.run.physics.material.free_names
+            ]
+            sentences.append(f"{'; '.join(changes)}.")
+            separation = wording.separation(again.candidate, alike)
+            sentences += [separation] if separation else []
+            names.append(again.candidate.name)
+            kind = "camera" if again.candidate.observes else "missing"
+    last = rounds[-1]
+    if not names and last.screening is not None:
+        kind = "unknown" if last.omnibus.p_value < LEVEL else "nothing"
+        sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
+    elif not names:
+        kind = "unfinished"
+        noise = "more than" if last.omnibus.p_value < LEVEL else "no more than"
+        sentences.append(
+            f"The residual is {noise} the model's own numerical error ({wording.probability(last.omnibus.p_value)})."
+        )
+    elif rounds[0].accepted is not None and _removed(rounds) < ENOUGH:
+        sentences.append("More than half of the held-out error remains: something else is missing, too.")
+    return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
+
+
+def _names(found: Round) -> list[str]:
+    return [score.name for score in found.screening.scores] if found.screening else []
+
+
+def _removed(rounds: list[Round]) -> float:
+    """Share of the held-out error of the first model that all accepted effects remove together."""
+    kept = 1.0
+    for found in rounds:
+        if found.accepted is not None:
+            kept *= 1 - found.accepted.verdict.removed
+    return 1 - kept
+
+
+def _round_summary(problem: Problem, found: Round) -> dict:
+    comparison = found.comparison
+    described = problem.model(comparison.effects, comparison.known)
+    units = {parameter.name: parameter for parameter in described.unknowns}
+    return {
+        "effects": [name_of(effect) for effect in comparison.effects],
+        "parameters": [
+            {**_interval(interval), "unit": units[interval.name].unit, "label": units[interval.name].label}
+            for interval in found.parameters
+        ],
+        "undetermined": found.undetermined,
+        "omnibus": {
+            "statistic": found.omnibus.statistic,
+            "twins": found.omnibus.twins.tolist(),
+            "p_value": found.omnibus.p_value,
+        },
+        "phases": found.phases,
+        "excess": _matrix(localising.excess(comparison.residual, comparison)),
+        "floor": _matrix(np.nanmean(localising.floor(comparison)[1][..., :-1], axis=-1)),
+        "error": _errors(problem, comparison.residual, comparison),
+        "screen": None if found.screening is None else _screen(found.screening, comparison, problem),
+        "refits": [_refit(problem, again, comparison) for again in found.refits],
+        "accepted": None if found.accepted is None else found.accepted.candidate.name,
+    }
+
+
+def _errors(problem: Problem, residual: np.ndarray, comparison: Comparison) -> dict:
+    """Excess error in the fitted and in the held-out views and frames [pixels]."""
+    square = localising.excess(residual, comparison)
+    return {
+        name: localising.signed_root(float(np.nanmean(square[mask])))
+        for name, mask in (("fitted", problem.split.fitted), ("held", problem.split.held))
+    }
+
+
+def _screen(screening: Screening, comparison: Comparison, problem: Problem) -> dict:
+    return {
+        "threshold": screening.threshold,
+        "groups": [list(group) for group in screening.groups if len(group) > 1],
+        "correlations": np.round(screening.correlations[:30, :30], 3).tolist(),
+        "candidates": [
+            {
+                "name": score.name,
+                "readable": wording.readable(score.name),
+                "camera": "@" in score.name,
+                "z": float(score.z),
+                "p_value": p,
+                "coefficient": list(score.coefficient),
+                "interval": [list(pair) for pair in screening.intervals[score.name]],
+                "fraction": score.fraction,
+                "snr": score.snr,
+            }
+            for score, p in zip(screening.scores, screening.p_values, strict=True)
+        ],
+    }
+
+
+def _refit(problem: Problem, again: Refit, comparison: Comparison) -> dict:
+    return {
+        "name": again.candidate.name,
+        "readable": wording.readable(again.candidate.name),
+        "camera": again.candidate.observes,
+        "signature": again.candidate.effect.signature,
+        "values": {interval.name: _interval(interval) for interval in again.intervals},
+        "refined": again.refined,
+        "misfit_before": again.misfit_before,
+        "misfit": again.misfit,
+        "accepted": again.verdict.accepted,
+        "removed": again.verdict.removed,
+        "removed_error": again.verdict.error,
+        "reasons": [[passed, sentence] for passed, sentence in again.verdict.reasons],
+        "excess": _matrix(localising.excess(again.residual, comparison)),
+        "error": _errors(problem, again.residual, comparison),
+    }
+
+
+def _interval(interval: Interval) -> dict:
+    return {
+        "name": interval.name,
+        "value": interval.value,
+        "low": interval.low,
+        "high": interval.high,
+        "identifiable": interval.identifiable,
+    }
+
+
+def _matrix(values: np.ndarray) -> list[list[float | None]]:
+    """Rows of numbers, None where there is none."""
+    return [[round(float(x), 5) if np.isfinite(x) else None for x in row] for row in values]
+
+
+def _prefixed(progress: Callable[[str], None], prefix: str) -> Callable[[str], None]:
+    return lambda text: progress(prefix + text)

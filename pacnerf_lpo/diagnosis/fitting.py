@@ -1,0 +1,113 @@
+"""Few parameters, cheap residuals: damped Gauss-Newton with the sensitivities that the score test needs anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.phases.levenberg_marquardt import NormalEquations, damped_step
+
+LONGEST_STEP = 5.0  # of a parameter's scale
+ATTEMPTS = 5
+PROBE = 0.5  # of a parameter's scale
+CONVERGED = 0.02  # of the longest step
+LEAST_GAIN = 1e-3
+Residual = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where a fit ended.
+
+    free: coordinates [(K,)]
+    residual: whitened residual there [(D,)]
+    jacobian: its sensitivity [(D, K)]
+    rollouts: how many simulations it took.
+    """
+
+    free: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    rollouts: int
+
+    @property
+    def misfit(self) -> float:
+        """Sum of squares."""
+        return float(self.residual @ self.residual)
+
+
+def fit(
+    residual: Residual,
+    start: np.ndarray,
+    scales: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    iterations: int,
+    report: Callable[[int, float, np.ndarray], None] = lambda *_: None,
+) -> Fit:
+    """Minimise ||residual||^2 (Levenberg-Marquardt), with one-sided differences.
+
+    Args:
+        residual: of free coordinates [(K,)]; may raise SimulationError anywhere but at the start.
+        start: free coordinates to begin with [(K,)]
+        scales: noticeable change of each [(K,)]
+        bounds: least and largest value of each [(K,), (K,)]
+        iterations: at most.
+        report: called with iteration, misfit and coordinates.
+
+    Raises:
+        SimulationError: the motion at ``start`` is unstable.
+    """
+    free, now, rollouts, damping = start.copy(), residual(start), 1, 1e-2
+    limits = torch.as_tensor(np.full(len(start), LONGEST_STEP))
+    jacobian = sensitivities(residual, free, now, scales, bounds)
+    for iteration in range(iterations):
+        rollouts += len(start)
+        report(iteration, float(now @ now), free)
+        scaled = jacobian * scales
+        model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
+        for _ in range(ATTEMPTS):
+            trial = np.clip(free + damped_step(model, damping, limits).numpy() * scales, *bounds)
+            after = _or_infinite(residual, trial, now)
+            rollouts += 1
+            if after @ after < now @ now:
+                break
+            damping *= 5
+        else:
+            break
+        moved = np.abs((trial - free) / scales).max() / LONGEST_STEP
+        gain = 1 - (after @ after) / (now @ now)
+        free, now, damping = trial, after, max(damping / 5, 1e-7)
+        jacobian = sensitivities(residual, free, now, scales, bounds)
+        if moved < CONVERGED or gain < LEAST_GAIN:
+            break
+    return Fit(free, now, jacobian, rollouts)
+
+
+def sensitivities(
+    residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Derivative of the residual [(D, K)]; each unknown is moved by half its scale, away from a bound."""
+    columns = []
+    for index, scale in enumerate(scales):
+        for sign in (1.0, -1.0) if free[index] + PROBE * scale < bounds[1][index] else (-1.0, 1.0):
+            moved = free.copy()
+            moved[index] += sign * PROBE * scale
+            try:
+                columns.append((residual(moved) - now) / (sign * PROBE * scale))
+                break
+            except SimulationError:
+                continue
+        else:
+            columns.append(np.zeros_like(now))
+    return np.stack(columns, axis=1)
+
+
+def _or_infinite(residual: Residual, free: np.ndarray, like: np.ndarray) -> np.ndarray:
+    try:
+        return residual(free)
+    except SimulationError:
+        return np.full_like(like, np.inf)

@@ -1,0 +1,34 @@
+"""What each entry of a residual vector is: which view, which frame, which summary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names the D entries of a residual vector.
+
+    view: index of the view, -1 for what no camera sees (tracked points, point clouds) [(D,), int]
+    frame: index of the frame [(D,), int]
+    kind: name of the summary, such as ``x`` or ``area`` [(D,), str]
+    """
+
+    view: np.ndarray
+    frame: np.ndarray
+    kind: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+    def where(self, mask: np.ndarray) -> Layout:
+        """The entries for which ``mask`` [(D,), bool] is true."""
+        return Layout(self.view[mask], self.frame[mask], self.kind[mask])
+
+    @staticmethod
+    def join(layouts: list[Layout]) -> Layout:
+        """Several layouts one after the other."""
+        parts = [(part.view, part.frame, part.kind) for part in layouts]
+        return Layout(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

@@ -1,0 +1,62 @@
+"""Step 3: where the residual exceeds the noise floor, by view, frame and phase of the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.summaries import KINDS
+
+PHASES = ("free fall", "impact", "contact", "rebound")
+REACH = 1.0
+"""A particle within so many node spacings of the ground touches it."""
+
+
+def phases(problem: Problem, comparison: Comparison) -> list[str]:
+    """Phase of the simulated motion in every frame.
+
+    Free fall until the first contact; impact until the body is lowest; contact while it touches; rebound afterwards in
+    the air.
+    """
+    model = problem.model(comparison.effects, comparison.known)
+    return phases_of(model.path(comparison.free), model.body.spacing, comparison.known["ground_height"])
+
+
+def phases_of(path: torch.Tensor, spacing: float, ground: float) -> list[str]:
+    """Phase of a motion [m, (F, N, 3)] above a ground at the given height [m] in every frame."""
+    heights = path[..., 1].numpy() - ground
+    touches = heights.min(1) < REACH * spacing
+    if not touches.any():
+        return [PHASES[0]] * len(path)
+    first = int(np.argmax(touches))
+    lowest = first + int(np.argmin(heights[first:].mean(1)))
+    named = [PHASES[0]] * first
+    for frame in range(first, len(path)):
+        named.append(PHASES[1] if frame <= lowest else PHASES[2] if touches[frame] else PHASES[3])
+    return named
+
+
+def floor(comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
+    """Bias [pixels] and variance [pixels^2] of the residual under the model, from the twins [(V, F, 11) each]."""
+    bias = comparison.twins.mean(0)
+    variance = comparison.twins.var(0, ddof=1) * (1 + 1 / len(comparison.twins))
+    return bias, variance
+
+
+def excess(residual: np.ndarray, comparison: Comparison) -> np.ndarray:
+    """Mean square error of the outlines less the noise floor in every view and frame [pixels^2, (V, F)]; NaN where
+    nothing was seen.
+    """
+    bias, variance = floor(comparison)
+    beyond = (residual - bias) ** 2 - variance
+    outlines = beyond[..., : len(KINDS)]
+    seen = np.isfinite(outlines)
+    counts = seen.sum(-1)
+    return np.where(counts > 0, np.where(seen, outlines, 0.0).sum(-1) / np.maximum(counts, 1), np.nan)
+
+
+def signed_root(square: float) -> float:
+    """Root of a mean excess, 0 where it is below the floor [pixels]."""
+    return float(np.sqrt(max(square, 0.0)))

@@ -1,0 +1,188 @@
+"""The forward model of a diagnosis: physical parameters in, outline summaries of every view and frame out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.data import cameras
+from pacnerf_lpo.diagnosis.body import Body
+from pacnerf_lpo.diagnosis.outlines import splat
+from pacnerf_lpo.diagnosis.summaries import KINDS, summarise
+from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.render.observation import AS_BELIEVED, Observer, project
+from pacnerf_lpo.types import Video
+
+VELOCITY = tuple(
+    Parameter(f"v_{axis}", "m/s", Identity(), (-100.0, 100.0), f"initial velocity along {axis}", scale=0.1)
+    for axis in "xyz"
+)
+MARGIN = 24
+"""How far the model's images go beyond the camera's [pixels]: an outline may leave the picture in a bad guess."""
+
+
+def with_effects(physics: Physics, effects: Sequence[Effect], spacing: float, run_spacing: float) -> Physics:
+    """The physical model of a run with other effects, stepped as finely as another grid spacing [m] needs."""
+    steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / physics.frame_rate))
+    return Physics(
+        physics.material,
+        physics.ground,
+        effects,
+        physics.rho,
+        max(steps, 1) * physics.frame_rate,
+        physics.frame_rate,
+        physics.gravity,
+        physics.ground_height,
+        physics.fit_ground_height,
+    )
+
+
+class Model:
+    """A body that moves by given physics before the cameras of a video.
+
+    Args:
+        body: particles at frame 0.
+        physics: material, ground and effects.
+        video: cameras, image size and time stamps; its images are not used.
+        known: values to start from, of physical parameters and of the velocity ``v_x``, ``v_y``, ``v_z`` [SI].
+    """
+
+    def __init__(self, body: Body, physics: Physics, video: Video, known: dict[str, float]):
+        self.body, self.physics, self.video = body, physics, video
+        self.known = {**physics.guess, **{name: value for name, value in known.items() if name in physics.parameters}}
+        described = physics.parameters
+        self.unknowns = [*(described[name] for name in physics.free_names), *VELOCITY]
+        self.names = tuple(parameter.name for parameter in self.unknowns)
+        self.scales = np.array([parameter.scale for parameter in self.unknowns])
+        start = {**self.known, **{parameter.name: known[parameter.name] for parameter in VELOCITY}}
+        self.start = np.array([parameter.transform.to_free(start[parameter.name]) for parameter in self.unknowns])
+        self.bounds = self._bounds()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Views and frames."""
+        return self.video.images.shape[0], len(self.video.times)
+
+    def physical(self, free: np.ndarray) -> dict[str, float]:
+        """Every parameter in SI units at these free coordinates [(K,)]."""
+        found = {
+            parameter.name: float(parameter.transform.to_physical(torch.tensor(float(value), dtype=torch.float64)))
+            for parameter, value in zip(self.unknowns, free, strict=True)
+        }
+        return {**self.known, **found}
+
+    @torch.no_grad()
+    def path(self, free: np.ndarray) -> Tensor:
+        """Particles at every frame [m, (F, N, 3)]. Raises SimulationError."""
+        values = self.physical(free)
+        tensors = {name: torch.tensor(values[name]) for name in self.physics.parameters}
+        positions = self.body.positions
+        return self.physics.motion(
+            positions,
+            self._velocity(free).expand_as(positions),
+            self.body.fraction,
+            tensors,
+            self.body.spacing,
+            self.shape[1],
+        )
+
+    @torch.no_grad()
+    def outlines(self, path: Tensor, free: np.ndarray | None = None, views: Sequence[int] | None = None) -> Tensor:
+        """Opacity in views and frames, with a margin around the image [0..1, (V, F, H + 48, W + 48)].
+
+        Args:
+            path: particles at every frame [m, (F, N, 3)]
+            free: where the coefficients of observation effects stand; None: cameras as they are believed to be.
+            views: indices of some views; None: all.
+        """
+        size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
+        observer = AS_BELIEVED if free is None else self._observer(free)
+        moving = path if len(path) == 1 else observer.seen(path, self._velocity(free), self.video.times)
+        seen = []
+        for view in range(self.shape[0]) if views is None else views:
+            view_id = self.video.view_ids[view]
+            points = moving[observer.clock(view_id)] if len(path) > 1 else path
+            pixels, depth = self._project(points, view, observer)
+            apart = self.video.intrinsics[view, 0, 0] * (self.body.spacing / 2) / depth.clamp_min(1e-3).mean(1)
+            seen.append(splat(pixels + MARGIN, self.body.fraction, size, apart))
+        return torch.stack(seen)
+
+    def _project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:
+        """Pixels [(F, N, 2)] and depth [m, (F, N)] of particles [m, (F, N, 3)] in a view."""
+        view_id, count = self.video.view_ids[view], len(points)
+        if observer.changing("camera", view_id) or observer.changing("image_plane", view_id):
+            frames = [
+                project(points[f], self.video, view, f, observer.observations, observer.values) for f in range(count)
+            ]
+            return torch.stack([pixels for pixels, _ in frames]), torch.stack([depth for _, depth in frames])
+        flat = points.reshape(-1, 3)
+        pixels, depth = cameras.project(flat, self.video.intrinsics[view], self.video.camera_to_world[view])
+        return pixels.view(count, -1, 2), depth.view(count, -1)
+
+    def brightness(self, free: np.ndarray) -> np.ndarray:
+        """Logarithm of what the cameras make of a grey object's brightness [(V, F)]."""
+        observer, grey = self._observer(free), torch.full((1, 3), 0.5)
+        views, frames = self.shape
+        found = np.zeros((views, frames))
+        for view, view_id in enumerate(self.video.view_ids):
+            if observer.changing("colour", view_id):
+                for frame in range(frames):
+                    seen = observer.colour(grey, torch.zeros(1), self.video, view, frame)
+                    found[view, frame] = float((seen.mean() / grey.mean()).clamp_min(1e-3).log())
+        return found
+
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        """Summaries of every outline [pixels], and the brightness [(V, F, 11)]. Raises SimulationError."""
+        return self.observe(self.path(free), free)
+
+    def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+        """Summaries of a motion [m, (F, N, 3)].
+
+        Args:
+            path: as :meth:`path` gives it.
+            free: where the coefficients of observation effects stand.
+            before: summaries of the same motion with the cameras as they are believed to be; saves looking again into
+                views that no observation effect concerns.
+        """
+        views = list(range(self.shape[0]))
+        if before is not None:
+            views = [view for view in views if self._concerned(self.video.view_ids[view])]
+        found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
+        found[..., -1] = self.brightness(free)
+        if views:
+            found[views, :, :-1] = summarise(self.outlines(path, free, views), MARGIN)
+        return found
+
+    def _concerned(self, view_id: int) -> bool:
+        return any(effect.concerns(view_id) for effect in self.physics.observations)
+
+    def _velocity(self, free: np.ndarray | None) -> Tensor:
+        values = self.physical(self.start if free is None else free)
+        return torch.tensor([values[parameter.name] for parameter in VELOCITY], dtype=torch.float32)
+
+    def _observer(self, free: np.ndarray) -> Observer:
+        values = self.physical(free)
+        tensors = {name: torch.tensor(value) for name, value in values.items()}
+        return Observer(self.physics.observations, tensors)
+
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null."""
+        ends = [
+            [parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds]
+            for parameter in self.unknowns
+        ]
+        low, high = np.array(ends).T
+        for effect in self.physics.effects:
+            for name, null in effect.null.items() if effect.one_sided else ():
+                index, side = self.names.index(name), sum(probe[name] - null for probe in effect.probes)
+                end = self.unknowns[index].transform.to_free(null)
+                if side > 0:
+                    low[index] = max(low[index], end)
+                else:
+                    high[index] = min(high[index], end)
+        return low, high

@@ -1,0 +1,202 @@
+"""Step 4, second half, and step 5: fit with an effect added, and judge it where nothing was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import LEVEL, Comparison, Progress, in_si, noise_of, reporter
+from pacnerf_lpo.diagnosis.fitting import Fit, Residual, fit
+from pacnerf_lpo.diagnosis.localising import excess
+from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict, acceptance
+from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion
+from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.diagnosis.statistics.score import Score
+from pacnerf_lpo.errors import SimulationError
+
+ITERATIONS = 10
+REFINED_ITERATIONS = 3
+MOST_REFITS = 5
+FINER = 0.85
+"""Node spacing of the refinement check, beside that of the diagnosis."""
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A model with one more effect, fitted.
+
+    candidate: the effect.
+    known: every value [SI]
+    intervals: of all unknowns [SI]
+    residual: measured minus predicted [pixels, (V, F, 11)]
+    misfit_before, misfit: whitened sums of squares in the fitted entries.
+    refined: the leading coefficient on a finer grid [SI]; None where that was not tried.
+    verdict: of the acceptance on held-out data.
+    """
+
+    candidate: Candidate
+    known: dict[str, float]
+    intervals: list[Interval]
+    residual: np.ndarray
+    misfit_before: float
+    misfit: float
+    refined: float | None
+    verdict: Verdict
+
+    @property
+    def leading(self) -> str:
+        """The coefficient that is judged: the one farthest from its null in standard errors."""
+        return leading_of(self.candidate, self.intervals)
+
+
+def worth_refitting(candidates: Sequence[Candidate], screening: Screening, level: float) -> list[Candidate]:
+    """The best of the ranking that pass the threshold, at most two of a class, and every alternative of kind, because a
+    score at the null says little of those.
+    """
+    by_name = {candidate.name: candidate for candidate in candidates}
+    passed = [s.name for s, p in zip(screening.scores, screening.p_values, strict=True) if p < level]
+    chosen: list[str] = []
+    for name in passed:
+        alike = [other for other in chosen if other in screening.group(name)]
+        if len(chosen) < MOST_REFITS and len(alike) < 2:
+            chosen.append(name)
+    discrete = [c.name for c in candidates if c.discrete and not c.observes and c.name not in chosen]
+    return [by_name[name] for name in [*chosen, *discrete]]
+
+
+def refit(
+    problem: Problem,
+    comparison: Comparison,
+    candidate: Candidate,
+    score: Score | None,
+    progress: Progress,
+) -> Refit | None:
+    """Fit all parameters with the effect added, from one or more starts, and judge it on held-out data.
+
+    A fault of one camera is fitted in every other frame of that view too, and judged in the frames between.
+
+    Returns:
+        None if the motion is unstable from every start.
+    """
+    fitted, held = _masks(problem, candidate)
+    noise = noise_of(problem, comparison.twins, fitted)
+    best: tuple[Fit, Model] | None = None
+    for start in starts(candidate, score):
+        model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
+        residual = problem.residual_of(model, fitted)
+        try:
+            found = fit(
+                _whitened(noise, residual),
+                model.start,
+                model.scales,
+                model.bounds,
+                ITERATIONS,
+                reporter(model, progress),
+            )
+        except SimulationError:
+            continue
+        if best is None or found.misfit < best[0].misfit:
+            best = found, model
+    if best is None:
+        return None
+    found, model = best
+    known, intervals = model.physical(found.free), _intervals(found, model, comparison)
+    before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
+    after = problem.residual(model.predict(found.free))
+    leading = leading_of(candidate, intervals)
+    refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
+    interval = next(i for i in intervals if i.name == leading)
+    views, frames = np.nonzero(held & np.isfinite(excess(comparison.residual, comparison)))
+    verdict = acceptance(
+        excess(comparison.residual, comparison)[views, frames],
+        excess(after, comparison)[views, frames],
+        views,
+        frames,
+        (interval.low, interval.high),
+        candidate.effect.null[leading],
+        known[leading],
+        None if candidate.discrete else refined,
+    )
+    return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, refined, verdict)
+
+
+def _whitened(noise: NoiseModel, residual: Residual) -> Residual:
+    return lambda free: noise.whiten_residual(residual(free))
+
+
+def leading_of(candidate: Candidate, intervals: Sequence[Interval]) -> str:
+    """The effect's coefficient farthest from its null in standard errors."""
+    own = [interval for interval in intervals if interval.name in candidate.effect.parameters]
+    null = candidate.effect.null
+    return max(own, key=lambda i: abs(i.value - null[i.name]) / max(i.error, 1e-300)).name
+
+
+def starts(candidate: Candidate, score: Score | None) -> list[dict[str, float]]:
+    """Values of the effect's coefficients to start a fit from [SI]: by the score test where it names them, else the
+    probes of the class.
+    """
+    null, probes = candidate.effect.null, candidate.effect.probes
+    if candidate.discrete or score is None:
+        return [dict(probes[0]), dict(probes[-1])]
+    if candidate.joint:
+        names = list(null)[: len(score.coefficient)]
+        return [{**null, **{name: null[name] + c for name, c in zip(names, score.coefficient, strict=True)}}]
+    probe = probes[min(score.probe, len(probes) - 1)]
+    name = max(null, key=lambda n: abs(probe[n] - null[n]))
+    largest = max(abs(p[name] - null[name]) for p in probes)
+    size = float(np.clip(score.coefficient[0], -2 * largest, 2 * largest))
+    return [{**probe, name: null[name] + size}]
+
+
+def _masks(problem: Problem, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """Entries to fit [(V, F, 11)], and view x frame blocks to judge by [(V, F)]."""
+    view_id = getattr(candidate.effect, "view", None)
+    if view_id is None:
+        return problem.fitted, problem.split.held
+    view = problem.video.view_ids.index(view_id)
+    fitted, held = problem.split.fitted.copy(), np.zeros_like(problem.split.fitted)
+    fitted[view, 0::2], fitted[view, 1::2] = True, False
+    held[view, 1::2] = True
+    return problem.usable & fitted[..., None], held
+
+
+def _intervals(found: Fit, model: Model, comparison: Comparison) -> list[Interval]:
+    dof = max(len(found.residual) - len(found.free), 1)
+    inflation = float(np.sqrt(overdispersion(found.residual, dof)))
+    laplace = laplace_intervals(
+        found.jacobian, list(found.free), model.names, list(model.scales), LEVEL, inflation, len(comparison.twins) - 1
+    )
+    return [in_si(model, interval) for interval in laplace.intervals]
+
+
+def _refined(
+    problem: Problem,
+    comparison: Comparison,
+    candidate: Candidate,
+    known: dict[str, float],
+    noise: NoiseModel,
+    fitted: np.ndarray,
+    progress: Progress,
+) -> dict[str, float]:
+    """Every value after a few more iterations on a finer grid; nothing where that is unstable."""
+    progress(f"{candidate.name} on a finer grid")
+    body = problem.sample(FINER * problem.spacing, seed=1)
+    model = problem.model([*comparison.effects, candidate.effect], known, body)
+    residual = problem.residual_of(model, fitted)
+    try:
+        found = fit(
+            _whitened(noise, residual),
+            model.start,
+            model.scales,
+            model.bounds,
+            REFINED_ITERATIONS,
+        )
+    except SimulationError:
+        return {}
+    return model.physical(found.free)

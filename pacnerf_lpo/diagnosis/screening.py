@@ -1,0 +1,150 @@
+"""Step 4, first half: what each effect would change, by one simulation for each probe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
+from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.problem import Problem, relative
+from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
+from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
+from pacnerf_lpo.diagnosis.statistics.score import Probe, Score, score_test
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm.effects.base import Effect
+
+LEVEL = 0.05
+"""Probability of a false alarm, over the whole catalogue."""
+LEAST_CHANGE = 1e-4
+"""A trial that moves no summary by so much [pixels] changes nothing."""
+
+
+def probe_all(
+    problem: Problem,
+    installed: Sequence[Effect],
+    null: Model,
+    free: np.ndarray,
+    candidates: Sequence[Candidate],
+    mask: np.ndarray,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Probe]:
+    """The change of the residual by every candidate, in the entries of a mask [(V, F, 11), bool].
+
+    Args:
+        problem: the run.
+        installed: effects of the null model.
+        null: the fitted model.
+        free: its coordinates [(K,)]
+        candidates: effects to try beside the installed ones.
+        mask: entries to return.
+        progress: called with the name of each candidate.
+
+    A trial whose motion is unstable, or that changes nothing there, is left out; so is a candidate without a trial.
+    """
+    path, known = null.path(free), null.physical(free)
+    before = null.observe(path, free)
+    found = []
+    for candidate in candidates:
+        progress(candidate.name)
+        columns, sizes = [], []
+        for trial in candidate.trials():
+            model = problem.model([*installed, candidate.effect], {**known, **trial})
+            try:
+                after = model.observe(path, model.start, before) if candidate.observes else model.predict(model.start)
+            except SimulationError:
+                continue
+            change = np.nan_to_num(relative(after - before)[mask])
+            if np.abs(change).max() > LEAST_CHANGE:
+                columns.append(change)
+                sizes.append(size_of(candidate, trial))
+        if columns:
+            stacked = np.stack(columns, axis=1)
+            found.append(Probe(candidate.name, stacked, tuple(sizes), candidate.effect.one_sided, candidate.joint))
+    return found
+
+
+def size_of(candidate: Candidate, trial: dict[str, float]) -> float:
+    """How far a trial is from the null, in the unit of its coefficient; 1 for alternatives of kind."""
+    if candidate.discrete:
+        return 1.0
+    return max((trial[name] - null for name, null in candidate.effect.null.items()), key=abs)
+
+
+@dataclass(frozen=True)
+class Screening:
+    """The catalogue, ranked.
+
+    scores: best first.
+    p_values: family-wise, of every score.
+    intervals: of every coefficient by name, counted from the null: the bound where nothing is found.
+    threshold: of |z|.
+    groups: names that cannot be told apart in this recording.
+    correlations: of the signatures, in the order of ``scores`` [(K, K)]
+    """
+
+    scores: list[Score]
+    p_values: list[float]
+    intervals: dict[str, list[tuple[float, float]]]
+    threshold: float
+    groups: list[tuple[str, ...]]
+    correlations: np.ndarray
+
+    def group(self, name: str) -> tuple[str, ...]:
+        """The names that cannot be told apart from this one, itself among them."""
+        return next(group for group in self.groups if name in group)
+
+    def p_value(self, name: str) -> float:
+        """Family-wise p-value of an effect; 1 if it changes nothing that can be seen."""
+        return next((p for score, p in zip(self.scores, self.p_values, strict=True) if score.name == name), 1.0)
+
+
+def screen(
+    problem: Problem, comparison: Comparison, candidates: Sequence[Candidate], progress: Callable[[str], None]
+) -> Screening:
+    """Score every candidate at the fitted model (no refit), and calibrate on the twins.
+
+    Physics, and faults of the fitted cameras, are scored in the fitted views and frames. Held-out cameras are scored in
+    the fitted frames of all views; half the error level goes to either family.
+    """
+    held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
+    outside = [c for c in candidates if c.observes and getattr(c.effect, "view", None) in held]
+    inside = [candidate for candidate in candidates if candidate not in outside]
+    families = [(inside, problem.fitted)]
+    if outside:
+        families.append((outside, problem.usable & problem.split.frames[:, None]))
+    null = problem.model(comparison.effects, comparison.known)
+    scores, p_values, thresholds, intervals = [], [], [], {}
+    for family, mask in families:
+        probes = probe_all(problem, comparison.effects, null, comparison.free, family, mask, progress)
+        if not probes:
+            continue
+        noise = noise_of(problem, comparison.twins, mask)
+        residual, jacobian = comparison.residual[mask], comparison.jacobian[mask]
+        calibration = calibrate(noise, jacobian, probes, LEVEL / len(families))
+        for score in score_test(noise, residual, jacobian, probes, calibration.scales):
+            scores.append(replace(score, signature=_whole(score.signature, mask)))
+            p_values.append(min(1.0, len(families) * calibration.p_value(score)))
+            intervals[score.name] = calibration.interval(score)
+        thresholds.append(calibration.threshold)
+    order = sorted(range(len(scores)), key=lambda index: -abs(scores[index].z))
+    scores = [scores[index] for index in order]
+    signatures, names = np.stack([score.signature for score in scores]), [score.name for score in scores]
+    return Screening(
+        scores,
+        [p_values[index] for index in order],
+        intervals,
+        max(thresholds),
+        classes(signatures, names),
+        correlation(signatures),
+    )
+
+
+def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A signature [(D,)] among all entries of the recording, zero elsewhere."""
+    found = np.zeros(mask.shape)
+    found[mask] = signature
+    return found.ravel()

@@ -1,0 +1,59 @@
+"""What the diagnosis may look at, and what it is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import UserInputError
+
+HELD_VIEWS = 3
+HELD_FRAMES = 2
+LEAST_FRAMES = 5
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which views and frames are fitted; the others are held out.
+
+    views: True where a view is fitted [(V,), bool]
+    frames: True where a frame is fitted [(F,), bool]
+    """
+
+    views: np.ndarray
+    frames: np.ndarray
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """[(V, F), bool]"""
+        return self.views[:, None] & self.frames
+
+    @property
+    def held(self) -> np.ndarray:
+        """Views that were not fitted, in all frames, and the last frames of all views [(V, F), bool]."""
+        return ~self.fitted
+
+
+def split(data: VideoData) -> Split:
+    """Hold out the test views of the run, or three of its training views when it has fewer than two, and the last two
+    frames.
+
+    Raises:
+        UserInputError: too few views or frames to hold any out.
+    """
+    views, frames = data.video.images.shape[:2]
+    if views < HELD_VIEWS or frames < LEAST_FRAMES:
+        raise UserInputError(
+            f"{data.video.source}: {views} views and {frames} frames; a diagnosis holds some out to judge by and "
+            f"needs at least {HELD_VIEWS} views and {LEAST_FRAMES} frames"
+        )
+    held = np.zeros(views, bool)
+    if len(data.test) >= 2:
+        held[data.test] = True
+    else:
+        count = min(HELD_VIEWS, views - 1)
+        held[np.linspace(1, views - 1, count).round().astype(int)] = True
+    late = np.arange(frames) >= frames - HELD_FRAMES
+    return Split(~held, ~late)

@@ -1,0 +1,111 @@
+"""Twins: what the residual would be if the fitted model were true, from other discretisations of the same motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+
+from pacnerf_lpo.diagnosis.body import Body
+from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.problem import Problem, beside_median, relative
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm.effects.base import Effect
+
+FINENESS = (0.78, 0.9)
+"""Twins move on grids that are finer than the model's by factors from this range."""
+LEAST_DISTORTION = 0.15
+"""Least error of the reconstructed shape, in voxels of the run."""
+WAVES = 3
+TRIALS = 4
+MEDIAN_OF_CHI2 = 0.4549
+
+
+def twins(
+    problem: Problem,
+    effects: Sequence[Effect],
+    free: np.ndarray,
+    model: Model,
+    count: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> np.ndarray:
+    """Residuals [(T, V, F, 11)] of data simulated from the model itself.
+
+    Each twin has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly by as
+    much as the outlines at frame 0 disagree, and fresh sensor noise.
+
+    Args:
+        problem: the run.
+        effects: of the model.
+        free: coordinates at which the model was fitted [(K,)]
+        model: whose prediction takes the place of the truth's opponent.
+        count: T.
+        seed: of all random choices.
+        progress: called with the number of each finished twin.
+
+    Raises:
+        SimulationError: a finer motion is unstable.
+    """
+    reference, known = model.predict(free), model.physical(free)
+    sigma = distortion(problem, reference)
+    found: list[np.ndarray] = []
+    attempt = 0
+    while len(found) < count:
+        random = np.random.default_rng((seed, attempt))
+        attempt += 1
+        spacing = model.body.spacing * random.uniform(*FINENESS)
+        body = distorted(problem.sample(spacing, seed=1000 * seed + attempt), sigma, random)
+        twin = problem.model(effects, known, body)
+        try:
+            predicted = twin.predict(twin.start)
+        except SimulationError:
+            if attempt > 2 * count:
+                raise
+            continue
+        difference = predicted - reference
+        difference = difference + problem.sensor * random.standard_normal(difference.shape)
+        found.append(relative(difference))
+        progress(len(found))
+    return np.stack(found)
+
+
+def distortion(problem: Problem, reference: np.ndarray) -> float:
+    """How far the reconstructed surface may be from the true one [m]: as far as makes the outlines of distorted bodies
+    disagree at frame 0 as much as the measured ones do, in the median over all views; at least a part of a voxel.
+
+    Args:
+        problem: the run.
+        reference: summaries that the model predicts [(V, F, 11)]
+    """
+    least = LEAST_DISTORTION * problem.state.spacing
+    random = np.random.default_rng(0)
+    shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
+    sensor = problem.sensor[:, 0, :-1]
+    caused = _typical_square(beside_median(shapes - reference[:, 0, :-1]) / sensor)
+    measured = _typical_square(problem.residual(reference)[:, 0, :-1] / sensor) - 1
+    return max(least, 2 * least * float(np.sqrt(max(measured, 0.0) / caused)))
+
+
+def _typical_square(values: np.ndarray) -> float:
+    """Variance of normal deviates by their median square: single cameras that are wrong do not count."""
+    return float(np.nanmedian(values**2)) / MEDIAN_OF_CHI2
+
+
+def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
+    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and a few long waves."""
+    positions = body.positions
+    centre = positions.mean(0)
+    extent = float((positions.amax(0) - positions.amin(0)).norm()) / 2
+    relative = (positions - centre) / extent
+    strain = torch.tensor(random.standard_normal((3, 3)), dtype=positions.dtype)
+    moved = relative @ (strain + strain.T) / 2
+    for _ in range(WAVES):
+        number, direction = random.standard_normal((2, 3))
+        phase = random.uniform(0, 2 * np.pi)
+        wave = torch.sin(relative @ torch.tensor(2 * number, dtype=positions.dtype) + phase)
+        moved = moved + wave[:, None] * torch.tensor(direction / np.sqrt(WAVES), dtype=positions.dtype)
+    moved = moved - moved.mean(0)
+    size = moved.square().sum(1).mean().sqrt().clamp_min(1e-9)
+    return Body(positions + moved * (sigma / size), body.fraction, body.spacing)

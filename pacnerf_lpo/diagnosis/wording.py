@@ -1,0 +1,66 @@
+"""What a diagnosis found, in sentences."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.mpm.parameters import Parameter
+
+NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
+UNKNOWN = "Something is missing, but none of the known effects explains it."
+
+
+def readable(name: str) -> str:
+    """``LinearDrag`` as *linear drag*, ``CameraShift@3`` as *camera shift of view 3*."""
+    kind, _, view = name.partition("@")
+    words = re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
+    return f"{words} of view {view}" if view else words
+
+
+def either(names: Sequence[str]) -> str:
+    """Effects that cannot be told apart, as a choice."""
+    words = [readable(name) for name in names]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+def probability(p: float) -> str:
+    """A p-value as a person reads it."""
+    return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
+
+
+def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float, again: bool) -> str:
+    """The sentence about an accepted effect.
+
+    Args:
+        candidate: the effect that was added.
+        alike: names that cannot be told apart from it, itself among them.
+        p: family-wise p-value of the score test.
+        removed: share of the held-out excess error that it removes.
+        again: whether another effect was found before.
+    """
+    named = either([candidate.name, *(name for name in alike if name != candidate.name)])
+    what = f"{named} is {'also ' if again else ''}missing" if not candidate.observes else f"{named}: a camera is wrong"
+    return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {removed:.0%} of the held-out error."
+
+
+def moved(parameter: Parameter, before: float, after: float) -> str:
+    """How a parameter changes when the effect is added."""
+    return f"{parameter.label} moves from {parameter.show(before)} to {parameter.show(after)}"
+
+
+def separation(candidate: Candidate, alike: Sequence[str]) -> str | None:
+    """What recording would tell apart the effects of one class; None if there is one."""
+    if len(alike) < 2:
+        return None
+    others = either([name for name in alike if name != candidate.name])
+    return f"To tell {readable(candidate.name)} from {others}: {candidate.effect.separating_experiment}."
+
+
+NOT_IDENTIFIABLE = (
+    "Motion alone gives E / rho, eta / rho and yield stress / rho, not the density itself.",
+    "A time offset common to all cameras looks like another initial position and velocity.",
+    "Another strength of gravity looks like another length scale.",
+    "A tilt of the world looks like a uniform sideways force.",
+)
