@@ -17,10 +17,11 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
+from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
-from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import write_atomically
@@ -91,10 +92,14 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
         told = _prefixed(progress, f"round {number}, ")
         found = _round(problem, store, options, number, effects, known, told)
         rounds.append(found)
-        write(problem, rounds, options)
+        write(problem, rounds)
         if found.accepted is None or number > options.effects:
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
+    last = rounds[-1]
+    if options.until == "refit" and last.accepted is None and last.omnibus.p_value < LEVEL:
+        force = store.once("force", partial(residual_force, problem, last.comparison, progress))
+        write(problem, rounds, force)
     return store.folder
 
 
@@ -163,11 +168,13 @@ def best_of(refits: list[Refit]) -> Refit | None:
     return max(physics or accepted, key=lambda again: again.verdict.removed, default=None)
 
 
-def write(problem: Problem, rounds: list[Round], options: Options) -> None:
+def write(problem: Problem, rounds: list[Round], force: ResidualForce | None = None) -> None:
     """Write diagnosis.json and, when effects were accepted, the overlay effects.yaml."""
-    folder = problem.run.run_dir / "diagnosis"
+    folder = problem.run.run_dir / FOLDER
     folder.mkdir(exist_ok=True)
-    result = summary(problem, rounds)
+    result = summary(problem, rounds) | {"residual_force": None if force is None else _force(force)}
+    if force is not None:
+        result["verdict"]["details"] += wording.force(force.explained, force.law)
     write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
     accepted = [found.accepted for found in rounds if found.accepted is not None]
     if accepted:
@@ -328,6 +335,17 @@ def _refit(problem: Problem, again: Refit, comparison: Comparison) -> dict:
         "reasons": [[passed, sentence] for passed, sentence in again.verdict.reasons],
         "excess": _matrix(localising.excess(again.residual, comparison)),
         "error": _errors(problem, again.residual, comparison),
+    }
+
+
+def _force(force: ResidualForce) -> dict:
+    return {
+        "times": force.times.tolist(),
+        "mean": np.round(force.mean, 4).tolist(),
+        "field": np.round(force.field, 4).tolist(),
+        "explained": force.explained,
+        "terms": [asdict(term) for term in force.law.terms],
+        "terms_explain": force.law.explained,
     }
 
 

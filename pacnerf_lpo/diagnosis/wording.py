@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.statistics.residual_force import Law
 from pacnerf_lpo.mpm.parameters import Parameter
 
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
@@ -56,6 +57,17 @@ def separation(candidate: Candidate, alike: Sequence[str]) -> str | None:
         return None
     others = either([name for name in alike if name != candidate.name])
     return f"To tell {readable(candidate.name)} from {others}: {candidate.effect.separating_experiment}."
+
+
+def force(explained: float, law: Law) -> list[str]:
+    """About the smooth force that would remove the residual."""
+    found = [f"A smooth force on the body would remove {explained:.0%} of what is left."]
+    if law.terms:
+        terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
+        found.append(f"It looks like {terms}, which explains {law.explained:.0%} of it.")
+    else:
+        found.append("It looks like no term of the library.")
+    return found
 
 
 NOT_IDENTIFIABLE = (
