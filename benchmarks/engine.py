@@ -157,7 +157,8 @@ def report(results: dict) -> str:
     lines = [
         "# Engine",
         "",
-        f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}.",
+        f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}. Programs that "
+        f"were running on the machine already, on average: {results['load']:.1f}.",
         "",
     ]
     lines += ["`python benchmarks/engine.py --out benchmarks/results/engine.md` wrote this page.", ""]
@@ -200,6 +201,7 @@ def main() -> None:
         print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, 8000)))
         return
     results: dict = {"machine": f"{platform.machine()}, {os.cpu_count()} cores", "date": time.strftime("%Y-%m-%d")}
+    results["load"] = os.getloadavg()[0]
     own = [__file__, "--only"]
     results["one"] = {name: json.loads(child([*own, name], 1, cache=False)) for name in MATERIALS}
     for key, threads in (("one", 1), ("two", 2)):

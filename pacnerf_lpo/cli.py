@@ -174,7 +174,7 @@ def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], phy
         args: command line after ``fit``.
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
     """
-    _quieten_lightning()
+    quieten_lightning()
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
     run_dir = phases.run()
     try:
@@ -220,7 +220,7 @@ def _expand_resume(args: Sequence[str]) -> list[str]:
     return ["--config", str(run_dir / CONFIG_FILE), "--resume", str(run_dir), "--outer_loop.run_dir", str(run_dir)]
 
 
-def _quieten_lightning() -> None:
+def quieten_lightning() -> None:
     """Keep Lightning's advice for programmers off the screen; the progress bars are what a user follows."""
     for name in ("pytorch_lightning", "lightning_fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)

@@ -14,7 +14,7 @@ import yaml
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo import __version__
-from pacnerf_lpo.cli import PhaseCLI
+from pacnerf_lpo.cli import PhaseCLI, quieten_lightning
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.pac_nerf import choose_files
@@ -42,6 +42,7 @@ class ConfigReader:
         """
         words = list(words)
         if self._cli is None:
+            quieten_lightning()
             self._cli = PhaseCLI(words, VideoData, Physics)
         else:
             self._cli.parse_arguments(self._cli.parser, words)

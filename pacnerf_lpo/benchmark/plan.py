@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from pacnerf_lpo import __version__
-from pacnerf_lpo.benchmark.cells import RunName, run_of
+from pacnerf_lpo.benchmark.cells import NO_CORRECTION, RunName, run_of
 from pacnerf_lpo.benchmark.keys import ConfigReader, beginning_key, run_key
 from pacnerf_lpo.benchmark.scenes import Scene
 from pacnerf_lpo.cli import CONFIG_FILE
@@ -117,6 +117,8 @@ def plan_runs(
         files = _files(name, scene, configs, (*(configs / extra for extra in suite.overlays), *overlays))
         words = [word for path in files for word in ("--config", str(path))]
         words += [f"--outer_loop.rounds={needed[name]}", f"--data.root={scene.root}", f"--truth={scene.truth}"]
+        if name.correction in ("", NO_CORRECTION):  # nothing is held out from a correction that there is not
+            words.append("--outer_loop.stop_when=never")
         config = reader.read(words)
         first = planned.get(name.beginning)
         shares = first is not None and name != name.beginning and beginning_key(config) == beginning_key(first.config)

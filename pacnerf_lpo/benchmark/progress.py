@@ -115,7 +115,8 @@ def current_phase(run: PlannedRun) -> str | None:
 
 
 def _steps(run: PlannedRun) -> list[PhaseStep]:
-    return algorithm_1(run.rounds, run.name.correction not in ("", NO_CORRECTION))
+    correction = run.name.correction not in ("", NO_CORRECTION)
+    return algorithm_1(run.rounds, correction, run.config["outer_loop"]["carry"] == "refit_grid")
 
 
 def _records(run: PlannedRun) -> list[dict]:

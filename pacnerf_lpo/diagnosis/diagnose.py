@@ -15,7 +15,7 @@ import yaml
 from pacnerf_lpo.diagnosis import localising, wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
-from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.problem import Problem, RunProblem
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
@@ -84,28 +84,41 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     """
     if not 4 <= options.twins <= 200:
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
-    problem = Problem(Run(run_dir), stem)
-    store = Store(problem, {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed")})
-    candidates_for(problem, options, problem.run.physics.effects)  # a mistake in the list shows before any long work
-    effects, known, rounds = tuple(problem.run.physics.effects), problem.first_guess, []
+    problem = RunProblem(Run(run_dir), stem)
+    what = {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed")}
+    store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
+    investigate(problem, store, options, progress)
+    return store.folder
+
+
+def investigate(problem: Problem, store: Store, options: Options, progress: Callable[[str], None]) -> list[Round]:
+    """The steps of a diagnosis, repeated; writes its results into the store's folder.
+
+    Raises:
+        UserInputError: an unknown effect in the list of candidates.
+        SimulationError: the first motion is unstable at the resolution of the diagnosis.
+    """
+    candidates_for(problem, options, problem.physics.effects)  # a mistake in the list shows before any long work
+    effects, known = tuple(problem.physics.effects), problem.first_guess
+    rounds: list[Round] = []
     for number in range(1, options.effects + 2):
         told = _prefixed(progress, f"round {number}, ")
         found = _round(problem, store, options, number, effects, known, told)
         rounds.append(found)
-        write(problem, rounds)
+        write(problem, store.folder, rounds)
         if found.accepted is None or number > options.effects:
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
     if options.until == "refit" and last.accepted is None and last.omnibus.p_value < LEVEL:
         force = store.once("force", partial(residual_force, problem, last.comparison, progress))
-        write(problem, rounds, force)
-    return store.folder
+        write(problem, store.folder, rounds, force)
+    return rounds
 
 
 def candidates_for(problem: Problem, options: Options, installed: tuple[Effect, ...]) -> list[Candidate]:
     """What may be added to a model with these effects."""
-    material = problem.run.physics.material
+    material = problem.physics.material
     if options.candidates is not None:
         return read_candidates(Path(options.candidates), material, installed)
     return whole_catalogue(material, problem.video.view_ids, installed)
@@ -168,10 +181,9 @@ def best_of(refits: list[Refit]) -> Refit | None:
     return max(physics or accepted, key=lambda again: again.verdict.removed, default=None)
 
 
-def write(problem: Problem, rounds: list[Round], force: ResidualForce | None = None) -> None:
+def write(problem: Problem, folder: Path, rounds: list[Round], force: ResidualForce | None = None) -> None:
     """Write diagnosis.json and, when effects were accepted, the overlay effects.yaml."""
-    folder = problem.run.run_dir / FOLDER
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     result = summary(problem, rounds) | {"residual_force": None if force is None else _force(force)}
     if force is not None:
         result["verdict"]["details"] += wording.force(force.explained, force.law)
@@ -184,11 +196,11 @@ def write(problem: Problem, rounds: list[Round], force: ResidualForce | None = N
 def overlay(problem: Problem, accepted: list[Refit]) -> str:
     """A configuration file that adds the accepted effects to a run, with the values found."""
     values = accepted[-1].known
-    effects = [*problem.run.physics.effects, *(again.candidate.effect for again in accepted)]
-    material = {name: float(f"{values[name]:.6g}") for name in problem.run.physics.material.free_names}
+    effects = [*problem.physics.effects, *(again.candidate.effect for again in accepted)]
+    material = {name: float(f"{values[name]:.6g}") for name in problem.physics.material.free_names}
     section = {
         "physics": {
-            "material": {"class_path": type(problem.run.physics.material).__name__, "init_args": material},
+            "material": {"class_path": type(problem.physics.material).__name__, "init_args": material},
             "effects": [as_config(effect, values) for effect in effects],
         }
     }
@@ -201,7 +213,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
     video, split = problem.video, problem.split
     return {
         "format": 1,
-        "scene": problem.run.scene,
+        "scene": problem.scene,
         "views": list(video.view_ids),
         "frames": list(video.frame_ids),
         "times": video.times.tolist(),
@@ -223,11 +235,11 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
             p = min(found.screening.p_value(again.candidate.name), 1.0)
             p = found.omnibus.p_value if again.candidate.discrete else p
             sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
-            described = problem.run.physics.parameters
+            described = problem.physics.parameters
             changes = [
                 wording.moved(described[i.name], i.value, again.known[i.name])
                 for i in found.parameters
-                if i.name in problem.run.physics.material.free_names
+                if i.name in problem.physics.material.free_names
             ]
             sentences.append(f"{'; '.join(changes)}.")
             separation = wording.separation(again.candidate, alike)

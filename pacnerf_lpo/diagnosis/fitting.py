@@ -15,7 +15,8 @@ LONGEST_STEP = 5.0  # of a parameter's scale
 ATTEMPTS = 5
 PROBE = 0.5  # of a parameter's scale
 CONVERGED = 0.02  # of the longest step
-LEAST_GAIN = 1e-3
+LEAST_GAIN = 2e-3
+PATIENCE = 4
 Residual = Callable[[np.ndarray], np.ndarray]
 
 
@@ -47,6 +48,7 @@ def fit(
     bounds: tuple[np.ndarray, np.ndarray],
     iterations: int,
     report: Callable[[int, float, np.ndarray], None] = lambda *_: None,
+    hopeless: float | None = None,
 ) -> Fit:
     """Minimise ||residual||^2 (Levenberg-Marquardt), with one-sided differences.
 
@@ -57,6 +59,7 @@ def fit(
         bounds: least and largest value of each [(K,), (K,)]
         iterations: at most.
         report: called with iteration, misfit and coordinates.
+        hopeless: a misfit above this after :data:`PATIENCE` iterations ends the fit; None: never.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
@@ -82,7 +85,8 @@ def fit(
         gain = 1 - (after @ after) / (now @ now)
         free, now, damping = trial, after, max(damping / 5, 1e-7)
         jacobian = sensitivities(residual, free, now, scales, bounds)
-        if moved < CONVERGED or gain < LEAST_GAIN:
+        lost = hopeless is not None and iteration + 1 >= PATIENCE and now @ now > hopeless
+        if moved < CONVERGED or gain < LEAST_GAIN or lost:
             break
     return Fit(free, now, jacobian, rollouts)
 

@@ -1,7 +1,9 @@
-"""A run under diagnosis: what was measured, what the model of the run says, and where the two may be compared."""
+"""What is under diagnosis: what was measured, what the model says, and where the two may be compared."""
 
 from __future__ import annotations
 
+import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
@@ -12,11 +14,13 @@ from pacnerf_lpo.diagnosis import body as bodies
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.layout import Layout
 from pacnerf_lpo.diagnosis.model import MARGIN, Model, with_effects
-from pacnerf_lpo.diagnosis.split import split
+from pacnerf_lpo.diagnosis.split import Split, split
 from pacnerf_lpo.diagnosis.summaries import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.types import Video
 
 PARTICLES = 5000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
@@ -25,72 +29,60 @@ BISECTIONS = 9
 LEAST_SHADING = 0.01
 
 
-class Problem:
-    """The measurements of a run and the models that compete to explain them.
+class Problem(ABC):
+    """Measurements and the models that compete to explain them.
 
     Residuals are measured minus predicted summaries, made relative by :func:`relative`, so that an error of the
     reconstructed shape cancels to first order. Entries where either is missing are left out.
 
     Args:
-        run: the run; its last phase supplies the body and the first guess of the motion.
-        stem: another phase, such as ``01_velocity``.
+        scene: its name.
+        video: cameras, image size and time stamps.
+        held: what is fitted and what is held out.
+        physics: of the model that is questioned.
+        voxel: node spacing [m] to which the time step of ``physics`` belongs; the shape is known to a part of it.
+        measured: summaries of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
+        sensor: standard deviation of their noise [(V, F, 11)]
     """
 
-    def __init__(self, run: Run, stem: str | None = None):
-        self.run, self.stem, self.video = run, stem, run.data.video
-        self.state = run.stage(stem).state
-        self.split = split(run.data)
-        outlines = summarise(self.video.silhouettes)
-        bright = self._measured_brightness()
-        bright -= np.median(bright, axis=0)
-        self.measured = np.concatenate((outlines, bright[..., None]), axis=-1)
-        self.sensor = np.concatenate((sensor_noise(outlines), self._shading(bright)), axis=-1)
-        self.usable = np.isfinite(self.measured) & np.isfinite(self.measured[:, :1])
+    def __init__(
+        self,
+        scene: str,
+        video: Video,
+        held: Split,
+        physics: Physics,
+        voxel: float,
+        measured: np.ndarray,
+        sensor: np.ndarray,
+    ):
+        self.scene, self.video, self.split, self.physics, self.voxel = scene, video, held, physics, voxel
+        self.measured, self.sensor = measured, sensor
+        self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
+
+    @property
+    @abstractmethod
+    def spacing(self) -> float:
+        """Node spacing of the model [m]."""
+
+    @property
+    @abstractmethod
+    def first_guess(self) -> dict[str, float]:
+        """Physical parameters and velocity to start from [SI]."""
+
+    @abstractmethod
+    def sample(self, spacing: float, seed: int) -> Body:
+        """The body at a node spacing [m], as another sampling for every seed."""
 
     @cached_property
     def body(self) -> Body:
-        """The body at the resolution of the diagnosis, eroded until it is as large as it looks at frame 0."""
+        """The body at the resolution of the diagnosis."""
         return self.sample(self.spacing, seed=0)
-
-    @cached_property
-    def spacing(self) -> float:
-        """Node spacing at which the body has about :data:`PARTICLES` particles [m]."""
-        fine = bodies.resample(self.state, self.state.spacing, erosion=self.erosion)
-        volume = float(fine.fraction.sum()) * (self.state.spacing / 2) ** 3
-        return 2 * (volume / PARTICLES) ** (1 / 3)
-
-    @cached_property
-    def erosion(self) -> float:
-        """Raw density above that of the visible surface at which matter begins: found by the areas of the outlines at
-        frame 0 in the fitted views.
-        """
-        low, high = -4.0, LARGEST_EROSION
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            body = bodies.resample(self.state, self.state.spacing, erosion=middle)
-            if not len(body.positions) or self._oversize(body) < 0:
-                high = middle
-            else:
-                low = middle
-        return low
-
-    def sample(self, spacing: float, seed: int) -> Body:
-        """Another sampling of the same body."""
-        return bodies.resample(self.state, spacing, seed, self.erosion)
 
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
         """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
         body = body or self.body
-        physics = with_effects(self.run.physics, effects, body.spacing, self.state.spacing)
-        return Model(body, physics, self.video, known)
-
-    @cached_property
-    def first_guess(self) -> dict[str, float]:
-        """Physical parameters and velocity as the run left them [SI]."""
-        velocity = self.state.velocity.mean(0).tolist()
-        known = {**self.run.physics.guess, **self.state.physics}
-        return {**known, **dict(zip(("v_x", "v_y", "v_z"), velocity, strict=True))}
+        return Model(body, with_effects(self.physics, effects, body.spacing, self.voxel), self.video, known)
 
     @cached_property
     def fitted(self) -> np.ndarray:
@@ -119,13 +111,72 @@ class Problem:
         model = self.model((), self.first_guess, body)
         return summarise(model.outlines(body.positions[None]), MARGIN)[:, 0]
 
+
+class RunProblem(Problem):
+    """A run: its video and its model.
+
+    Args:
+        run: the run; its last phase supplies the body and the first guess of the motion.
+        stem: another phase, such as ``01_velocity``.
+    """
+
+    def __init__(self, run: Run, stem: str | None = None):
+        self.run, self.stem = run, stem
+        self.state = run.stage(stem).state
+        outlines = summarise(run.data.video.silhouettes)
+        bright = self._measured_brightness()
+        bright -= np.median(bright, axis=0)
+        measured = np.concatenate((outlines, bright[..., None]), axis=-1)
+        sensor = np.concatenate((sensor_noise(outlines), shading(bright)), axis=-1)
+        spacing = self.state.spacing
+        super().__init__(run.scene, run.data.video, split(run.data), run.physics, spacing, measured, sensor)
+
+    @cached_property
+    def spacing(self) -> float:
+        """Node spacing at which the body has about :data:`PARTICLES` particles [m]."""
+        fine = bodies.resample(self.state, self.state.spacing, erosion=self.erosion)
+        volume = float(fine.fraction.sum()) * (self.state.spacing / 2) ** 3
+        return 2 * (volume / PARTICLES) ** (1 / 3)
+
+    @cached_property
+    def erosion(self) -> float:
+        """Raw density above that of the visible surface at which matter begins: found by the areas of the outlines at
+        frame 0 in the fitted views.
+        """
+        low, high = -4.0, LARGEST_EROSION
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            body = bodies.resample(self.state, self.state.spacing, erosion=middle)
+            if not len(body.positions) or self._oversize(body) < 0:
+                high = middle
+            else:
+                low = middle
+        return low
+
+    def sample(self, spacing: float, seed: int) -> Body:
+        """The body, eroded until it is as large as it looks at frame 0."""
+        return bodies.resample(self.state, spacing, seed, self.erosion)
+
+    @cached_property
+    def first_guess(self) -> dict[str, float]:
+        """Physical parameters and velocity as the run left them [SI]."""
+        velocity = self.state.velocity.mean(0).tolist()
+        known = {**self.run.physics.guess, **self.state.physics}
+        return {**known, **dict(zip(("v_x", "v_y", "v_z"), velocity, strict=True))}
+
+    @property
+    def fingerprint(self) -> bytes:
+        """Differs for runs whose diagnosis may differ."""
+        config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
+        return self.run.stage(self.stem).state_path.read_bytes() + config.encode()
+
     def _oversize(self, body: Body) -> float:
         size = KINDS.index("size")
         return float(np.nanmedian((self.at_rest(body)[:, size] - self.measured[:, 0, size])[self.split.views]))
 
     def _measured_brightness(self) -> np.ndarray:
         """Logarithm of mean brightness beside that of the reconstruction at frame 0 [(V, F)]."""
-        video, renderer = self.video, StateRenderer(self.state)
+        video, renderer = self.run.data.video, StateRenderer(self.state)
         grid = renderer.grid(self.state.positions)
         size = video.images.shape[2], video.images.shape[3]
         reference = [renderer.image(grid, self.run.data.rays(view), size) for view in range(len(video.images))]
@@ -133,11 +184,11 @@ class Problem:
         measured = mean_brightness(video.images, video.silhouettes)
         return (measured / believed[:, None]).clamp_min(1e-3).log().numpy().astype(float)
 
-    @staticmethod
-    def _shading(brightness: np.ndarray) -> np.ndarray:
-        """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
-        spread = 1.4826 * np.median(np.abs(brightness))
-        return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
+
+def shading(brightness: np.ndarray) -> np.ndarray:
+    """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
+    spread = 1.4826 * np.median(np.abs(brightness))
+    return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
 
 
 def relative(difference: np.ndarray) -> np.ndarray:

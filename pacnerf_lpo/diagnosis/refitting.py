@@ -9,7 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import LEVEL, Comparison, Progress, in_si, noise_of, reporter
-from pacnerf_lpo.diagnosis.fitting import Fit, Residual, fit
+from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit
 from pacnerf_lpo.diagnosis.localising import excess
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
@@ -22,7 +22,9 @@ from pacnerf_lpo.errors import SimulationError
 
 ITERATIONS = 10
 REFINED_ITERATIONS = 3
-MOST_REFITS = 5
+MOST_REFITS = 4
+GIVE_UP = 1.2
+"""A second start that is still so much worse than the first after a few iterations is given up."""
 FINER = 0.85
 """Node spacing of the refinement check, beside that of the diagnosis."""
 
@@ -89,15 +91,16 @@ def refit(
     best: tuple[Fit, Model] | None = None
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
-        residual = problem.residual_of(model, fitted)
+        residual = _whitened(noise, problem.residual_of(model, fitted))
         try:
             found = fit(
-                _whitened(noise, residual),
-                model.start,
+                residual,
+                _adjusted(model, residual, noise, comparison, fitted),
                 model.scales,
                 model.bounds,
                 ITERATIONS,
                 reporter(model, progress),
+                None if best is None else GIVE_UP * best[0].misfit,
             )
         except SimulationError:
             continue
@@ -128,6 +131,24 @@ def refit(
 
 def _whitened(noise: NoiseModel, residual: Residual) -> Residual:
     return lambda free: noise.whiten_residual(residual(free))
+
+
+def _adjusted(
+    model: Model, residual: Residual, noise: NoiseModel, comparison: Comparison, fitted: np.ndarray
+) -> np.ndarray:
+    """Where to start: the other parameters moved as the linear model says they must when the effect is there [(K,)]."""
+    before = residual(model.start)
+    shift = -np.linalg.lstsq(noise.whiten(comparison.jacobian[fitted]), before, rcond=1e-8)[0]
+    start = model.start.copy()
+    for name, change in zip(comparison.names, shift, strict=True):
+        index = model.names.index(name)
+        start[index] += np.clip(change, -LONGEST_STEP * model.scales[index], LONGEST_STEP * model.scales[index])
+    start = np.clip(start, *model.bounds)
+    try:
+        after = residual(start)
+    except SimulationError:
+        return model.start
+    return start if after @ after < before @ before else model.start
 
 
 def leading_of(candidate: Candidate, intervals: Sequence[Interval]) -> str:

@@ -13,12 +13,15 @@ from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem, relative
 from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
-from pacnerf_lpo.diagnosis.statistics.score import Probe, Score, score_test
+from pacnerf_lpo.diagnosis.statistics.intervals import overdispersion
+from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, score_test
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
 LEVEL = 0.05
 """Probability of a false alarm, over the whole catalogue."""
+MEDIAN_DEVIATE = 0.6745
+LEAST_CAMERAS = 4
 LEAST_CHANGE = 1e-4
 """A trial that moves no summary by so much [pixels] changes nothing."""
 
@@ -125,7 +128,10 @@ def screen(
         noise = noise_of(problem, comparison.twins, mask)
         residual, jacobian = comparison.residual[mask], comparison.jacobian[mask]
         calibration = calibrate(noise, jacobian, probes, LEVEL / len(families))
-        for score in score_test(noise, residual, jacobian, probes, calibration.scales):
+        ranked = score_test(noise, residual, jacobian, probes, calibration.scales)
+        remainder = Remainder.of(noise, jacobian)
+        statistic = overdispersion(remainder.residual(residual), remainder.dof)
+        for score in beside_their_like([_dispersed(score, statistic) for score in ranked]):
             scores.append(replace(score, signature=_whole(score.signature, mask)))
             p_values.append(min(1.0, len(families) * calibration.p_value(score)))
             intervals[score.name] = calibration.interval(score)
@@ -141,6 +147,31 @@ def screen(
         classes(signatures, names),
         correlation(signatures),
     )
+
+
+def _dispersed(score: Score, statistic: float) -> Score:
+    """A score in units of what would still be left over, if that is more than noise: the twins do not know every error
+    of a reconstruction.
+
+    Args:
+        score: of one effect.
+        statistic: ||M r||^2 / dof, at least 1.
+    """
+    factor = np.sqrt(max(1.0, (1 - score.fraction) * statistic))
+    return replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error))
+
+
+def beside_their_like(scores: Sequence[Score]) -> list[Score]:
+    """A fault of one camera must stand out among the cameras: scores of the same kind of fault are divided by the
+    factor by which their median exceeds that of a normal deviate.
+    """
+    found = []
+    for score in scores:
+        kind, at, _ = score.name.partition("@")
+        alike = [abs(other.z) for other in scores if other.name.startswith(kind + "@")] if at else []
+        factor = max(1.0, float(np.median(alike)) / MEDIAN_DEVIATE) if len(alike) >= LEAST_CAMERAS else 1.0
+        found.append(replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error)))
+    return found
 
 
 def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:

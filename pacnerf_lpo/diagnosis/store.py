@@ -6,12 +6,12 @@ import hashlib
 import io
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import joblib
 
 from pacnerf_lpo import __version__
-from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
@@ -22,18 +22,14 @@ class Store:
     """What the steps found, under names that depend on all that they depend on.
 
     Args:
-        problem: the run under diagnosis.
+        folder: where they lie.
+        problem: bytes that tell what is under diagnosis.
         options: of the diagnosis.
     """
 
-    def __init__(self, problem: Problem, options: dict):
-        self.folder = problem.run.run_dir / FOLDER
-        stem = problem.stem
-        state = problem.run.stage(stem).state_path.read_bytes()
-        config = json.dumps(
-            [problem.run.config["data"], problem.run.config["physics"], options, __version__], default=str
-        )
-        self.key = hashlib.sha256(state + config.encode()).hexdigest()[:16]
+    def __init__(self, folder: Path, problem: bytes, options: dict):
+        self.folder = folder
+        self.key = hashlib.sha256(problem + json.dumps([options, __version__]).encode()).hexdigest()[:16]
 
     def once(self, name: str, step: Callable[[], Result]) -> Result:
         """What ``step`` gives; taken from disk where it was done before with the same run and options."""

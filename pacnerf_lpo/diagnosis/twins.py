@@ -79,7 +79,7 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
         problem: the run.
         reference: summaries that the model predicts [(V, F, 11)]
     """
-    least = LEAST_DISTORTION * problem.state.spacing
+    least = LEAST_DISTORTION * problem.voxel
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
     sensor = problem.sensor[:, 0, :-1]

@@ -20,7 +20,7 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
     Averaging particles on nodes (:func:`particles_to_grid`) spreads a field by up to a cell; sampled again it would be
     thicker. Here the nodes minimise the squared difference between their interpolation and the particles' values, by
     conjugate gradients from the average. At the rim, where a node is known by extrapolation only, its density is at
-    most the average, and no feature leaves the particles' range. Nodes that no particle touches are empty.
+    most the average, and its features stay in the particles' range. Nodes that no particle touches are empty.
 
     Args:
         positions: [m, (N, 3)]
@@ -37,7 +37,7 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
     nodes = _least_squares(points, torch.cat((density[:, None], features), dim=1), start)
     raw, rim = nodes[:, 0], weight[:, 0] < RIM_WEIGHT
     raw = torch.where(rim, torch.minimum(raw, average[:, 0]), raw)
-    colour = nodes[:, 1:].clamp(features.amin(0), features.amax(0))
+    colour = torch.where(rim[:, None], nodes[:, 1:].clamp(features.amin(0), features.amax(0)), nodes[:, 1:])
     return FieldGrid(raw.view(shape), colour.view(*shape, -1), mean.lower, dx)
 
 

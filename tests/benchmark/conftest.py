@@ -36,7 +36,7 @@ def plan(tmp_path: Path) -> Planner:
         runs: dict[RunName, PlannedRun] = {}
         for name, number in rounds.items():
             config = {
-                "outer_loop": {"rounds": number, "run_dir": "x"},
+                "outer_loop": {"rounds": number, "run_dir": "x", "carry": "particles"},
                 "phases": {
                     "velocity": {"init_args": {"hit_frame": 4}},
                     "correction": {"class_path": "LPOModule"} if name.correction not in ("", "none") else None,

@@ -1,7 +1,7 @@
 """A linear world with the structure of a real comparison: a falling body seen by several cameras.
 
-Errors of the model are smooth in time and common to all views (they are errors of the motion in space) plus a smaller part
-of each view's own (errors of the shape); the sensor's are white. Everything is seeded.
+Errors of the model are smooth in time and common to all views (they are errors of the motion in space) plus a smaller
+part of each view's own (errors of the shape); the sensor's are white. Everything is seeded.
 """
 
 from __future__ import annotations

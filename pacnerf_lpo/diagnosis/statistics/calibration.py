@@ -91,7 +91,7 @@ def calibrate(
 def left_out_squares(noise: NoiseModel, jacobian: np.ndarray, probes: Sequence[Probe]) -> np.ndarray:
     """z^2 per component of every twin under the noise model of the others, averaged over the probe's columns (T, K)."""
     rows = []
-    for model, twin in noise.leave_one_out():
+    for model, twin in noise.left_out:
         remainder = Remainder.of(model, jacobian)
         left = remainder.residual(twin)
         rows.append([np.mean((_directions(remainder, probe).T @ left) ** 2) for probe in probes])

@@ -131,7 +131,7 @@ def twin_inflation(noise: NoiseModel, jacobian: np.ndarray) -> np.ndarray:
         jacobian: sensitivities to the parameters, not whitened (D, P)
     """
     rows = []
-    for model, twin in noise.leave_one_out():
+    for model, twin in noise.left_out:
         deviates = []
         for column in range(jacobian.shape[1]):
             others = Remainder.of(model, np.delete(jacobian, column, axis=1))

@@ -13,8 +13,8 @@ the twins' deviations with the sensor noise filtered out, and a the shrinkage th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -155,14 +155,13 @@ class NoiseModel:
         """W (r - mean) (D,): standard normal where the null model holds."""
         return self.whiten(residual - self.mean)
 
-    def leave_one_out(self) -> Iterator[tuple[NoiseModel, np.ndarray]]:
+    @cached_property
+    def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
         """For each twin: the model learnt from the others (shrinkage and correlation kept), and the twin (D,)."""
-        for index, twin in enumerate(self.twins):
-            others = np.delete(self.twins, index, axis=0)
-            yield (
-                self._assemble(others, self.sensor_sigma, self.layout, self.series, self.shrinkage, self.correlation),
-                twin,
-            )
+        kept = self.sensor_sigma, self.layout, self.series, self.shrinkage, self.correlation
+        return [
+            (self._assemble(np.delete(self.twins, index, axis=0), *kept), twin) for index, twin in enumerate(self.twins)
+        ]
 
 
 def _check(twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:

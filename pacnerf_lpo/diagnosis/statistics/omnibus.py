@@ -57,7 +57,7 @@ def omnibus(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) -> Om
     """
     remainder = Remainder.of(noise, jacobian)
     statistic = _mean_square(remainder, residual)
-    twins = np.array([_mean_square(Remainder.of(model, jacobian), twin) for model, twin in noise.leave_one_out()])
+    twins = np.array([_mean_square(Remainder.of(model, jacobian), twin) for model, twin in noise.left_out])
     return Omnibus(statistic, twins, _p_value(statistic, twins, remainder.dof))
 
 
@@ -73,7 +73,7 @@ def excess_error(
         labels: the group of every entry (D,): its view, its frame, its phase, or a tuple of them; None: in no group
     """
     left = natural_remainder(noise, residual, jacobian)
-    twins = np.array([natural_remainder(model, twin, jacobian) for model, twin in noise.leave_one_out()])
+    twins = np.array([natural_remainder(model, twin, jacobian) for model, twin in noise.left_out])
     result = []
     for label in dict.fromkeys(label for label in labels if label is not None):
         chosen = np.array([other == label for other in labels])
