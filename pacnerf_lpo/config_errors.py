@@ -18,6 +18,9 @@ from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from pacnerf_lpo.errors import UserInputError
 
+LISTED = 10
+"""More classes than that are not listed where one is near enough to be meant."""
+
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter, DefaultHelpFormatter):
     """Keeps the line breaks of a command's description, and with them its examples."""
@@ -78,8 +81,9 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
     if "is abstract" in text:
         return f"{where} is not chosen yet; give it a class_path first, one of {listing}"
     if found := re.search(r"Expected a dot import path string: (\S+)", text):
-        known = f"; known are {listing}" if names else ""
-        return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{_nearest(found[1], names)}"
+        nearest = _nearest(found[1], names)
+        known = f"; known are {listing}" if names and not (nearest and len(names) > LISTED) else ""
+        return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{nearest}"
     return None
 
 

