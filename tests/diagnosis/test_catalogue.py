@@ -1,0 +1,63 @@
+"""Which effects are tried on which model, and how a list of candidates is read."""
+
+import pytest
+import yaml
+
+from pacnerf_lpo.diagnosis.catalogue import as_config, read_candidates, whole_catalogue
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.effects import CameraShift, GroundFriction, LinearDrag, QuadraticDrag
+from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
+
+
+def names(material, views=(3, 7), installed=()):
+    return [candidate.name for candidate in whole_catalogue(material, views, installed)]
+
+
+def test_camera_faults_are_tried_view_by_view():
+    found = names(NeoHookean())
+    assert {"CameraShift@3", "CameraShift@7", "LinearDrag"} <= set(found)
+    assert "CameraShift" not in found
+
+
+def test_effects_without_meaning_for_a_material_are_left_out():
+    assert "Cohesion" not in names(NeoHookean())
+    assert "Cohesion" in names(DruckerPrager())
+
+
+def test_what_the_model_has_is_not_tried_again_and_one_ground_is_enough():
+    found = names(NeoHookean(), installed=[LinearDrag(0.5), GroundFriction(0.2)])
+    assert not {"LinearDrag", "GroundFriction", "Adhesion"} & set(found)
+    assert "QuadraticDrag" in found
+
+
+def test_alternatives_of_kind_and_joint_components_are_known():
+    found = {candidate.name: candidate for candidate in whole_catalogue(NeoHookean(), (0,), ())}
+    assert [found[name].discrete for name in ("GroundFriction", "YieldStress", "LinearDrag")] == [True, True, False]
+    push = found["UniformForce"]
+    assert push.joint and len(push.trials()) == 2
+    assert all(sum(value != 0 for value in trial.values()) == 1 for trial in push.trials())
+
+
+def test_a_list_of_candidates_is_read_and_written(tmp_path):
+    entries = [as_config(LinearDrag(), {"drag": 0.5}), as_config(CameraShift(view=3), CameraShift(view=3).null)]
+    path = tmp_path / "candidates.yaml"
+    path.write_text(yaml.safe_dump(entries))
+    found = read_candidates(path, NeoHookean(), [])
+    assert [candidate.name for candidate in found] == ["LinearDrag", "CameraShift@3"]
+    assert found[0].effect.guess == {"drag": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [("- class_path: LinearDragg\n", "LinearDragg"), ("{", "not a list"), ("- class_path: Cohesion\n", "Cohesion")],
+)
+def test_a_wrong_list_is_one_clear_error(tmp_path, content, word):
+    path = tmp_path / "candidates.yaml"
+    path.write_text(content)
+    with pytest.raises(UserInputError, match=word):
+        read_candidates(path, NeoHookean(), [])
+
+
+def test_a_missing_list_is_named(tmp_path):
+    with pytest.raises(UserInputError, match=r"nothing\.yaml: no such file"):
+        read_candidates(tmp_path / "nothing.yaml", NeoHookean(), [QuadraticDrag()])

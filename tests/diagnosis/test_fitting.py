@@ -1,0 +1,81 @@
+"""The damped Gauss-Newton fit on problems with known minima, and the ridge of the residual force."""
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.residual_force import SmoothForce, ridge
+from pacnerf_lpo.errors import SimulationError
+
+FREE = (np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def curved(p):
+    """Rosenbrock's valley as residuals; minimum 0 at (1, 1)."""
+    return np.array([10 * (p[1] - p[0] ** 2), 1 - p[0]])
+
+
+def test_it_follows_a_curved_valley():
+    found = fit(curved, np.array([-0.5, 1.0]), np.array([0.01, 0.01]), FREE, 80)
+    assert found.free == pytest.approx([1.0, 1.0], abs=0.02)
+    assert found.misfit < 1e-3
+
+
+def test_it_stays_within_the_bounds():
+    found = fit(
+        lambda p: p - 3.0,
+        np.array([0.0, 0.0]),
+        np.array([0.5, 0.5]),
+        (np.array([-1.0, -1.0]), np.array([1.0, 5.0])),
+        20,
+    )
+    assert found.free == pytest.approx([1.0, 3.0], abs=1e-3)
+
+
+def test_an_unstable_region_is_avoided():
+    def residual(p):
+        if p[0] > 2.0:
+            raise SimulationError(3, 7, "too fast")
+        return p - np.array([1.9, 0.0])
+
+    found = fit(residual, np.array([-3.0, 1.0]), np.array([1.0, 1.0]), FREE, 20)
+    assert found.free == pytest.approx([1.9, 0.0], abs=1e-3)
+
+
+def test_sensitivities_look_to_the_other_side_of_a_bound():
+    bounds = (np.array([-5.0, -5.0]), np.array([1.0, 5.0]))
+    at = np.array([1.0, 0.0])
+    found = sensitivities(lambda p: np.array([2 * p[0], 3 * p[1]]), at, np.array([2.0, 0.0]), np.ones(2), bounds)
+    assert found == pytest.approx(np.diag([2.0, 3.0]))
+
+
+def test_a_hopeless_start_is_given_up():
+    calls = []
+
+    def residual(p):
+        calls.append(1)
+        return np.array([p[0] * 0.1 + 100.0, p[1]])
+
+    fit(residual, np.zeros(2), np.ones(2), FREE, 50, hopeless=1.0)
+    assert len(calls) < 50
+
+
+def test_ridge_finds_what_is_there_and_little_where_there_is_noise_alone():
+    random = np.random.default_rng(0)
+    design = random.standard_normal((200, 30)) * np.logspace(0, -3, 30)
+    true = np.zeros(30)
+    true[:3] = (1.0, -2.0, 0.5)
+    noise = 0.1 * random.standard_normal(200)
+    # 30 coefficients from 200 values at 0.1: the strong ones are known to about 0.1 / sqrt(200)
+    assert ridge(design, design @ true + noise)[:3] == pytest.approx(true[:3], abs=0.05)
+    assert np.linalg.norm(design @ ridge(design, noise)) < np.linalg.norm(noise) * np.sqrt(2 * 30 / 200)
+
+
+def test_a_smooth_force_is_the_interpolation_of_its_knots():
+    from types import SimpleNamespace
+
+    effect = SmoothForce(duration=2.0, centre=(1.0, 0.0, 0.0), extent=2.0)
+    values = {**effect.null, **effect.constants, "force_y_1_1": 4.0, "force_x_x_2": 6.0}
+    point = SimpleNamespace(t=0.75, X=[2.0, 0.0, 0.0])  # half way between knots 1 (0.5 s) and 2 (1 s)
+    found = effect.acceleration(point, SimpleNamespace(**values))
+    assert found == pytest.approx([0.5 * 6.0 * 0.5, 0.5 * 4.0, 0.0])
