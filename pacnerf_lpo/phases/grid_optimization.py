@@ -9,6 +9,8 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState
 
 
@@ -76,10 +78,10 @@ class GridOptimizationModule(DynamicPhase):
         Raises:
             UserInputError: the body has vanished.
         """
+        if not float(alpha(self.density.detach().max(), 1.0)) >= OBJECT_ALPHA:
+            raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")
         grid = FieldGrid(self.density, self.features, self.lower, self.state.spacing)
         positions = sample_particles(grid, generator, self.relative_alpha).detach()
-        if not len(positions):
-            raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")
         return positions, *interpolate(grid, positions)
 
     @torch.no_grad()
