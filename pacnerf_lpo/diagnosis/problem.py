@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis import body as bodies
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.layout import Layout
@@ -20,7 +21,7 @@ from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.types import Video
+from pacnerf_lpo.types import ParticleState, Video
 
 PARTICLES = 5000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
@@ -112,31 +113,44 @@ class Problem(ABC):
         return summarise(model.outlines(body.positions[None]), MARGIN)[:, 0]
 
 
-class RunProblem(Problem):
-    """A run: its video and its model.
+class StateProblem(Problem):
+    """A particle state before the cameras of its video.
 
     Args:
-        run: the run; its last phase supplies the body and the first guess of the motion.
-        stem: another phase, such as ``01_velocity``.
+        scene: its name.
+        data: the video, prepared.
+        state: supplies the body and the first guess of the motion.
+        physics: of the model.
+        held: what is fitted and what is held out.
+        bright: compare the brightness, too.
+        particles: the body is sampled by about so many.
     """
 
-    def __init__(self, run: Run, stem: str | None = None):
-        self.run, self.stem = run, stem
-        self.state = run.stage(stem).state
-        outlines = summarise(run.data.video.silhouettes)
-        bright = self._measured_brightness()
-        bright -= np.median(bright, axis=0)
-        measured = np.concatenate((outlines, bright[..., None]), axis=-1)
-        sensor = np.concatenate((sensor_noise(outlines), shading(bright)), axis=-1)
-        spacing = self.state.spacing
-        super().__init__(run.scene, run.data.video, split(run.data), run.physics, spacing, measured, sensor)
+    def __init__(
+        self,
+        scene: str,
+        data: VideoData,
+        state: ParticleState,
+        physics: Physics,
+        held: Split,
+        bright: bool = True,
+        particles: int = PARTICLES,
+    ):
+        self.data, self.state, self.particles = data, state, particles
+        outlines = summarise(data.video.silhouettes)
+        brightness = self._measured_brightness() if bright else np.zeros(outlines.shape[:2])
+        brightness -= np.median(brightness, axis=0)
+        measured = np.concatenate((outlines, brightness[..., None]), axis=-1)
+        sensor = np.concatenate((sensor_noise(outlines), shading(brightness)), axis=-1)
+        super().__init__(scene, data.video, held, physics, state.spacing, measured, sensor)
+        self.usable[..., -1] &= bright
 
     @cached_property
     def spacing(self) -> float:
-        """Node spacing at which the body has about :data:`PARTICLES` particles [m]."""
+        """Node spacing at which the body has the wanted number of particles [m]."""
         fine = bodies.resample(self.state, self.state.spacing, erosion=self.erosion)
         volume = float(fine.fraction.sum()) * (self.state.spacing / 2) ** 3
-        return 2 * (volume / PARTICLES) ** (1 / 3)
+        return 2 * (volume / self.particles) ** (1 / 3)
 
     @cached_property
     def erosion(self) -> float:
@@ -159,16 +173,10 @@ class RunProblem(Problem):
 
     @cached_property
     def first_guess(self) -> dict[str, float]:
-        """Physical parameters and velocity as the run left them [SI]."""
+        """Physical parameters and velocity of the state [SI]."""
         velocity = self.state.velocity.mean(0).tolist()
-        known = {**self.run.physics.guess, **self.state.physics}
+        known = {**self.physics.guess, **self.state.physics}
         return {**known, **dict(zip(("v_x", "v_y", "v_z"), velocity, strict=True))}
-
-    @property
-    def fingerprint(self) -> bytes:
-        """Differs for runs whose diagnosis may differ."""
-        config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
-        return self.run.stage(self.stem).state_path.read_bytes() + config.encode()
 
     def _oversize(self, body: Body) -> float:
         size = KINDS.index("size")
@@ -176,13 +184,32 @@ class RunProblem(Problem):
 
     def _measured_brightness(self) -> np.ndarray:
         """Logarithm of mean brightness beside that of the reconstruction at frame 0 [(V, F)]."""
-        video, renderer = self.run.data.video, StateRenderer(self.state)
+        video, renderer = self.data.video, StateRenderer(self.state)
         grid = renderer.grid(self.state.positions)
         size = video.images.shape[2], video.images.shape[3]
-        reference = [renderer.image(grid, self.run.data.rays(view), size) for view in range(len(video.images))]
+        reference = [renderer.image(grid, self.data.rays(view), size) for view in range(len(video.images))]
         believed = torch.stack([mean_brightness(image, opacity) for image, opacity in reference])
         measured = mean_brightness(video.images, video.silhouettes)
         return (measured / believed[:, None]).clamp_min(1e-3).log().numpy().astype(float)
+
+
+class RunProblem(StateProblem):
+    """A run: its video and its model.
+
+    Args:
+        run: the run; its last phase supplies the body and the first guess of the motion.
+        stem: another phase, such as ``01_velocity``.
+    """
+
+    def __init__(self, run: Run, stem: str | None = None):
+        self.run, self.stem = run, stem
+        super().__init__(run.scene, run.data, run.stage(stem).state, run.physics, split(run.data))
+
+    @property
+    def fingerprint(self) -> bytes:
+        """Differs for runs whose diagnosis may differ."""
+        config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
+        return self.run.stage(self.stem).state_path.read_bytes() + config.encode()
 
 
 def shading(brightness: np.ndarray) -> np.ndarray:

@@ -69,7 +69,7 @@ class Physics:
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
         check_model("physics", material, self.ground, self.effects)
-        self.halvings = 0
+        self.halvings, self.most_halvings = 0, MAX_HALVINGS
         self._simulators: dict[tuple, Simulator] = {}
 
     @property
@@ -159,7 +159,7 @@ class Physics:
             try:
                 return self._simulator(spacing)(above, velocity, mass, fraction**3, material, frames, extra) + ground
             except SimulationError:
-                if self.halvings >= MAX_HALVINGS:
+                if self.halvings >= self.most_halvings:
                     raise
                 self.halvings += 1
 

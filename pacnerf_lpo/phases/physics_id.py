@@ -19,7 +19,7 @@ class PhysicsIDModule(DynamicPhase):
 
     Args:
         hit_frame: first frame in which the body touches the ground.
-        method: PaperAdam or GaussNewton.
+        method: PaperAdam, GaussNewton or OutlineGaussNewton.
         warm_up_frames: the warm-up uses the frames up to ``hit_frame + warm_up_frames``.
         silhouette_weight: see :class:`DynamicPhase`.
     """

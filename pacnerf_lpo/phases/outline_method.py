@@ -1,0 +1,168 @@
+"""Identification by outlines alone: so cheap that the whole parameter space is searched before the first step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from scipy.stats import qmc
+from torch import Tensor
+from tqdm import tqdm
+
+from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.problem import StateProblem
+from pacnerf_lpo.diagnosis.split import Split
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
+from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
+from pacnerf_lpo.phases.levenberg_marquardt import NormalEquations
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+
+MODEL_ERROR = 0.1
+"""Error of a summary beside the sensor's [pixels]."""
+LOCAL_ITERATIONS = 5
+
+
+class OutlineGaussNewton(GaussNewton):
+    """Levenberg-Marquardt on ten numbers for each outline (centroid, area, widths, edges; see
+    :mod:`pacnerf_lpo.diagnosis.summaries`), relative to frame 0, instead of on pixels.
+
+    No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
+    sample of the parameter space is tried on a coarse body, then the best few are improved there, and the best of those
+    is fitted at full resolution. Shading, which pulls colours towards a wrong motion, does not enter.
+
+    Args:
+        iterations: at most, at full resolution.
+        samples: points of the search, with the initial guess one more; a power of two is best. 0: no search.
+        scan_decades: log10 parameters are searched so many decades to either side of the guess.
+        starts: how many of the best points are improved.
+        particles, scan_particles: number of particles of the body, in the fit and in the search.
+    """
+
+    def __init__(
+        self,
+        iterations: int = 12,
+        samples: int = 256,
+        scan_decades: float = 3.0,
+        starts: int = 3,
+        particles: int = 4000,
+        scan_particles: int = 1200,
+    ):
+        super().__init__(0, iterations, scan_decades, pool=1)
+        if samples < 0 or starts < 1 or min(particles, scan_particles) < 100:
+            raise UserInputError(
+                f"OutlineGaussNewton: samples = {samples}, starts = {starts}, particles = {particles}, "
+                f"scan_particles = {scan_particles}; give at least 0, 1, 100 and 100"
+            )
+        self.samples, self.starts, self.particles, self.scan_particles = samples, starts, particles, scan_particles
+        self._fine: Misfit | None = None
+
+    def prepare(self, module: PhysicsIDModule) -> None:
+        """Search the parameter space on a coarse body."""
+        if self.samples == 0:
+            return
+        misfit = Misfit(module, self.scan_particles)
+        misfit.model.physics.most_halvings = 1
+        points = self._points(module, misfit.model)
+        tried = [
+            (misfit.loss(point), index) for index, point in enumerate(tqdm(points, "physics: search", leave=False))
+        ]
+        best = None
+        for loss, index in sorted(tried)[: self.starts]:
+            if not np.isfinite(loss):
+                continue
+            model = misfit.model
+            found = fit(misfit.residual, points[index], model.scales, model.bounds, LOCAL_ITERATIONS)
+            if best is None or found.misfit < best.misfit:
+                best = found
+        if best is None:
+            return  # nothing is stable on the coarse body: start from the guess
+        grid = [misfit.model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in misfit.model.names]
+        best.free[grid] = misfit.model.start[grid]  # it depends on the grid
+        self._set(module, torch.as_tensor(best.free))
+
+    def _points(self, module: PhysicsIDModule, model: Model) -> list[np.ndarray]:
+        """The guess, then quasi-random points within the lattices of the parameters [(K,) each]."""
+        spans = {name: self._lattice(module, name) for name in module.free}
+        wide = [name for name, lattice in spans.items() if len(lattice) > 1]
+        points = [model.start.copy()]
+        if wide:
+            for sample in qmc.Sobol(len(wide), seed=0).random(self.samples):
+                point = model.start.copy()
+                for name, share in zip(wide, sample, strict=True):
+                    low, high = min(spans[name]), max(spans[name])
+                    point[model.names.index(name)] = low + share * (high - low)
+                points.append(point)
+        return points
+
+    def _misfit(self, module: PhysicsIDModule) -> Misfit:
+        if self._fine is None:
+            self._fine = Misfit(module, self.particles)
+        return self._fine
+
+    def _trial_loss(self, module: PhysicsIDModule) -> float:
+        misfit = self._misfit(module)
+        return finite_loss(lambda: float(np.mean(misfit.residual(_free(module)) ** 2)))
+
+    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        misfit, free = self._misfit(module), _free(module)
+        now = misfit.residual(free)
+        jacobian = sensitivities(misfit.residual, free, now, misfit.model.scales, misfit.model.bounds)
+        count = len(now)
+        return NormalEquations(
+            float(np.mean(now**2)),
+            torch.as_tensor(jacobian.T @ now / count),
+            torch.as_tensor(jacobian.T @ jacobian / count),
+        )
+
+    @staticmethod
+    @torch.no_grad()
+    def _set(module: PhysicsIDModule, free: Tensor) -> None:
+        for unknown, part in zip(module.unknowns, free.split([u.numel() for u in module.unknowns]), strict=True):
+            unknown.copy_(part.view_as(unknown))
+
+
+class Misfit:
+    """Weighted residual of the outlines in the training views.
+
+    Args:
+        module: supplies video, state, model and the values to start from.
+        particles: number of particles of the body.
+    """
+
+    def __init__(self, module: PhysicsIDModule, particles: int):
+        data = module.data
+        views = np.zeros(len(data.video.images), bool)
+        views[data.train] = True
+        held = Split(views, np.ones(len(data.video.times), bool))
+        problem = StateProblem("", data, module.state, module.physics, held, bright=False, particles=particles)
+        self._mask = problem.fitted
+        if not self._mask.any():
+            raise UserInputError(
+                f"{data.video.source}: no outline of a training view can be measured; they touch the border of the "
+                "image in every frame. Use the method GaussNewton"
+            )
+        self._weight = np.hypot(problem.sensor[self._mask], MODEL_ERROR)
+        known = {**problem.first_guess, **module.export_values()}
+        self.model = problem.model(module.physics.effects, known)
+        self._of = problem.residual_of(self.model, self._mask)
+
+    def residual(self, free: np.ndarray) -> np.ndarray:
+        """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
+        return self._of(np.clip(free, *self.model.bounds)) / self._weight
+
+    def loss(self, free: np.ndarray) -> float:
+        """Sum of squares; infinite where the motion is unstable."""
+        self.model.physics.halvings = 0
+        try:
+            return float(np.sum(self.residual(free) ** 2))
+        except SimulationError:
+            return float("inf")
+
+
+def _free(module: PhysicsIDModule) -> np.ndarray:
+    return torch.cat([unknown.detach().reshape(-1).double() for unknown in module.unknowns]).numpy()
