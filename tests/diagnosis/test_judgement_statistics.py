@@ -1,0 +1,168 @@
+"""Intervals, identifiability, profile likelihood, acceptance on held-out data, and naming a residual force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.diagnosis.statistics.acceptance import acceptance
+from pacnerf_lpo.diagnosis.statistics.intervals import (
+    laplace_intervals,
+    overdispersion,
+    profile_likelihood,
+    twin_inflation,
+)
+from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.diagnosis.statistics.residual_force import name_force
+from tests.diagnosis import toy
+
+JACOBIAN = toy.jacobian()
+NAMES = ("v0_x", "v0_y", "v0_z", "E", "nu")
+VIEWS, FRAMES = (axis.ravel() for axis in np.meshgrid(np.arange(4), np.arange(12), indexing="ij"))
+
+
+def test_intervals_of_fitted_parameters_cover():
+    """Least squares in the toy world, 60 models of 3 nulls and 5 parameters: 80 to 97 % of 90 % intervals cover."""
+    world, layout, rng = toy.World(), toy.layout(), np.random.default_rng(0)
+    sensor, truth = np.full(len(layout), toy.SENSOR), np.array([0.3, -0.2, 0.1, 0.5, 0.4])
+    covered = []
+    for _ in range(60):
+        noise = NoiseModel.from_twins(world.draw(rng, 10), sensor, layout)
+        whitened, inflation = noise.whiten(JACOBIAN), twin_inflation(noise, JACOBIAN)
+        for null in world.draw(rng, 3):
+            values = np.linalg.lstsq(whitened, noise.whiten_residual(null + JACOBIAN @ truth), rcond=None)[0]
+            found = laplace_intervals(whitened, values, NAMES, np.ones(5), inflation=inflation, dof=9)
+            covered += [one.low < true < one.high for one, true in zip(found.intervals, truth, strict=True)]
+    assert 0.80 <= np.mean(covered) <= 0.97
+
+
+def test_white_noise_gives_the_textbook_interval():
+    """One parameter, n = 100 ones: error 1/10, 90 % at 1.645."""
+    found = laplace_intervals(np.ones((100, 1)), [2.0], ["E"], [1.0], inflation=2.0)
+    only = found.intervals[0]
+    assert (only.error, only.high - 2, 2 - only.low) == pytest.approx((0.2, 1.645 * 0.2, 1.645 * 0.2), rel=1e-3)
+    assert only.identifiable and not found.undetermined
+
+
+def test_a_ratio_is_all_that_motion_gives():
+    """Only log E - log rho moves the residual; c is known, d does nothing."""
+    rng = np.random.default_rng(1)
+    ratio, other = rng.standard_normal((2, 200))
+    jacobian = np.stack((ratio, -ratio, other, np.zeros(200)), axis=1)
+    found = laplace_intervals(jacobian, np.zeros(4), ["log E", "log rho", "c", "d"], np.ones(4))
+    assert [one.identifiable for one in found.intervals] == [False, False, True, False]
+    sentences = [one.sentence for one in found.undetermined]
+    assert len(sentences) == 2
+    assert any("log E" in text and "log rho" in text and "together" in text for text in sentences)
+    assert any(text.startswith("d is not determined") for text in sentences)
+    assert found.intervals[3].error == np.inf and found.intervals[2].error == pytest.approx(200**-0.5, rel=0.2)
+
+
+def test_opposite_changes_are_worded_so():
+    column = np.linspace(1, 9, 50)
+    found = laplace_intervals(np.stack((column, column), axis=1), [0, 0], ["tilt", "wind"], [1.0, 1.0])
+    assert found.undetermined[0].sentence.startswith("raising tilt while lowering wind") or found.undetermined[
+        0
+    ].sentence.startswith("raising wind while lowering tilt")
+
+
+def test_overdispersion():
+    assert overdispersion(2 * np.ones(30), 20) == pytest.approx(6.0)
+    assert overdispersion(0.1 * np.ones(30), 20) == 1.0
+
+
+def test_profile_of_a_parabola_is_the_laplace_interval():
+    """||r||^2 = 40 + ((v - 3) / 0.5)^2: +- 1.645 * 0.5; the root is found to 2 % of the last step, here 1 % of it."""
+    profile = profile_likelihood(lambda v: 40 + ((v - 3) / 0.5) ** 2, 3.0, 0.4, (-10.0, 10.0))
+    assert (profile.low, profile.high) == pytest.approx((3 - 1.645 * 0.5, 3 + 1.645 * 0.5), abs=0.03)
+    assert not profile.low_open and not profile.high_open and len(profile.trials) <= 10
+
+
+def test_profile_of_a_threshold_is_open_above():
+    """Above 2 nothing changes, as with a yield stress that is never reached."""
+    profile = profile_likelihood(lambda v: max(0.0, 30 * (2 - v)), 2.5, 1.0, (0.0, 8.0))
+    assert profile.high_open and profile.high == 8.0
+    assert not profile.low_open and profile.low == pytest.approx(2 - 2.706 / 30, abs=0.05)
+
+
+def blocks(rng: np.random.Generator, removed: float, common: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
+    """Excess errors that grow as t^4, of which a part is removed, with noise common to the views and of each."""
+    growth = toy.TIME[FRAMES] ** 4
+    noise = common * toy.smooth(rng, (1,))[0][FRAMES] + 0.05 * rng.standard_normal(len(FRAMES))
+    return growth + 0.02, (1 - removed) * growth + 0.02 + noise * np.sqrt(growth + 0.01)
+
+
+def judge(before: np.ndarray, after: np.ndarray, **changes):
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2} | changes
+    return acceptance(before, after, VIEWS, FRAMES, **facts)
+
+
+def test_useful_effects_are_accepted_and_useless_ones_are_not():
+    """Two standard errors are 2.3 % one-sided: of 200 useless effects up to 10 may pass, with 99 % probability.
+
+    Errors correlated over a third of the clip leave two or three independent clusters: up to 15 %, 43 of 200.
+    """
+    rng = np.random.default_rng(2)
+    good = [judge(*blocks(rng, 0.6)) for _ in range(50)]
+    assert np.mean([verdict.accepted for verdict in good]) >= 0.95
+    assert np.mean([verdict.removed for verdict in good]) == pytest.approx(0.6, abs=0.05)
+    assert sum(judge(*blocks(rng, 0.0, common=0.0)).accepted for _ in range(200)) <= 10
+    assert sum(judge(*blocks(rng, 0.0)).accepted for _ in range(200)) <= 43
+
+
+def test_every_criterion_can_refuse():
+    rng = np.random.default_rng(3)
+    before, after = blocks(rng, 0.6)
+    assert judge(before, after).accepted and judge(before, after, refined=None).accepted
+    worse = np.where(VIEWS < 2, before + 0.1, after)
+    for verdict, refusal in (
+        (judge(before, after, interval=(-0.1, 2.0)), "includes 0"),
+        (judge(before, after, refined=0.3), "does not survive"),
+        (judge(before, after, refined=-1.2), "does not survive"),
+        (judge(before, worse), "in 2 of 4 held-out views"),
+        (judge(before, 1.2 * before), "rises by 20%"),
+        (judge(-before, after), "not above the noise floor"),
+    ):
+        assert not verdict.accepted
+        assert any(refusal in sentence for passed, sentence in verdict.reasons if not passed)
+
+
+def fall(rng: np.random.Generator, count: int = 900) -> dict[str, np.ndarray]:
+    """A tumbling body on a parabola that touches the ground in the last third."""
+    t = np.repeat(np.linspace(0, 1, 30), count // 30)
+    spin = np.tile([0.0, 0.0, 4.0], (count, 1))
+    velocity = np.stack((1.5 + 0 * t, -9.8 * t, 0.7 - t), axis=1) + 0.3 * rng.standard_normal((count, 3))
+    position = np.stack((1.5 * t, 2 - 4.9 * t**2, 0.7 * t - t**2 / 2), axis=1) + 0.1 * rng.standard_normal((count, 3))
+    contact = t > 0.66
+    velocity[contact, 1] *= -0.3
+    return {"velocity": velocity, "position": position, "spin": spin, "contact": contact, "blocks": np.round(29 * t)}
+
+
+def named(law) -> dict[str, float]:
+    return {term.name: term.coefficient for term in law.terms}
+
+
+def test_the_law_behind_a_residual_force_is_named():
+    rng = np.random.default_rng(4)
+    samples = fall(rng)
+    v, x = samples["velocity"], samples["position"]
+    noise = 0.5 * rng.standard_normal(v.shape)
+    linear = name_force(-1.5 * v + noise, **samples)
+    quadratic = name_force(-0.3 * np.linalg.norm(v, axis=1, keepdims=True) * v + noise, **samples)
+    magnus = name_force(0.5 * np.cross(samples["spin"], v) + [0, 0, 3.0] + noise, **samples)
+    spring = name_force(-12 * (x - [0.5, 1.0, 0.0]) + noise, **samples)
+    assert named(linear) == {"-v": pytest.approx(1.5, rel=0.05)}
+    assert named(quadratic) == {"-|v| v": pytest.approx(0.3, rel=0.05)}
+    assert named(magnus) == {"spin x v": pytest.approx(0.5, rel=0.05), "1 along z": pytest.approx(3.0, rel=0.05)}
+    assert named(spring)["-x"] == pytest.approx(12, rel=0.1) and set(named(spring)) <= {"-x", "1 along x", "1 along y"}
+    term = linear.terms[0]
+    assert term.low < 1.5 < term.high and term.frequency == 1.0 and linear.explained > 0.9
+
+
+def test_noise_and_foreign_laws_are_not_named():
+    """White noise, and a force periodic in height, which nothing in the library resembles."""
+    rng = np.random.default_rng(5)
+    samples = fall(rng)
+    assert not name_force(rng.standard_normal((900, 3)), **samples).terms
+    foreign = name_force(np.sin(40 * samples["position"])[:, [1, 2, 0]], **samples)
+    assert foreign.explained < 0.5
