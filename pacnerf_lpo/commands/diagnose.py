@@ -8,6 +8,7 @@ from typing import Literal
 
 from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
 from pacnerf_lpo.diagnosis.diagnose import diagnose as find
+from pacnerf_lpo.diagnosis.problem import PARTICLES
 
 
 def run(
@@ -18,6 +19,7 @@ def run(
     effects: int = 3,
     until: Literal["compare", "localise", "screen", "refit"] = "refit",
     seed: int = 1,
+    particles: int = PARTICLES,
 ) -> None:
     """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
 
@@ -34,13 +36,14 @@ def run(
         effects: at most so many effects are added.
         until: last step to do.
         seed: of the twins.
+        particles: the body is sampled by about so many; fewer are faster and miss weaker effects.
     """
     began = time.monotonic()
     step: Step = until
     folder = find(
         run_dir,
         phase,
-        Options(candidates, twins, effects, step, seed),
+        Options(candidates, twins, effects, step, seed, particles),
         lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
     )
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 import yaml
 
-from pacnerf_lpo.diagnosis import localising, wording
+from pacnerf_lpo.diagnosis import localising, pictures, wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
-from pacnerf_lpo.diagnosis.problem import Problem, RunProblem
+from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
@@ -26,6 +26,8 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.report.diagnosis import write_page
+from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
@@ -42,6 +44,7 @@ class Options:
     effects: at most so many are added.
     until: last step to do; of the first round only, unless it is refit.
     seed: of the twins.
+    particles: the body is sampled by about so many.
     """
 
     candidates: str | None = None
@@ -49,6 +52,7 @@ class Options:
     effects: int = 3
     until: Step = "refit"
     seed: int = 1
+    particles: int = PARTICLES
 
 
 @dataclass
@@ -60,6 +64,7 @@ class Round:
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
     phases: of the motion, by frame.
+    candidates: effects that were screened.
     screening: the ranking; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
@@ -70,6 +75,7 @@ class Round:
     parameters: list[Interval]
     undetermined: list[str]
     phases: list[str]
+    candidates: list[Candidate] = field(default_factory=list)
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
@@ -84,10 +90,15 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     """
     if not 4 <= options.twins <= 200:
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
-    problem = RunProblem(Run(run_dir), stem)
-    what = {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed")}
+    if options.particles < 300:
+        raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 5000 are a good number")
+    problem = RunProblem(Run(run_dir), stem, options.particles)
+    what = {k: v for k, v in asdict(options).items() if k not in ("effects", "until")}
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
-    investigate(problem, store, options, progress)
+    rounds = investigate(problem, store, options, progress)
+    pictures.write_pictures(problem, rounds, store.folder)
+    write_page(store.folder)
+    log_diagnosis(problem.run.run_dir)
     return store.folder
 
 
@@ -148,7 +159,7 @@ def _round(
     )
     if options.until in ("compare", "localise"):
         return found
-    candidates = candidates_for(problem, options, effects)
+    candidates = found.candidates = candidates_for(problem, options, effects)
     if not candidates:
         return found
     told = _prefixed(progress, "screen: ")
@@ -158,7 +169,8 @@ def _round(
     for candidate in worth_refitting(candidates, found.screening, LEVEL):
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
         score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-        trial = partial(refit, problem, comparison, candidate, score, told)
+        rivals = [again.misfit for again in found.refits if not (again.candidate.observes or candidate.observes)]
+        trial = partial(refit, problem, comparison, candidate, score, told, min(rivals, default=None))
         again = store.once(f"{number}_refit_{candidate.name}", trial)
         if again is not None:
             found.refits.append(again)
@@ -220,6 +232,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
         "verdict": _verdict(problem, rounds),
+        "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
     }
 
@@ -294,7 +307,7 @@ def _round_summary(problem: Problem, found: Round) -> dict:
         "excess": _matrix(localising.excess(comparison.residual, comparison)),
         "floor": _matrix(np.nanmean(localising.floor(comparison)[1][..., :-1], axis=-1)),
         "error": _errors(problem, comparison.residual, comparison),
-        "screen": None if found.screening is None else _screen(found.screening, comparison, problem),
+        "screen": None if found.screening is None else _screen(found.screening, found.candidates),
         "refits": [_refit(problem, again, comparison) for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.candidate.name,
     }
@@ -309,7 +322,8 @@ def _errors(problem: Problem, residual: np.ndarray, comparison: Comparison) -> d
     }
 
 
-def _screen(screening: Screening, comparison: Comparison, problem: Problem) -> dict:
+def _screen(screening: Screening, candidates: list[Candidate]) -> dict:
+    by_name = {candidate.name: candidate for candidate in candidates}
     return {
         "threshold": screening.threshold,
         "groups": [list(group) for group in screening.groups if len(group) > 1],
@@ -325,6 +339,7 @@ def _screen(screening: Screening, comparison: Comparison, problem: Problem) -> d
                 "interval": [list(pair) for pair in screening.intervals[score.name]],
                 "fraction": score.fraction,
                 "snr": score.snr,
+                **pictures.described(by_name[score.name], len(score.coefficient), score.probe),
             }
             for score, p in zip(screening.scores, screening.p_values, strict=True)
         ],

@@ -199,11 +199,13 @@ class RunProblem(StateProblem):
     Args:
         run: the run; its last phase supplies the body and the first guess of the motion.
         stem: another phase, such as ``01_velocity``.
+        particles: the body is sampled by about so many.
     """
 
-    def __init__(self, run: Run, stem: str | None = None):
+    def __init__(self, run: Run, stem: str | None = None, particles: int = PARTICLES):
         self.run, self.stem = run, stem
-        super().__init__(run.scene, run.data, run.stage(stem).state, run.physics, split(run.data))
+        state = run.stage(stem).state
+        super().__init__(run.scene, run.data, state, run.physics, split(run.data), particles=particles)
 
     @property
     def fingerprint(self) -> bytes:

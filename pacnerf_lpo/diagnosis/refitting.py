@@ -25,6 +25,8 @@ REFINED_ITERATIONS = 3
 MOST_REFITS = 4
 GIVE_UP = 1.2
 """A second start that is still so much worse than the first after a few iterations is given up."""
+FAR_BEHIND = 3.0
+"""So is an effect that is so much worse than another one."""
 FINER = 0.85
 """Node spacing of the refinement check, beside that of the diagnosis."""
 
@@ -78,16 +80,26 @@ def refit(
     candidate: Candidate,
     score: Score | None,
     progress: Progress,
+    rival: float | None = None,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and judge it on held-out data.
 
     A fault of one camera is fitted in every other frame of that view too, and judged in the frames between.
+
+    Args:
+        problem, comparison: the run and its fitted model.
+        candidate: the effect to add.
+        score: what the score test says of it; None if it says nothing.
+        progress: told what happens.
+        rival: misfit that another effect has reached.
 
     Returns:
         None if the motion is unstable from every start.
     """
     fitted, held = _masks(problem, candidate)
     noise = noise_of(problem, comparison.twins, fitted)
+    before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
+    limit = float(before @ before) if rival is None else min(float(before @ before), FAR_BEHIND * rival)
     best: tuple[Fit, Model] | None = None
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
@@ -100,7 +112,7 @@ def refit(
                 model.bounds,
                 ITERATIONS,
                 reporter(model, progress),
-                None if best is None else GIVE_UP * best[0].misfit,
+                limit if best is None else min(limit, GIVE_UP * best[0].misfit),
             )
         except SimulationError:
             continue
@@ -110,7 +122,6 @@ def refit(
         return None
     found, model = best
     known, intervals = model.physical(found.free), _intervals(found, model, comparison)
-    before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
     refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
