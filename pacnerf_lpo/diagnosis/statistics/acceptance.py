@@ -46,12 +46,12 @@ def acceptance(
     """Judge an added effect on held-out blocks of view x frame.
 
     The removed share is the ratio sum (before - after) / sum before. Its standard error is that of a ratio of cluster
-    totals (Cochran 1977): by how much a cluster's change departs from its share h of the whole, divided by
-    sqrt(1 - h) because a heavy cluster pulls the ratio to itself (Bell and McCaffrey 2002). So an effect that grows with
-    time is not mistaken for scatter. Clusters are three neighbouring frames in all views (views show the same
-    motion); with four views and more also the views, and the larger error counts. Two standard errors are widened as Student's
-    t demands for so few clusters. Errors that are correlated over a third of the clip leave this criterion alone with
-    up to 15 % of false passes; it is the family-wise threshold of the score test that guards against false alarms.
+    totals (Cochran 1977): by how much a cluster's change departs from its share h of the whole, over sqrt(1 - h), for
+    a heavy cluster pulls the ratio to itself (Bell and McCaffrey 2002). So an effect that grows with time is not taken
+    for scatter. Clusters are three neighbouring frames in all views (views show the same motion); with four views and
+    more also the views, and the larger error counts. Two standard errors are widened as Student's t demands for so few
+    clusters. Errors that are correlated over a third of the clip leave this criterion alone with up to 15 % of false
+    passes; it is the family-wise threshold of the score test that guards against false alarms.
 
     Args:
         excess_before, excess_after: mean square error less the noise floor of every block [px^2, (B,)], of the same

@@ -94,7 +94,7 @@ def left_out_squares(noise: NoiseModel, jacobian: np.ndarray, probes: Sequence[P
     for model, twin in noise.left_out:
         remainder = Remainder.of(model, jacobian)
         left = remainder.residual(twin)
-        rows.append([np.mean((_directions(remainder, probe).T @ left) ** 2) for probe in probes])
+        rows.append([np.mean((direction.T @ left) ** 2) for direction in _directions(remainder, probes)])
     return np.array(rows)
 
 
@@ -105,21 +105,26 @@ def moderated_scales(squares: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum((len(squares) * own + LENDING * common) / (len(squares) + LENDING), 1.0))
 
 
-def _directions(remainder: Remainder, probe: Probe) -> np.ndarray:
-    """Unit vectors (D, m): one for every size, or an orthonormal basis of the components."""
-    changes = remainder.change(probe.change)
-    if probe.joint:
-        left, strengths, _ = np.linalg.svd(changes, full_matrices=False)
-        return left[:, strengths > 1e-6 * max(strengths.max(initial=0.0), 1e-300)]
+def _directions(remainder: Remainder, probes: Sequence[Probe]) -> list[np.ndarray]:
+    """Unit vectors of every probe (D, m): one for every size, or an orthonormal basis of the components."""
+    changes = remainder.change(np.concatenate([probe.change for probe in probes], axis=1))
     strengths = np.linalg.norm(changes, axis=0)
-    return changes / np.where(strengths > 0, strengths, 1.0)
+    units = changes / np.where(strengths > 0, strengths, 1.0)
+    result = np.split(units, np.cumsum([len(probe.sizes) for probe in probes])[:-1], axis=1)
+    return [_basis(unit) if probe.joint else unit for probe, unit in zip(probes, result, strict=True)]
+
+
+def _basis(vectors: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the span of vectors (D, m)."""
+    left, strengths, _ = np.linalg.svd(vectors, full_matrices=False)
+    return left[:, strengths > 1e-6]
 
 
 def _simulated_maxima(
     remainder: Remainder, probes: Sequence[Probe], dof: float, rng: np.random.Generator
 ) -> np.ndarray:
     """Largest |z| over the catalogue for white noise, each effect's divided by a scale of its own with ``dof`` (n,)."""
-    directions = [_directions(remainder, probe) for probe in probes]
+    directions = _directions(remainder, probes)
     _, strengths, mix = np.linalg.svd(np.concatenate(directions, axis=1), full_matrices=False)
     columns = np.split(strengths[:, None] * mix, np.cumsum([d.shape[1] for d in directions])[:-1], axis=1)
     noise = rng.standard_normal((DRAWS, len(strengths)))
