@@ -1,0 +1,53 @@
+"""Rows of results by round of Algorithm 1."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pacnerf_lpo.evaluation.tables import markdown_table, result_phase, round_rows
+
+
+def phase(role: str, number: int, psnr: float, young: float, **more: Any) -> dict[str, Any]:
+    metrics = {"psnr": psnr, "ssim": 0.9, "lpips": 0.1}
+    return {
+        "stem": f"r{number}_{role}",
+        "label": f"{role}, round {number}",
+        "round": number,
+        "phase": role,
+        "parameters": {"E": {"value": young, "unit": "Pa"}},
+        "truth_errors": {"E": {"error": 0.01 * psnr, "true": 1e6, "measure": "log10"}},
+        "image_metrics": {"train": metrics, "test": {**metrics, "psnr": psnr - 1}},
+    } | more
+
+
+def results(errors: tuple[float | None, ...], chosen: int | None) -> dict[str, Any]:
+    phases = []
+    for number, error in enumerate(errors, start=1):
+        more = {} if error is None else {"held_out_error": error}
+        phases += [
+            phase("physics", number, 20.0, 1e5),
+            phase("correction", number, 20.0 + number, 1e5 * number, **more),
+        ]
+        phases.append(phase("refit", number, 10.0, 1e5 * number))
+    last = chosen or len(errors)
+    guess = {"E": {"value": 1e4, "unit": "Pa"}}
+    return {"phases": phases, "free": ["E"], "guess": guess, "chosen_round": chosen, "result": f"r{last}_correction"}
+
+
+def test_every_round_shows_what_its_correction_gave():
+    rows = round_rows(results((None, None), None))
+    assert rows == [
+        ["round", "PSNR, training views [dB]", "PSNR, test views [dB]", "E [Pa]"],
+        ["1", "21.00", "20.00", "1e+05 (0.210 in log10)"],
+        ["2", "22.00", "21.00", "2e+05 (0.220 in log10)"],
+    ]
+    assert round_rows(results((None,), None)) == []
+
+
+def test_the_chosen_round_is_marked_and_is_the_result():
+    found = results((3.0, 2.0, 2.5), 2)
+    assert [row[0] for row in round_rows(found)] == ["round", "1", "2 (chosen)", "3"]
+    assert [row[-1] for row in round_rows(found)] == ["held-out error", "3", "2", "2.5"]
+    assert result_phase(found)["parameters"]["E"]["value"] == 2e5
+    table = markdown_table(found)
+    assert "| E | 1e+04 Pa | 2e+05 Pa |" in table and "| 3 | 23.00 | 22.00 |" in table
