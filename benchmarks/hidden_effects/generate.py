@@ -1,0 +1,151 @@
+"""Draw blind scenes: ``python -m benchmarks.hidden_effects.generate FOLDER --first 1000 --count 200``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import joblib
+import numpy as np
+import torch
+
+from benchmarks.hidden_effects import full, strangers
+from benchmarks.hidden_effects.film import film
+from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
+from benchmarks.hidden_effects.plan import Plan, plan
+from benchmarks.hidden_effects.setting import FAST, FULL, Setting, Size, draw_setting
+from benchmarks.hidden_effects.strength import Ruler, course_of
+from pacnerf_lpo.diagnosis.catalogue import name_of
+from pacnerf_lpo.errors import RunError, SimulationError, UserInputError
+from pacnerf_lpo.mpm import effects as known_effects
+from pacnerf_lpo.mpm.effects.base import Effect, Observation
+
+ATTEMPTS = 8
+TWINS = 8
+MATERIAL_FOR = {"ShearThinning": "Newtonian", "Cohesion": "DruckerPrager", "YieldStress": "NeoHookean"}
+
+
+def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
+    """Write the scene of a seed, unless it is there; with the same package the same seed gives the same scene.
+
+    Raises:
+        RunError: no stable scene with the wanted strength was found.
+    """
+    wanted, target = plan(seed), folder / f"{seed:04d}"
+    if size.full and wanted.family == "camera":
+        raise UserInputError(f"scene {seed}: videos of wrong cameras are not drawn")
+    if (target / TRUTH).is_file():
+        return target
+    for attempt in range(ATTEMPTS):
+        random = np.random.default_rng((seed, attempt))
+        try:
+            drawn = _draw(wanted, size, random)
+        except SimulationError:
+            continue
+        if drawn is not None:
+            break
+    else:
+        raise RunError(f"scene {seed}: {' + '.join(wanted.effects)} reaches {wanted.snr:g} in none of {ATTEMPTS} draws")
+    setting, true, hidden, strengths = drawn
+    values = {**true, **{name: value for effect in hidden for name, value in effect.guess.items()}}
+    recorded = film(setting, values, hidden, random)
+    partial = target.with_name(f".{target.name}.part")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    if size.full:
+        full.write(partial, setting, recorded, random)
+    else:
+        silhouettes = (recorded.silhouettes * 255).round().to(torch.uint8).numpy()
+        np.savez_compressed(partial / VIDEO, silhouettes=silhouettes, brightness=recorded.brightness)
+    (partial / SETTING).write_text(json.dumps(setting.as_json()))
+    truth = {
+        **asdict(wanted),
+        "attempt": attempt,
+        "values": true,
+        "hidden": [
+            {"name": name_of(effect), "values": effect.guess, "null": effect.null, "snr": snr}
+            for effect, snr in zip(hidden, strengths, strict=True)
+        ],
+    }
+    (partial / TRUTH).write_text(json.dumps(truth, indent=1))
+    partial.rename(target)
+    return target
+
+
+Drawn = tuple[Setting, dict[str, float], list[Effect], list[float]]
+
+
+def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None:
+    """A setting, its true values, and the hidden effects with their strengths; None where one is out of reach."""
+    materials = {MATERIAL_FOR[name] for name in wanted.effects if name in MATERIAL_FOR}
+    if len(materials) > 1:
+        raise UserInputError(f"scene {wanted.seed}: no material has {' and '.join(wanted.effects)}")
+    setting, true = draw_setting(random, size, next(iter(materials), None))
+    hidden: list[Effect] = []
+    strengths: list[float] = []
+    ruler = Ruler(setting, true, TWINS) if wanted.effects else None
+    for name in wanted.effects:
+        assert ruler is not None
+        effect = _at_null(name, size, random)
+        try:
+            effect.check_material(setting.law)
+        except UserInputError:
+            return None
+        found = ruler.sized(effect, course_of(effect, random), wanted.snr)
+        if found is None:
+            return None
+        hidden.append(_at(effect, found.values))
+        strengths.append(found.snr)
+    return setting, true, hidden, strengths
+
+
+def _at_null(name: str, size: Size, random: np.random.Generator) -> Effect:
+    kind = getattr(strangers, name, None) or getattr(known_effects, name)
+    return kind(view=int(random.integers(size.views))) if issubclass(kind, Observation) else kind()
+
+
+def _at(effect: Effect, values: dict[str, float]) -> Effect:
+    """The effect with other values of its coefficients, by their full names."""
+    if isinstance(effect, strangers.Stranger):
+        return type(effect)(next(iter(values.values())))
+    own = {short: values[full] for short, full in zip(type(effect).parameters, effect.parameters, strict=True)}
+    if isinstance(effect, Observation):
+        own["view"] = effect.view  # type: ignore[assignment]
+    return type(effect)(**own)
+
+
+def generate_all(folder: Path, seeds: range, jobs: int, size: Size = FAST) -> Iterator[str]:
+    """A line for every scene."""
+    yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        joblib.delayed(_line)(folder, seed, size) for seed in seeds
+    )
+
+
+def _line(folder: Path, seed: int, size: Size) -> str:
+    torch.set_num_threads(1)
+    try:
+        return f"{generate(folder, seed, size)}"
+    except (RunError, SimulationError, UserInputError) as error:
+        return f"{seed}: not drawn ({error})"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--first", type=int, default=1000, help="seed; below 1000: development, from 1000: scored")
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--full", action="store_true", help="videos for a full reconstruction; no camera faults")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
+    seeds, size = range(options.first, options.first + options.count), FULL if options.full else FAST
+    for line in generate_all(options.folder, seeds, options.jobs, size):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

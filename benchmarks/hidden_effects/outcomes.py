@@ -1,0 +1,141 @@
+"""What a diagnosis said of one scene beside what was hidden in it. Nothing else opens ``truth.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hidden_effects.full import is_full
+from benchmarks.hidden_effects.known_shape import TRUTH
+from benchmarks.hidden_effects.run import EFFORT, FAILURE
+from pacnerf_lpo.diagnosis.diagnose import RESULT
+from pacnerf_lpo.diagnosis.screening import LEVEL
+from pacnerf_lpo.diagnosis.store import FOLDER
+
+DRAGS = frozenset({"LinearDrag", "QuadraticDrag"})
+POSE = frozenset({"CameraShift", "CameraRotation"})
+LOGARITHMIC = ("E", "mu", "kappa", "tau_y")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scored scene.
+
+    seed, family, snr: as planned;  full: whether the scene was reconstructed first.
+    truth: names of the hidden effects.
+    kind: of the verdict: nothing, missing, camera, unknown; ``failed`` where there is none.
+    accepted: names of the effects that were accepted, in order.
+    ranking: names, best first: the accepted effect, the other refits by misfit, the rest by score.
+    groups: names that the diagnosis says it cannot tell apart.
+    removed: share of the held-out excess error that the accepted effects removed together; None if none.
+    unexplained: whether the last model's residual is still more than noise.
+    coefficients: (covered by its interval, yes or no) of the true effect's coefficients where it was refitted.
+    coefficient_error: of the true effect where it was refitted, relative to its size.
+    bias: |log10| of the material's first logarithmic parameter beside the truth, without and with the accepted effects.
+    base: whether the 90 % intervals of the first model cover the true material and velocity.
+    seconds: of processor time.
+    """
+
+    seed: int
+    family: str
+    snr: float
+    full: bool
+    truth: tuple[str, ...]
+    kind: str
+    accepted: tuple[str, ...] = ()
+    ranking: tuple[str, ...] = ()
+    groups: tuple[tuple[str, ...], ...] = ()
+    removed: float | None = None
+    unexplained: bool = False
+    coefficients: tuple[bool, ...] = ()
+    coefficient_error: float | None = None
+    bias: tuple[float, float] | None = None
+    base: tuple[bool, ...] = ()
+    seconds: float = 0.0
+
+    def alike(self, one: str, other: str) -> bool:
+        """Whether two names are one class: told apart neither by this recording nor by any of its length."""
+        kinds, views = {one.split("@")[0], other.split("@")[0]}, {one.partition("@")[2], other.partition("@")[2]}
+        if one == other or kinds <= DRAGS or (kinds <= POSE and len(views) == 1):
+            return True
+        return any(one in group and other in group for group in self.groups)
+
+    def found(self, name: str) -> bool:
+        """Whether an effect, or one of its class, was accepted."""
+        return any(self.alike(name, other) for other in self.accepted)
+
+    def within(self, count: int, exact: bool = False) -> bool:
+        """Whether a hidden effect is among the first names, or the first classes, of the ranking."""
+        if exact:
+            return any(name in self.ranking[:count] for name in self.truth)
+        leaders: list[str] = []
+        for name in self.ranking:
+            if not any(self.alike(name, leader) for leader in leaders):
+                leaders.append(name)
+        return any(self.alike(name, leader) for name in self.truth for leader in leaders[:count])
+
+
+def outcome(scene: Path) -> Outcome | None:
+    """The outcome of a scene; None if it was not diagnosed yet."""
+    truth = json.loads((scene / TRUTH).read_text())
+    names = tuple(hidden["name"] for hidden in truth["hidden"])
+    head = (truth["seed"], truth["family"], truth["snr"], is_full(scene), names)
+    if not (scene / EFFORT).is_file():
+        return Outcome(*head, "failed") if (scene / FAILURE).is_file() else None
+    result = json.loads((scene / FOLDER / RESULT).read_text())
+    rounds, screen = result["rounds"], result["rounds"][0]["screen"] or {"candidates": [], "groups": []}
+    taken = [_accepted(found) for found in rounds if found["accepted"]]
+    coefficients, error = _coefficients(truth, rounds[0]["refits"])
+    before = {entry["name"]: entry for entry in rounds[0]["parameters"]}
+    after = taken[-1]["values"] if taken else before
+    return Outcome(
+        *head,
+        kind=result["verdict"]["kind"],
+        accepted=tuple(again["name"] for again in taken),
+        ranking=_ranking(rounds[0], screen),
+        groups=tuple(tuple(group) for group in screen["groups"]),
+        removed=1 - float(np.prod([1 - again["removed"] for again in taken])) if taken else None,
+        unexplained=rounds[-1]["omnibus"]["p_value"] < LEVEL,
+        coefficients=coefficients,
+        coefficient_error=error,
+        bias=_bias(truth["values"], before, after),
+        base=tuple(before[n]["low"] <= v <= before[n]["high"] for n, v in truth["values"].items() if n in before),
+        seconds=json.loads((scene / EFFORT).read_text())["cpu_seconds"],
+    )
+
+
+def _accepted(found: dict) -> dict:
+    return next(again for again in found["refits"] if again["name"] == found["accepted"])
+
+
+def _ranking(first: dict, screen: dict) -> tuple[str, ...]:
+    refits = sorted(first["refits"], key=lambda again: (again["name"] != first["accepted"], again["misfit"]))
+    names = [entry["name"] for entry in (*refits, *screen["candidates"])]
+    return tuple(dict.fromkeys(names))
+
+
+def _coefficients(truth: dict, refits: Sequence[dict]) -> tuple[tuple[bool, ...], float | None]:
+    """Of a single hidden effect: which true coefficients lie in their intervals, and the relative error of all."""
+    if len(truth["hidden"]) != 1:
+        return (), None
+    hidden = truth["hidden"][0]
+    again = next((refit for refit in refits if refit["name"] == hidden["name"]), None)
+    if again is None:
+        return (), None
+    true, null, values = hidden["values"], hidden["null"], again["values"]
+    moved = [name for name in true if true[name] != null[name]]
+    covered = tuple(bool(values[name]["low"] <= true[name] <= values[name]["high"]) for name in moved)
+    miss = np.array([values[name]["value"] - true[name] for name in moved])
+    size = np.array([min(abs(true[name] - null[name]), abs(true[name]) or np.inf) for name in moved])
+    return covered, float(np.linalg.norm(miss) / np.linalg.norm(size))
+
+
+def _bias(true: dict[str, float], before: dict, after: dict) -> tuple[float, float] | None:
+    for name in LOGARITHMIC:
+        if name in true and name in before and name in after:
+            return tuple(abs(float(np.log10(told[name]["value"] / true[name]))) for told in (before, after))  # type: ignore
+    return None

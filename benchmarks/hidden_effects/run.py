@@ -1,0 +1,85 @@
+"""Diagnose the scenes of a folder: ``python -m benchmarks.hidden_effects.run FOLDER --jobs 2``.
+
+What was finished is not done again, and a diagnosis that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import joblib
+import torch
+
+from benchmarks.hidden_effects import full
+from benchmarks.hidden_effects.known_shape import SETTING, VIDEO, KnownShape
+from pacnerf_lpo import __version__
+from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, investigate
+from pacnerf_lpo.diagnosis.store import FOLDER, Store
+from pacnerf_lpo.errors import RunError, SimulationError
+from pacnerf_lpo.manifest import write_atomically
+
+EFFORT, FAILURE = "effort.json", "failure.txt"
+TWINS, MOST_EFFECTS = 10, 2
+
+
+def diagnose_scene(scene: Path, twins: int = TWINS, effects: int = MOST_EFFECTS) -> str:
+    """Diagnose one scene, unless that is done; a sentence about it. A failure is kept beside the scene, and counted."""
+    folder = scene / FOLDER
+    if (scene / EFFORT).is_file():
+        return f"{scene.name}: done before"
+    torch.set_num_threads(1)
+    began, worked = time.monotonic(), time.process_time()
+    lines: list[str] = []
+    try:
+        if full.is_full(scene):
+            full.reconstruct_and_diagnose(scene)
+        else:
+            problem = KnownShape.read(scene)
+            fingerprint = hashlib.sha256((scene / SETTING).read_bytes() + (scene / VIDEO).read_bytes()).digest()
+            options = Options(twins=twins, effects=effects)
+            investigate(problem, Store(folder, fingerprint, {"twins": twins}), options, lines.append)
+    except (RunError, SimulationError) as error:
+        (scene / FAILURE).write_text(f"{error}\n")
+        return f"{scene.name}: failed ({error})"
+    effort = {
+        "seconds": time.monotonic() - began,
+        "cpu_seconds": time.process_time() - worked,
+        "version": __version__,
+        "twins": twins,
+    }
+    (scene / "log.txt").write_text("\n".join(lines))
+    write_atomically(scene / EFFORT, json.dumps(effort).encode())
+    verdict = json.loads((folder / RESULT).read_text())["verdict"]
+    return f"{scene.name}: {verdict['sentence']} ({effort['cpu_seconds']:.0f} s)"
+
+
+def run_all(scenes: Sequence[Path], jobs: int) -> Iterator[str]:
+    """A line for every scene."""
+    yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        joblib.delayed(diagnose_scene)(scene) for scene in scenes
+    )
+
+
+def scenes_in(folder: Path) -> list[Path]:
+    """The scenes of a folder, by seed."""
+    return sorted(path.parent for path in folder.glob(f"[0-9]*/{SETTING}"))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
+    scenes = scenes_in(options.folder)
+    for number, line in enumerate(run_all(scenes, options.jobs), 1):
+        print(f"[{number}/{len(scenes)}] {line}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

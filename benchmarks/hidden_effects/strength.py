@@ -1,0 +1,114 @@
+"""How strong an effect must be to stand out by a given number of standard deviations, judged as the diagnosis would."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.hidden_effects.known_shape import KnownShape
+from benchmarks.hidden_effects.setting import Setting
+from pacnerf_lpo.diagnosis.catalogue import FAR
+from pacnerf_lpo.diagnosis.comparison import noise_of
+from pacnerf_lpo.diagnosis.fitting import sensitivities
+from pacnerf_lpo.diagnosis.problem import relative
+from pacnerf_lpo.diagnosis.statistics.score import Remainder
+from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm.effects.base import Effect
+
+TRIALS = 7
+WITHIN = 0.1
+"""Strengths are found to a tenth of the wanted signal-to-noise ratio."""
+LONGEST_STEP = 8.0
+RANGE = (1e-3, 1e3)
+
+
+@dataclass(frozen=True)
+class Sized:
+    """Values of an effect's coefficients [SI] and the signal-to-noise ratio they cause."""
+
+    values: dict[str, float]
+    snr: float
+
+
+class Ruler:
+    """Measures effects in a scene with nothing hidden.
+
+    Args:
+        setting: of the scene.
+        true: values of material and velocity [SI]
+        count: of twins.
+
+    Raises:
+        SimulationError: the motion without effects is unstable.
+    """
+
+    def __init__(self, setting: Setting, true: dict[str, float], count: int):
+        video = setting.video()
+        blank = np.ones((len(setting.cameras), setting.frames, 11))
+        draft = KnownShape("draft", setting, video, blank)
+        self.true = {**draft.physics.guess, **true}
+        model = draft.model((), self.true)
+        self.before = model.predict(model.start)
+        self.problem = problem = KnownShape("ruler", setting, video, self.before)
+        found = twins(problem, (), model.start, model, count, seed=0)
+        everywhere = problem.residual_of(model, problem.usable)
+        jacobian = sensitivities(everywhere, model.start, everywhere(model.start), model.scales, model.bounds)
+        self.masks = {
+            "motion": problem.fitted,
+            "camera": problem.usable & problem.split.frames[:, None],
+        }
+        self.remainders = {
+            key: Remainder.of(noise_of(problem, found, mask), jacobian[mask[problem.usable]])
+            for key, mask in self.masks.items()
+        }
+
+    def snr(self, effect: Effect, values: dict[str, float]) -> float:
+        """||M W d|| of an effect; infinite where the motion is unstable."""
+        model = self.problem.model([effect], {**self.true, **values})
+        try:
+            after = model.predict(model.start)
+        except SimulationError:
+            return np.inf
+        view = getattr(effect, "view", None)
+        key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
+        change = np.nan_to_num(relative(after - self.before)[self.masks[key]])
+        return float(np.linalg.norm(self.remainders[key].change(change[:, None])))
+
+    def sized(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
+        """The point on a course of values (from weak to strong) with a signal-to-noise ratio within a tenth of the
+        wanted one; None where there is none.
+        """
+        low, high, strength = RANGE[0], RANGE[1], 1.0
+        for _ in range(TRIALS):
+            snr = self.snr(effect, course(strength))
+            if abs(snr / wanted - 1) < WITHIN:
+                return Sized(course(strength), snr)
+            if snr > wanted:
+                high = min(high, strength)
+            else:
+                low = max(low, strength)
+            factor = np.clip(wanted / snr, 1 / LONGEST_STEP, LONGEST_STEP) if snr > 0 else LONGEST_STEP
+            proposed = strength * float(factor)
+            strength = proposed if low < proposed < high else float(np.sqrt(low * high))
+        return None
+
+
+def course_of(effect: Effect, random: np.random.Generator) -> Callable[[float], dict[str, float]]:
+    """Values of an effect's coefficients from weak (0) to strong: along the direction of a probe, or of a random
+    mixture of components; where the null is far away, the largest probe over the strength.
+    """
+    null, probes = effect.null, effect.probes
+    far = {name for name, value in null.items() if value and abs(value) > FAR * max(abs(p[name]) for p in probes)}
+    if far:
+        largest = {name: max(abs(p[name]) for p in probes) for name in far}
+        return lambda s: {**null, **{name: largest[name] / s for name in far}}
+    if len(null) > 1 and not effect.one_sided:
+        sizes = {name: max(abs(p[name] - null[name]) for p in probes) for name in null}
+        mixture = random.standard_normal(len(null))
+        mixture /= np.linalg.norm(mixture)
+        return lambda s: {name: null[name] + s * m * sizes[name] for name, m in zip(null, mixture, strict=True)}
+    probe = probes[int(random.integers(len(probes)))]
+    return lambda s: {name: null[name] + s * (probe[name] - null[name]) for name in null}
