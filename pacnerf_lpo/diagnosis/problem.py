@@ -161,10 +161,10 @@ class StateProblem(Problem):
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             body = bodies.resample(self.state, self.state.spacing, erosion=middle)
-            if not len(body.positions) or self._oversize(body) < 0:
-                high = middle
-            else:
+            if len(body.positions) and self._oversize(body) > 0:
                 low = middle
+            else:
+                high = middle
         return low
 
     def sample(self, spacing: float, seed: int) -> Body:
@@ -180,7 +180,9 @@ class StateProblem(Problem):
 
     def _oversize(self, body: Body) -> float:
         size = KINDS.index("size")
-        return float(np.nanmedian((self.at_rest(body)[:, size] - self.measured[:, 0, size])[self.split.views]))
+        differences = (self.at_rest(body)[:, size] - self.measured[:, 0, size])[self.split.views]
+        seen = differences[np.isfinite(differences)]
+        return float(np.median(seen)) if len(seen) else -np.inf
 
     def _measured_brightness(self) -> np.ndarray:
         """Logarithm of mean brightness beside that of the reconstruction at frame 0 [(V, F)]."""

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from scipy.stats import qmc
-from torch import Tensor
 from tqdm import tqdm
 
 from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
-from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -83,7 +82,7 @@ class OutlineGaussNewton(GaussNewton):
             return  # nothing is stable on the coarse body: start from the guess
         grid = [misfit.model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in misfit.model.names]
         best.free[grid] = misfit.model.start[grid]  # it depends on the grid
-        self._set(module, torch.as_tensor(best.free))
+        self._set(module, misfit.model, best.free)
 
     def _points(self, module: PhysicsIDModule, model: Model) -> list[np.ndarray]:
         """The guess, then quasi-random points within the lattices of the parameters [(K,) each]."""
@@ -106,24 +105,26 @@ class OutlineGaussNewton(GaussNewton):
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         misfit = self._misfit(module)
-        return finite_loss(lambda: float(np.mean(misfit.residual(_free(module)) ** 2)))
+        return finite_loss(lambda: float(np.mean(misfit.residual(misfit.free(module)) ** 2)))
 
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        misfit, free = self._misfit(module), _free(module)
+        """In the order of ``module.unknowns``."""
+        misfit = self._misfit(module)
+        free, model = misfit.free(module), misfit.model
         now = misfit.residual(free)
-        jacobian = sensitivities(misfit.residual, free, now, misfit.model.scales, misfit.model.bounds)
-        count = len(now)
-        return NormalEquations(
-            float(np.mean(now**2)),
-            torch.as_tensor(jacobian.T @ now / count),
-            torch.as_tensor(jacobian.T @ jacobian / count),
-        )
+        order = [model.names.index(name) for name in (*module.free, *(parameter.name for parameter in VELOCITY))]
+        jacobian = sensitivities(misfit.residual, free, now, model.scales, model.bounds)[:, order]
+        gradient, hessian = jacobian.T @ now / len(now), jacobian.T @ jacobian / len(now)
+        return NormalEquations(float(np.mean(now**2)), torch.as_tensor(gradient), torch.as_tensor(hessian))
 
     @staticmethod
     @torch.no_grad()
-    def _set(module: PhysicsIDModule, free: Tensor) -> None:
-        for unknown, part in zip(module.unknowns, free.split([u.numel() for u in module.unknowns]), strict=True):
-            unknown.copy_(part.view_as(unknown))
+    def _set(module: PhysicsIDModule, model: Model, free: np.ndarray) -> None:
+        """Give the module the free coordinates of the model [(K,)]."""
+        values = dict(zip(model.names, free.tolist(), strict=True))
+        for name, unknown in module.free.items():
+            unknown.fill_(values[name])
+        module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
 
 
 class Misfit:
@@ -155,6 +156,12 @@ class Misfit:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
         return self._of(np.clip(free, *self.model.bounds)) / self._weight
 
+    def free(self, module: PhysicsIDModule) -> np.ndarray:
+        """The module's unknowns in the order of the model [(K,)]."""
+        values = {name: float(unknown) for name, unknown in module.free.items()}
+        values |= dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
+        return np.array([values[name] for name in self.model.names])
+
     def loss(self, free: np.ndarray) -> float:
         """Sum of squares; infinite where the motion is unstable."""
         self.model.physics.halvings = 0
@@ -162,7 +169,3 @@ class Misfit:
             return float(np.sum(self.residual(free) ** 2))
         except SimulationError:
             return float("inf")
-
-
-def _free(module: PhysicsIDModule) -> np.ndarray:
-    return torch.cat([unknown.detach().reshape(-1).double() for unknown in module.unknowns]).numpy()

@@ -1,0 +1,79 @@
+"""Identification by outlines: the search finds the valley from three decades away, the fit its bottom."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.phases import OutlineGaussNewton, PhysicsIDModule
+from tests.phases.conftest import FRAMES, TRUTH, film, physics
+from tests.phases.test_dynamic_phases import HIT, run
+
+
+def method(**settings) -> OutlineGaussNewton:
+    return OutlineGaussNewton(**{"samples": 32, "starts": 2, "particles": 800, "scan_particles": 400, **settings})
+
+
+@pytest.fixture(scope="module")
+def solid(state):
+    """The block with the same density throughout, and its film: what outlines see is where the matter ends."""
+    full = state.with_(density=torch.full_like(state.density, 60.0))
+    fine = Physics(NeoHookean(E=TRUTH["E"], nu=TRUTH["nu"]), substep_rate=1920.0)
+    return full, film(full, fine.simulate(full, FRAMES))
+
+
+def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(solid):
+    """A picture of 24 x 24 pixels, and a body that is sampled otherwise: E is known to some ten per cent."""
+    state, data = solid
+    wrong = state.with_(physics={}, velocity=state.velocity + torch.tensor([0.1, 0.1, -0.1]))
+    found = run(PhysicsIDModule(HIT, method()), data, physics(E=3e2), wrong)
+    assert math.log10(found.physics["E"] / TRUTH["E"]) == pytest.approx(0.0, abs=0.15)
+    # the film's grid of 0.08 m feels the ground one and a half cells above it, and the model answers by a faster fall
+    assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
+
+
+def test_without_search_it_starts_from_the_guess(data, state):
+    module = PhysicsIDModule(HIT, method(samples=0))
+    module.attach(data, physics(E=2e4))
+    module.import_state(state.with_(physics={}))
+    before = module.export_values()
+    module.method.prepare(module)
+    assert module.export_values() == before
+
+
+def test_outlines_that_are_cut_off_are_one_clear_error(data, state):
+    video = data.video
+    cut = type(data)(
+        **{**vars(data), "video": type(video)(**{**vars(video), "silhouettes": torch.ones_like(video.silhouettes)})}
+    )
+    module = PhysicsIDModule(HIT, method())
+    module.attach(cut, physics())
+    module.import_state(state)
+    with pytest.raises(UserInputError, match="touch the border"):
+        module.method.prepare(module)
+
+
+def test_search_points_cover_the_decades_and_keep_the_rest(data, state):
+    module = PhysicsIDModule(HIT, method(samples=64, scan_decades=2.0))
+    module.attach(data, physics(E=1e4))
+    module.import_state(state.with_(physics={}))
+    from pacnerf_lpo.phases.outline_method import Misfit
+
+    model = Misfit(module, 400).model
+    points = np.array(module.method._points(module, model))
+    column = points[:, model.names.index("E")]
+    assert points[0] == pytest.approx(model.start)
+    assert 2.0 <= column.min() < 2.2 and 5.8 < column.max() <= 6.0
+    assert np.ptp(points[:, model.names.index("v_y")]) == 0
+
+
+@pytest.mark.parametrize("settings", [{"samples": -1}, {"starts": 0}, {"particles": 10}])
+def test_impossible_settings_are_refused(settings):
+    with pytest.raises(UserInputError, match="OutlineGaussNewton"):
+        method(**settings)
