@@ -244,7 +244,7 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
     for found in rounds:
         if found.accepted is not None and found.screening is not None:
             again = found.accepted
-            alike = found.screening.group(again.candidate.name) if again.candidate.name in _names(found) else ()
+            alike = _not_told_apart(found)
             p = min(found.screening.p_value(again.candidate.name), 1.0)
             p = found.omnibus.p_value if again.candidate.discrete else p
             sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
@@ -274,8 +274,14 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
     return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
 
 
-def _names(found: Round) -> list[str]:
-    return [score.name for score in found.screening.scores] if found.screening else []
+def _not_told_apart(found: Round) -> list[str]:
+    """The accepted effect, and those of its class that were accepted as well or not refitted."""
+    assert found.accepted is not None and found.screening is not None
+    name = found.accepted.candidate.name
+    if name not in [score.name for score in found.screening.scores]:
+        return [name]
+    rejected = {again.candidate.name for again in found.refits if not again.verdict.accepted}
+    return [other for other in found.screening.group(name) if other not in rejected]
 
 
 def _removed(rounds: list[Round]) -> float:

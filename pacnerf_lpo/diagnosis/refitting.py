@@ -23,6 +23,7 @@ from pacnerf_lpo.errors import SimulationError
 ITERATIONS = 10
 REFINED_ITERATIONS = 3
 MOST_REFITS = 4
+MOST_ALIKE = 3
 GIVE_UP = 1.2
 """A second start that is still so much worse than the first after a few iterations is given up."""
 FAR_BEHIND = 3.0
@@ -60,15 +61,15 @@ class Refit:
 
 
 def worth_refitting(candidates: Sequence[Candidate], screening: Screening, level: float) -> list[Candidate]:
-    """The best of the ranking that pass the threshold, at most two of a class, and every alternative of kind, because a
-    score at the null says little of those.
+    """The best of the ranking that pass the threshold, at most three of a class, and every alternative of kind, because
+    a score at the null says little of those.
     """
     by_name = {candidate.name: candidate for candidate in candidates}
     passed = [s.name for s, p in zip(screening.scores, screening.p_values, strict=True) if p < level]
     chosen: list[str] = []
     for name in passed:
         alike = [other for other in chosen if other in screening.group(name)]
-        if len(chosen) < MOST_REFITS and len(alike) < 2:
+        if len(chosen) < MOST_REFITS and len(alike) < MOST_ALIKE:
             chosen.append(name)
     discrete = [c.name for c in candidates if c.discrete and not c.observes and c.name not in chosen]
     return [by_name[name] for name in [*chosen, *discrete]]
