@@ -26,7 +26,7 @@ function logTicks(low, high) {
 
 /* Lines over a common x axis.
    options: series [{label, x, y, colour, dash, faint}], bands [{label, from, to}], log, zero, truth, height, xLabel, format(y),
-   direct: labels at the ends of the lines, cursor, pick(x). */
+   range: {x, low, high} shaded behind the lines, direct: labels at the ends of the lines, cursor, pick(x). */
 function lineChart(host, options) {
   host.textContent = "";
   const width = Math.max(host.clientWidth, 240), height = options.height || 190;
@@ -36,6 +36,7 @@ function lineChart(host, options) {
   const usable = (v) => v !== null && isFinite(v) && (!options.log || v > 0);
   const ys = options.series.flatMap((s) => s.y).filter(usable).map(scale);
   if (options.truth !== null && options.truth !== undefined) ys.push(scale(options.truth));
+  if (options.range) ys.push(...options.range.high.filter(usable).map(scale));
   if (!ys.length) return;
   let low = Math.min(...ys), high = Math.max(...ys);
   const least = options.log ? 0.1 : Math.max(1e-3, 0.04 * Math.abs(high));
@@ -50,6 +51,11 @@ function lineChart(host, options) {
     if (i % 2) svgElement("rect", { class: "phase", x: from, y: top, width: Math.max(to - from, 0), height: height - top - bottom }, svg);
     if (to - from > 26) svgElement("text", { x: from + 4, y: 13 }, svg, band.label);
   });
+  if (options.range) {
+    const edge = (ys, back) => options.range.x.map((x, i) => [x, ys[i]]).filter((p) => usable(p[1]))
+      .map((p) => `${toX(p[0]).toFixed(1)},${toY(p[1]).toFixed(1)}`)[back ? "reverse" : "slice"]();
+    svgElement("polygon", { class: "range", points: [...edge(options.range.high), ...edge(options.range.low, true)].join(" ") }, svg);
+  }
   const marks = options.log ? logTicks(low, high) : ticks(low, high, 4);
   for (const tick of marks) {
     const y = top + (1 - (tick - low) / (high - low)) * (height - top - bottom);
@@ -93,7 +99,8 @@ function labelEnds(svg, ends) {
   }
 }
 
-/* Cells of a table as colours: values[row][column]; rows carry a label and a set; bands lie over the columns. */
+/* Cells of a table as colours: values[row][column], null where there is none; rows carry a label; bands lie over the columns.
+   most: value of the full colour, unit: of the values, marked: columns with a strong label. */
 function heatMap(host, options) {
   host.textContent = "";
   const rows = options.values.length, columns = options.values[0].length;
@@ -101,7 +108,7 @@ function heatMap(host, options) {
   const cellWidth = (width - left - 2) / columns, cellHeight = Math.max(12, Math.min(22, 240 / rows));
   const height = top + rows * cellHeight + bottom;
   const svg = svgElement("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img" }, host);
-  const most = Math.max(...options.values.flat());
+  const most = options.most || Math.max(...options.values.flat());
   const empty = rgb(colourOf("--surface")), full = rgb(colourOf("--warm"));
   for (const band of options.bands) svgElement("text", { x: left + band.from * cellWidth + 2, y: 13 }, svg, band.label);
   options.values.forEach((row, i) => {
@@ -109,8 +116,8 @@ function heatMap(host, options) {
     if (options.rows[i].strong) text.style.fill = colourOf("--ink");
     row.forEach((value, j) => {
       const cell = svgElement("rect", { class: "cell", x: left + j * cellWidth + 0.5, y: top + i * cellHeight + 0.5, width: cellWidth - 1,
-        height: cellHeight - 1, fill: mix(empty, full, value / most) }, svg);
-      svgElement("title", {}, cell, `${options.rows[i].label}, frame ${options.columns[j]}: ${number(value)}`);
+        height: cellHeight - 1, fill: value === null ? "none" : mix(empty, full, Math.min(value / most, 1)) }, svg);
+      svgElement("title", {}, cell, `${options.rows[i].label}, frame ${options.columns[j]}: ${value === null ? "not seen" : number(value)}`);
       cell.onclick = () => options.pick(i, j);
     });
   });
@@ -120,12 +127,13 @@ function heatMap(host, options) {
   svgElement("rect", { x: left + column * cellWidth, y: top + row * cellHeight, width: cellWidth, height: cellHeight, fill: "none",
     stroke: colourOf("--ink"), "stroke-width": 2 }, svg);
   options.columns.forEach((label, j) => {
-    if (j % Math.ceil(columns / 14) === 0)
-      svgElement("text", { x: left + (j + 0.5) * cellWidth, y: height - bottom + 16, "text-anchor": "middle" }, svg, label);
+    if (j % Math.ceil(columns / 14) !== 0) return;
+    const text = svgElement("text", { x: left + (j + 0.5) * cellWidth, y: height - bottom + 16, "text-anchor": "middle" }, svg, label);
+    if (options.marked && options.marked[j]) text.style.fill = colourOf("--ink");
   });
   svgElement("text", { x: width - 2, y: height - 20, "text-anchor": "end" }, svg, "frame");
   for (let k = 0; k < 40; k++)
     svgElement("rect", { x: left + k * 3, y: height - 14, width: 3.2, height: 8, fill: mix(empty, full, k / 39) }, svg);
   svgElement("text", { x: left - 8, y: height - 6, "text-anchor": "end" }, svg, "0");
-  svgElement("text", { x: left + 128, y: height - 6 }, svg, `${number(most)} rms`);
+  svgElement("text", { x: left + 128, y: height - 6 }, svg, `${number(most)} ${options.unit || "rms"}`);
 }

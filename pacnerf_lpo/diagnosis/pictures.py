@@ -1,0 +1,176 @@
+"""What the page of a diagnosis shows beside the statistics: errors by frame against those of the twins, and images of
+the model before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from PIL import Image
+
+from pacnerf_lpo.diagnosis import wording
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.localising import excess, floor
+from pacnerf_lpo.diagnosis.model import MARGIN
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.screening import size_of
+from pacnerf_lpo.diagnosis.summaries import KINDS
+from pacnerf_lpo.mpm.effects.base import Effect
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.diagnosis.diagnose import Round
+
+PICTURES = "pictures.npz"
+LONGEST = 128
+"""Longest side of a picture on the page [pixels]."""
+BAND = (0.05, 0.95)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The model as it stood at one time of the diagnosis.
+
+    added: the effect that was added last; None: the run's own model.
+    effects: all of its effects.
+    known: every value [SI]
+    residual: measured minus predicted [pixels, (V, F, 11)]
+    comparison: whose twins tell how large the residual may be.
+    """
+
+    added: Candidate | None
+    effects: tuple[Effect, ...]
+    known: dict[str, float]
+    residual: np.ndarray
+    comparison: Comparison
+
+
+def stages_of(rounds: Sequence[Round]) -> list[Stage]:
+    """The run's own model, and the model after each accepted effect."""
+    found = []
+    added: Candidate | None = None
+    for done in rounds:
+        comparison = done.comparison
+        found.append(Stage(added, comparison.effects, comparison.known, comparison.residual, comparison))
+        added = done.accepted.candidate if done.accepted is not None else None
+    last = rounds[-1]
+    if last.accepted is not None:
+        again = last.accepted
+        effects = (*last.comparison.effects, again.candidate.effect)
+        found.append(Stage(again.candidate, effects, again.known, again.residual, last.comparison))
+    return found
+
+
+def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
+    """Errors of every stage, and of its twins, by view and frame [pixels].
+
+    Root mean squares over the numbers of the outlines, less the twins' mean. The floor is the median twin's; the band
+    holds nine tenths of the twins.
+    """
+    return [_stage(problem, stage) for stage in stages_of(rounds)]
+
+
+def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
+    twins, count = stage.comparison.twins, len(stage.comparison.twins)
+    bias = floor(stage.comparison)[0]
+    error = (stage.residual - bias)[..., : len(KINDS)]
+    alone = (twins - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
+    twin_errors = np.where(np.isfinite(error), alone, np.nan)
+    fitted, held = problem.split.fitted, problem.split.held
+    band = np.quantile(root_mean_square(twin_errors, (1, 3)), BAND, axis=0)
+    return {
+        "added": None if stage.added is None else stage.added.name,
+        "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added.name)}",
+        "error": {name: _of_part(error, part) for name, part in (("fitted", fitted), ("held", held))},
+        "floor": {
+            name: float(np.median([_of_part(twin, part) for twin in twin_errors]))
+            for name, part in (("fitted", fitted), ("held", held))
+        },
+        "by_frame": _rounded(root_mean_square(error, (0, 2))),
+        "band": [_rounded(edge) for edge in band],
+        "by_view": _rounded(root_mean_square(error, (1, 2))),
+        "view_floor": _rounded(np.median(root_mean_square(twin_errors, (2, 3)), axis=0)),
+        "excess": [_rounded(row) for row in excess(stage.residual, stage.comparison)],
+    }
+
+
+def root_mean_square(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Over some axes, of the values that are there; NaN where there is none."""
+    seen = np.isfinite(values)
+    counts = seen.sum(axes)
+    total = (np.where(seen, values, 0.0) ** 2).sum(axes)
+    return np.sqrt(np.where(counts > 0, total / np.maximum(counts, 1), np.nan))
+
+
+def _of_part(error: np.ndarray, part: np.ndarray) -> float:
+    return float(root_mean_square(error[part], (0, 1)))
+
+
+def _rounded(values: np.ndarray) -> list[float | None]:
+    return [round(float(value), 5) if np.isfinite(value) else None for value in values]
+
+
+def described(candidate: Candidate, count: int, probe: int) -> dict[str, Any]:
+    """What a reader must know of a candidate to read its score.
+
+    Args:
+        candidate: the effect.
+        count: of the coefficients that were estimated.
+        probe: which of the trials explains most.
+    """
+    effect, trials = candidate.effect, candidate.trials()
+    names = list(effect.null)[:count]
+    if not candidate.joint:
+        trial = trials[min(probe, len(trials) - 1)]
+        size = size_of(candidate, trial)
+        names = [name for name, null in effect.null.items() if trial[name] - null == size][:1] or names[:1]
+    parameters = [effect.parameters[name] for name in names]
+    return {
+        "discrete": candidate.discrete,
+        "one_sided": effect.one_sided,
+        "signature": effect.signature,
+        "separating_experiment": effect.separating_experiment,
+        "coefficients": [
+            {"name": p.name, "label": p.label, "unit": p.unit, "null": effect.null[p.name]} for p in parameters
+        ],
+    }
+
+
+def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> None:
+    """Write the measured images and the outlines of the first and of the last stage, at most 128 pixels large, as
+    ``pictures.npz``: ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), all uint8.
+    """
+    found = stages_of(rounds)
+    shown = found[:1] if len(found) == 1 else [found[0], found[-1]]
+    video = problem.video
+    np.savez_compressed(
+        folder / PICTURES,
+        measured=_small(video.images.numpy()),
+        matte=_small(video.silhouettes.numpy()),
+        models=np.stack([_small(_outlines(problem, stage)) for stage in shown]),
+    )
+
+
+@torch.no_grad()
+def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
+    """Opacity in every view and frame [0..1, (V, F, H, W)]."""
+    model = problem.model(stage.effects, stage.known)
+    seen = model.outlines(model.path(model.start), model.start)
+    return seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
+
+
+def _small(values: np.ndarray) -> np.ndarray:
+    """Images [0..1, (V, F, H, W[, 3])] as bytes, reduced to the size of the page."""
+    height, width = values.shape[2:4]
+    ratio = min(1.0, LONGEST / max(height, width))
+    size = max(1, round(width * ratio)), max(1, round(height * ratio))
+    views = []
+    for view in values:
+        whole = np.rint(view.clip(0, 1) * 255).astype(np.uint8)
+        views.append([np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX)) for image in whole])
+    return np.array(views)

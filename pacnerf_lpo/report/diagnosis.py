@@ -1,0 +1,129 @@
+"""``diagnosis.html``: one page about what is missing in a model, to be read without statistics and without network."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.pictures import PICTURES
+from pacnerf_lpo.diagnosis.wording import NOT_IDENTIFIABLE
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report import diagnosis_sections as sections
+from pacnerf_lpo.report import diagnosis_words as words
+from pacnerf_lpo.report.encoding import atlas, atlas_columns
+
+RESULT_FILE, PAGE_FILE = "diagnosis.json", "diagnosis.html"
+IMAGE_BUDGET = 5_000_000
+QUALITIES = (75, 55, 35)
+STYLES = ("report.css", "diagnosis.css")
+SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis.js")
+
+
+def write_page(folder: Path) -> Path:
+    """Write ``diagnosis.html`` beside the ``diagnosis.json`` and ``pictures.npz`` of a diagnosis; returns its path."""
+    result = json.loads((folder / RESULT_FILE).read_text())
+    with np.load(folder / PICTURES) as pictures:
+        images = build_images(dict(pictures))
+    path = folder / PAGE_FILE
+    write_atomically(path, render_page(result, images).encode())
+    return path
+
+
+def build_images(pictures: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Measured images, mattes and outlines of the model before and after as one picture per view, of a quality at which
+    they fit the budget.
+
+    Args:
+        pictures: ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), uint8.
+    """
+    measured, matte, models = pictures["measured"], pictures["matte"], pictures["models"]
+    frames, height, width = matte.shape[1:]
+    for quality in QUALITIES:
+        found = {
+            "measured": [atlas(view, (width, height), quality) for view in measured],
+            "matte": [_grey(view, quality) for view in matte],
+            "model": [[_grey(view, quality) for view in model] for model in models],
+        }
+        if len(json.dumps(found)) <= IMAGE_BUDGET:
+            break
+    stages = ["before", "after"][: len(models)]
+    return {"width": width, "height": height, "columns": atlas_columns(frames), "stages": stages, **found}
+
+
+def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page's scripts read."""
+    shown = ("views", "frames", "times", "held_views", "held_frames", "stages", "residual_force")
+    return {
+        **{name: result.get(name) for name in shown},
+        "phases": result["rounds"][0]["phases"],
+        "images": images,
+        "errors": _errors(result),
+    }
+
+
+def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
+    """The page as text."""
+    verdict = result["verdict"]
+    light = words.LIGHTS[verdict["kind"]]
+    data = json.dumps(payload(result, images), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    advice = [f"To tell {names}: {experiment}." for names, experiment in words.experiments(result)]
+    return Template(_asset("diagnosis.html")).substitute(
+        title=html.escape(f"{result['scene']}: {verdict['sentence']}"),
+        style="\n".join(_asset(name) for name in STYLES),
+        scripts="\n".join(_asset(name) for name in SCRIPTS),
+        data=data,
+        scene=html.escape(result["scene"]),
+        light=sections.traffic_light(light),
+        sentence=html.escape(verdict["sentence"]),
+        details=sections.bullets(verdict["details"]),
+        cards=sections.first_screen(result),
+        rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
+        parameters=sections.parameter_table(result),
+        undetermined=sections.bullets(result["rounds"][-1]["undetermined"]) or "<p>Every parameter is determined.</p>",
+        limits=sections.bullets(NOT_IDENTIFIABLE),
+        experiments=sections.bullets(advice) or "<p>No two of the effects in question look alike here.</p>",
+        bounds=sections.bounds_table(result),
+    )
+
+
+def _round(result: Mapping[str, Any], number: int) -> str:
+    """Ranking, confounding and refits of one round; the first is open."""
+    done = result["rounds"][number]
+    installed = [stage["readable"] for stage in result["stages"][1 : number + 1]]
+    title = "The model as it was fitted" if not number else f"The model {html.escape(' '.join(installed))}"
+    omnibus = done["omnibus"]["p_value"]
+    head = f"What the model leaves over: {words.chance(omnibus)} (p = {omnibus:.2g})."
+    refits = f"<h3>Fitted again with one more effect, judged on the data kept aside</h3>{sections.refit_table(done)}"
+    return (
+        f"<details{'' if number else ' open'}><summary>{title}</summary><p>{head}</p>"
+        f'<div class="pair"><div class="card"><h3>How well each effect explains what is left over</h3>'
+        f"{sections.ranking(done['screen'])}</div>"
+        f'<div class="card"><h3>Which effects look alike here (100: the same)</h3>'
+        f"{sections.confounding(done['screen'])}</div></div>"
+        f"{refits if done['screen'] else ''}</details>"
+    )
+
+
+def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Error beyond the model's own, of fitted and held-out data, after every added effect [pixels]."""
+    rounds = result["rounds"]
+    found = [done["error"] for done in rounds]
+    found += [again["error"] for again in rounds[-1]["refits"] if again["name"] == rounds[-1]["accepted"]]
+    return [{"label": stage["readable"], **error} for stage, error in zip(result["stages"], found, strict=True)]
+
+
+def _grey(frames: np.ndarray, quality: int) -> str:
+    """Opacities [0..255, (F, h, w), uint8] as one grey picture."""
+    height, width = frames.shape[1:]
+    return atlas(np.repeat(frames[..., None], 3, axis=-1), (width, height), quality)
+
+
+def _asset(name: str) -> str:
+    return (files("pacnerf_lpo.report") / "assets" / name).read_text()

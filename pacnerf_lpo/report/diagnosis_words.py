@@ -1,0 +1,193 @@
+"""A diagnosis in words for a reader who knows no statistics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Result = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Light:
+    """The mark beside the verdict.
+
+    colour: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``.
+    caption: what it stands for.
+    """
+
+    colour: str
+    caption: str
+
+
+LIGHTS = {
+    "nothing": Light("good", "nothing is missing"),
+    "missing": Light("fair", "cause found"),
+    "camera": Light("fair", "a camera is wrong"),
+    "unknown": Light("poor", "cause unknown"),
+    "unfinished": Light("none", "not finished"),
+}
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How far the outlines of the model are from those of the video [pixels].
+
+    before: the model as it was fitted.
+    floor: what its own numerical error alone would give.
+    after: with all that was found; None where nothing was added.
+    where: in which data.
+    """
+
+    before: float
+    floor: float
+    after: float | None
+    where: str
+
+
+def misfit(result: Result) -> Misfit:
+    """Of the data kept aside; of the wrong camera where one was found and nothing else."""
+    first, last = result["stages"][0], result["stages"][-1]
+    changed = len(result["stages"]) > 1
+    if result["verdict"]["kind"] == "camera" and "@" in result["verdict"]["effects"][0]:
+        view_id = int(result["verdict"]["effects"][0].partition("@")[2])
+        view = result["views"].index(view_id)
+        after = last["by_view"][view] if changed else None
+        return Misfit(first["by_view"][view], first["view_floor"][view], after, f"in camera {view_id}")
+    after = last["error"]["held"] if changed else None
+    return Misfit(first["error"]["held"], first["floor"]["held"], after, "in the data kept aside")
+
+
+def pixels(value: float) -> str:
+    """``0.89 pixels``."""
+    return f"{value:.2f} pixels" if value < 10 else f"{value:.0f} pixels"
+
+
+def compared(result: Result) -> str:
+    """Which data were fitted, and which were kept aside."""
+    views, frames = len(result["views"]), len(result["frames"])
+    held_views, held_frames = result["held_views"], result["held_frames"]
+    return (
+        f"The outline of the object in {views} cameras and {frames} frames, with the outline that the model predicts. "
+        f"{_some(held_views, 'camera')} and the last {_count(len(held_frames), 'frame')} were kept aside: the model "
+        "was never adjusted to them, so they tell whether a change is a real improvement."
+    )
+
+
+def distance(result: Result) -> str:
+    """How far off the model is, beside its own error."""
+    found = misfit(result)
+    times = found.before / max(found.floor, 1e-9)
+    sentence = (
+        f"{found.where[0].upper()}{found.where[1:]}, edges and centres of the outlines are typically "
+        f"{pixels(found.before)} from where they should be. Simulated copies of this model, computed a little "
+        f"differently, differ from it by {pixels(found.floor)}: "
+    )
+    more = result["rounds"][0]["omnibus"]["p_value"] < 0.05
+    if more and times >= 1.1:
+        return sentence + f"the video is {times:.1f} times as far away as that, which is too far to be an accident."
+    if more:
+        return sentence + "as a whole no more, but the differences have a pattern that accidents do not make."
+    return sentence + "the video is no farther away than that."
+
+
+def chance(p: float) -> str:
+    """A p-value in words."""
+    if p >= 0.5:
+        return "accidents alone do this more often than not"
+    if p < 1e-4:
+        return "accidents alone would do this in less than 1 of 10 000 recordings"
+    return f"accidents alone would do this in about 1 of {_round(1 / p)} recordings"
+
+
+def refits_of(result: Result) -> list[Mapping[str, Any]]:
+    """The accepted refits, in the order in which they were accepted."""
+    found = []
+    for done in result["rounds"]:
+        found += [again for again in done["refits"] if again["name"] == done["accepted"]]
+    return found
+
+
+def missing(result: Result) -> str:
+    """What is missing, or why nothing is named."""
+    kind, accepted = result["verdict"]["kind"], refits_of(result)
+    if kind in ("missing", "camera"):
+        return " ".join(
+            f"{again['readable'].capitalize()}{_like(result, again['name'])}: {again['signature']}."
+            for again in accepted
+        )
+    tried = len({c["name"] for done in result["rounds"] if done["screen"] for c in done["screen"]["candidates"]})
+    if kind == "nothing":
+        return (
+            f"{tried} effects and camera faults were tried and none explains anything. How strong each of them may "
+            "still be without being seen stands below."
+        )
+    if kind == "unknown":
+        return (
+            f"{tried} effects and camera faults were tried. None removes enough of the error in the data kept aside "
+            "to be believed."
+        )
+    return "Not looked for yet: the diagnosis was stopped before candidates were fitted."
+
+
+def changes(result: Result) -> str:
+    """What adding the effects does."""
+    found = misfit(result)
+    if found.after is None:
+        return "Nothing was added to the model."
+    before, after = (result["stages"][k]["error"]["fitted"] for k in (0, -1))
+    sentence = f"{found.where[0].upper()}{found.where[1:]}, the distance falls from {found.before:.2f} to "
+    sentence += f"{pixels(found.after)}"
+    fitted = f" (where the model was adjusted, from {before:.2f} to {after:.2f})" if "aside" in found.where else ""
+    return f"{sentence}{fitted}."
+
+
+def experiments(result: Result) -> list[tuple[str, str]]:
+    """For every class that cannot be told apart and that may be meant: its names, and what would separate them."""
+    found: dict[str, str] = {}
+    for done in result["rounds"]:
+        screen = done["screen"]
+        if screen is None:
+            continue
+        by_name = {candidate["name"]: candidate for candidate in screen["candidates"]}
+        for group in screen["groups"]:
+            members = [by_name[name] for name in group if name in by_name]
+            if len(members) > 1 and any(abs(member["z"]) >= screen["threshold"] for member in members):
+                advice = [m["separating_experiment"] for m in members if m["separating_experiment"]]
+                names = either([member["readable"] for member in members])
+                if advice:
+                    found.setdefault(names, advice[0])
+    return list(found.items())
+
+
+def either(names: Sequence[str]) -> str:
+    """``a, b or c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _like(result: Result, name: str) -> str:
+    """The effects that cannot be told apart from one, in brackets."""
+    for done in result["rounds"]:
+        for group in done["screen"]["groups"] if done["screen"] and done["accepted"] == name else ():
+            if name in group:
+                by_name = {candidate["name"]: candidate["readable"] for candidate in done["screen"]["candidates"]}
+                others = [by_name.get(other, other) for other in group if other != name]
+                return f" (or {either(others)}: this recording cannot tell)"
+    return ""
+
+
+def _some(ids: Sequence[int], noun: str) -> str:
+    if len(ids) == 1:
+        return f"{noun.capitalize()} {ids[0]}"
+    return f"{noun.capitalize()}s {', '.join(map(str, ids[:-1]))} and {ids[-1]}" if ids else f"No {noun}"
+
+
+def _count(count: int, noun: str) -> str:
+    return noun if count == 1 else f"{count} {noun}s"
+
+
+def _round(value: float) -> str:
+    digits = max(0, math.floor(math.log10(value)))
+    return f"{round(value, -digits) if digits > 1 else round(value):.0f}"
