@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.phases.levenberg_marquardt import NormalEquations, damped_step
+from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations, damped_step
 
 LONGEST_STEP = 5.0  # of a parameter's scale
 ATTEMPTS = 5

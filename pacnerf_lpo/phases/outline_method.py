@@ -15,8 +15,8 @@ from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
+from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
-from pacnerf_lpo.phases.levenberg_marquardt import NormalEquations
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule

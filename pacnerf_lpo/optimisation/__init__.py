@@ -1,0 +1,1 @@
+"""Optimisers for a handful of parameters."""
