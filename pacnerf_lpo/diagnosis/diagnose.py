@@ -260,7 +260,7 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
             names.append(again.candidate.name)
             kind = "camera" if again.candidate.observes else "missing"
     last = rounds[-1]
-    if not names and last.screening is not None:
+    if not names and last.screening is not None and not _not_refitted(last):
         kind = "unknown" if last.omnibus.p_value < LEVEL else "nothing"
         sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
     elif not names:
@@ -272,6 +272,11 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
     elif rounds[0].accepted is not None and _removed(rounds) < ENOUGH:
         sentences.append("More than half of the held-out error remains: something else is missing, too.")
     return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
+
+
+def _not_refitted(found: Round) -> bool:
+    """Whether effects passed the threshold and the diagnosis stopped before they were refitted."""
+    return found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < LEVEL
 
 
 def _not_told_apart(found: Round) -> list[str]:

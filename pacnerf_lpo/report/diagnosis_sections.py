@@ -79,7 +79,7 @@ def ranking(screen: Mapping[str, Any] | None) -> str:
         '<p class="legend"><span><span class="key physics"></span>physics</span>'
         '<span><span class="key camera"></span>camera fault</span>'
         "<span>thin line: 90 % interval</span>"
-        f"<span>dashed: threshold {screen['threshold']:.1f}; beyond it accidents reach once in 20 recordings</span></p>"
+        f"<span>dashed: {screen['threshold']:.1f}, which accidents pass in 1 of 20 recordings</span></p>"
     )
     return f'<div class="ranking">{"".join(rows)}</div>{note}{_group_note(screen, letters)}'
 
@@ -120,6 +120,8 @@ def parameter_table(result: Result) -> str:
     """Values before and after with their 90 % intervals, as numbers and drawn."""
     before = {p["name"]: p for p in result["rounds"][0]["parameters"]}
     after = _parameters_after(result)
+    marks = [f'<th><span class="key {kind}"></span>{kind}</th>' for kind in ("before", "after")]
+    columns = "".join(marks) if after else "<th>value</th>"
     rows = []
     for name in dict.fromkeys([*before, *after]):
         old, new = before.get(name), after.get(name)
@@ -127,11 +129,12 @@ def parameter_table(result: Result) -> str:
         known = next(p for p in shown if "label" in p)
         rows.append(
             f'<tr><td class="name"><i>{_symbol_html(name)}</i> <span>{text(known["label"])}</span></td>'
-            f"<td>{_interval_text(old, known['unit'])}</td><td>{_interval_text(new, known['unit'])}</td>"
+            f"<td>{_interval_text(old, known['unit'])}</td>"
+            f"{f'<td>{_interval_text(new, known["unit"])}</td>' if after else ''}"
             f'<td class="plot">{interval_plot(old, new)}</td></tr>'
         )
     return (
-        "<table><thead><tr><th>parameter</th><th>before</th><th>after</th><th>90 % intervals</th></tr></thead>"
+        f"<table><thead><tr><th>parameter</th>{columns}<th>90 % intervals</th></tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table>"
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -162,19 +163,29 @@ def experiments(result: Result) -> list[tuple[str, str]]:
     return list(found.items())
 
 
+def undetermined(result: Result) -> list[str]:
+    """What the recording does not determine in the last model, with the labels of parameters in place of their names."""
+    last = result["rounds"][-1]
+    labels = {p["name"]: p["label"] for p in last["parameters"]}
+    pattern = "|".join(rf"\b{re.escape(name)}\b" for name in sorted(labels, key=len, reverse=True))
+    return [re.sub(pattern, lambda found: labels[found[0]], sentence) for sentence in last["undetermined"]]
+
+
 def either(names: Sequence[str]) -> str:
     """``a, b or c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def _like(result: Result, name: str) -> str:
-    """The effects that cannot be told apart from one, in brackets."""
+    """The effects that cannot be told apart from one, in brackets; without those that were fitted and rejected."""
     for done in result["rounds"]:
-        for group in done["screen"]["groups"] if done["screen"] and done["accepted"] == name else ():
-            if name in group:
-                by_name = {candidate["name"]: candidate["readable"] for candidate in done["screen"]["candidates"]}
-                others = [by_name.get(other, other) for other in group if other != name]
-                return f" (or {either(others)}: this recording cannot tell)"
+        if done["screen"] is None or done["accepted"] != name:
+            continue
+        by_name = {candidate["name"]: candidate["readable"] for candidate in done["screen"]["candidates"]}
+        rejected = {again["name"] for again in done["refits"] if not again["accepted"]}
+        alike = [group for group in done["screen"]["groups"] if name in group]
+        others = [by_name[other] for group in alike for other in group if other != name and other not in rejected]
+        return f" (or {either(others)}: this recording cannot tell)" if others else ""
     return ""
 
 

@@ -49,7 +49,7 @@ function lineChart(host, options) {
   (options.bands || []).forEach((band, i) => {
     const from = toX(Math.max(band.from, x0)), to = toX(Math.min(band.to, x1));
     if (i % 2) svgElement("rect", { class: "phase", x: from, y: top, width: Math.max(to - from, 0), height: height - top - bottom }, svg);
-    if (to - from > 26) svgElement("text", { x: from + 4, y: 13 }, svg, band.label);
+    if (to - from > 5 + 5.8 * band.label.length) svgElement("text", { x: from + 4, y: 13 }, svg, band.label);
   });
   if (options.range) {
     const edge = (ys, back) => options.range.x.map((x, i) => [x, ys[i]]).filter((p) => usable(p[1]))
@@ -110,7 +110,9 @@ function heatMap(host, options) {
   const svg = svgElement("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img" }, host);
   const most = options.most || Math.max(...options.values.flat());
   const empty = rgb(colourOf("--surface")), full = rgb(colourOf("--warm"));
-  for (const band of options.bands) svgElement("text", { x: left + band.from * cellWidth + 2, y: 13 }, svg, band.label);
+  for (const band of options.bands)
+    if (band.to === undefined || (band.to - band.from) * cellWidth > 2 + 5.8 * band.label.length)
+      svgElement("text", { x: left + band.from * cellWidth + 2, y: 13 }, svg, band.label);
   options.values.forEach((row, i) => {
     const text = svgElement("text", { x: left - 8, y: top + (i + 0.5) * cellHeight + 4, "text-anchor": "end" }, svg, options.rows[i].label);
     if (options.rows[i].strong) text.style.fill = colourOf("--ink");

@@ -59,7 +59,10 @@
     lineChart(byId("force-chart"), { series, height: 220, direct: true, xLabel: "time [s]" });
   }
 
-  if (!changed) byId("course").closest(".card").remove();
+  if (!changed) {
+    byId("course").closest(".card").remove();
+    byId("heatmaps").append(byId("timeline").closest(".card"));
+  }
   if (!DATA.residual_force) byId("force").remove();
   if (!byId("bounds").querySelector("table")) byId("bounds").remove();
   /* Begin where the first model fails most in data kept aside. */

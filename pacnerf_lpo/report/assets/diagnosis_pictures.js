@@ -77,7 +77,7 @@
 
   names.forEach((name, i) => byId("stage").add(new Option(name, i)));
   byId("stage").onchange = (event) => look({ stage: Number(event.target.value) });
-  byId("stage-choice").hidden = names.length < 2;
+  if (names.length < 2) byId("stage-choice").style.display = "none";
   byId("view").max = DATA.views.length - 1;
   byId("frame").max = DATA.frames.length - 1;
   byId("view").oninput = (event) => look({ view: Number(event.target.value) });
