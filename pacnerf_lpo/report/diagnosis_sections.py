@@ -127,10 +127,11 @@ def parameter_table(result: Result) -> str:
         old, new = before.get(name), after.get(name)
         shown = [p for p in (old, new) if p is not None]
         known = next(p for p in shown if "label" in p)
+        second = f"<td>{_interval_text(new, known['unit'])}</td>" if after else ""
         rows.append(
             f'<tr><td class="name"><i>{_symbol_html(name)}</i> <span>{text(known["label"])}</span></td>'
             f"<td>{_interval_text(old, known['unit'])}</td>"
-            f"{f'<td>{_interval_text(new, known["unit"])}</td>' if after else ''}"
+            f"{second}"
             f'<td class="plot">{interval_plot(old, new)}</td></tr>'
         )
     return (

@@ -164,7 +164,7 @@ def experiments(result: Result) -> list[tuple[str, str]]:
 
 
 def undetermined(result: Result) -> list[str]:
-    """What the recording does not determine in the last model, with the labels of parameters in place of their names."""
+    """What the recording does not determine in the last model, with labels in the place of parameters' names."""
     last = result["rounds"][-1]
     labels = {p["name"]: p["label"] for p in last["parameters"]}
     pattern = "|".join(rf"\b{re.escape(name)}\b" for name in sorted(labels, key=len, reverse=True))
