@@ -91,7 +91,7 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     if not 4 <= options.twins <= 200:
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
     if options.particles < 300:
-        raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 5000 are a good number")
+        raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
     problem = RunProblem(Run(run_dir), stem, options.particles)
     what = {k: v for k, v in asdict(options).items() if k not in ("effects", "until")}
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)

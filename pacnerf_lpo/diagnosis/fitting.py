@@ -16,7 +16,7 @@ ATTEMPTS = 5
 PROBE = 0.5  # of a parameter's scale
 CONVERGED = 0.02  # of the longest step
 LEAST_GAIN = 2e-3
-PATIENCE = 4
+PATIENCE = 2
 Residual = Callable[[np.ndarray], np.ndarray]
 
 

@@ -23,7 +23,7 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState, Video
 
-PARTICLES = 5000
+PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 LARGEST_EROSION = 80.0
 BISECTIONS = 9

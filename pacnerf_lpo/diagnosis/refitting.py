@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -125,10 +126,10 @@ def refit(
     known, intervals = model.physical(found.free), _intervals(found, model, comparison)
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
-    refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
     interval = next(i for i in intervals if i.name == leading)
     views, frames = np.nonzero(held & np.isfinite(excess(comparison.residual, comparison)))
-    verdict = acceptance(
+    judge = partial(
+        acceptance,
         excess(comparison.residual, comparison)[views, frames],
         excess(after, comparison)[views, frames],
         views,
@@ -136,8 +137,11 @@ def refit(
         (interval.low, interval.high),
         candidate.effect.null[leading],
         known[leading],
-        None if candidate.discrete else refined,
     )
+    verdict, refined = judge(), None
+    if verdict.accepted and not candidate.discrete:  # a finer grid is dear: only for those that may be accepted
+        refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
+        verdict = judge(refined)
     return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, refined, verdict)
 
 

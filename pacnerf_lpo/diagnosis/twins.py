@@ -18,6 +18,8 @@ FINENESS = (0.78, 0.9)
 LEAST_DISTORTION = 0.15
 """Least error of the reconstructed shape, in voxels of the run."""
 WAVES = 3
+DENSITY_ERROR = 0.1
+"""Of the reconstructed matter, from the centre to the rim."""
 TRIALS = 4
 MEDIAN_OF_CHI2 = 0.4549
 
@@ -94,7 +96,9 @@ def _typical_square(values: np.ndarray) -> float:
 
 
 def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
-    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and a few long waves."""
+    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and a few long waves, and with
+    a matter that is denser on one side than on the other.
+    """
     positions = body.positions
     centre = positions.mean(0)
     extent = float((positions.amax(0) - positions.amin(0)).norm()) / 2
@@ -108,4 +112,6 @@ def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
         moved = moved + wave[:, None] * torch.tensor(direction / np.sqrt(WAVES), dtype=positions.dtype)
     moved = moved - moved.mean(0)
     size = moved.square().sum(1).mean().sqrt().clamp_min(1e-9)
-    return Body(positions + moved * (sigma / size), body.fraction, body.spacing)
+    lean = relative @ torch.tensor(random.standard_normal(3), dtype=positions.dtype)
+    fraction = (body.fraction * (1 + DENSITY_ERROR * lean)).clamp_min(0.1 * body.fraction.min())
+    return Body(positions + moved * (sigma / size), fraction, body.spacing)
