@@ -20,6 +20,7 @@ def run(
     until: Literal["compare", "localise", "screen", "refit"] = "refit",
     seed: int = 1,
     particles: int = PARTICLES,
+    profile: str | None = None,
 ) -> None:
     """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
 
@@ -37,13 +38,14 @@ def run(
         until: last step to do.
         seed: of the twins.
         particles: the body is sampled by about so many; fewer are faster and miss weaker effects.
+        profile: name of an unknown, such as E, whose interval is found by profile likelihood, too (minutes).
     """
     began = time.monotonic()
     step: Step = until
     folder = find(
         run_dir,
         phase,
-        Options(candidates, twins, effects, step, seed, particles),
+        Options(candidates, twins, effects, step, seed, particles, profile),
         lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
     )
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

@@ -16,6 +16,7 @@ from pacnerf_lpo.diagnosis import localising, pictures, wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
+from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
@@ -45,6 +46,7 @@ class Options:
     until: last step to do; of the first round only, unless it is refit.
     seed: of the twins.
     particles: the body is sampled by about so many.
+    profile: an unknown whose interval is found by profile likelihood at the end, too.
     """
 
     candidates: str | None = None
@@ -53,6 +55,7 @@ class Options:
     until: Step = "refit"
     seed: int = 1
     particles: int = PARTICLES
+    profile: str | None = None
 
 
 @dataclass
@@ -79,6 +82,7 @@ class Round:
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
+    profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: Callable[[str], None]) -> Path:
@@ -93,7 +97,7 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
     problem = RunProblem(Run(run_dir), stem, options.particles)
-    what = {k: v for k, v in asdict(options).items() if k not in ("effects", "until")}
+    what = {k: v for k, v in asdict(options).items() if k not in ("effects", "until", "profile")}
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
     rounds = investigate(problem, store, options, progress)
     pictures.write_pictures(problem, rounds, store.folder)
@@ -109,7 +113,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
         UserInputError: an unknown effect in the list of candidates.
         SimulationError: the first motion is unstable at the resolution of the diagnosis.
     """
-    candidates_for(problem, options, problem.physics.effects)  # a mistake in the list shows before any long work
+    candidates = candidates_for(problem, options, problem.physics.effects)
+    _check_profile(problem, options, candidates)  # a mistake shows before any long work
     effects, known = tuple(problem.physics.effects), problem.first_guess
     rounds: list[Round] = []
     for number in range(1, options.effects + 2):
@@ -124,7 +129,23 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
     if options.until == "refit" and last.accepted is None and last.omnibus.p_value < LEVEL:
         force = store.once("force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds, force)
+    if options.profile is not None:
+        told = _prefixed(progress, "profile likelihood: ")
+        step = partial(profile, problem, last.comparison, options.profile, told)
+        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", step)[:2]
+        write(problem, store.folder, rounds)
     return rounds
+
+
+def _check_profile(problem: Problem, options: Options, candidates: list[Candidate]) -> None:
+    """Raise UserInputError when no model of the diagnosis can have the unknown that is to be profiled."""
+    known = problem.model(problem.physics.effects, problem.first_guess).names
+    names = [*known, *(name for candidate in candidates for name in candidate.effect.parameters)]
+    if options.profile is not None and options.profile not in names:
+        raise UserInputError(
+            f"diagnose: --profile {options.profile}: no such unknown; choose from {', '.join(known)}, or a coefficient "
+            "of an effect that may be found"
+        )
 
 
 def candidates_for(problem: Problem, options: Options, installed: tuple[Effect, ...]) -> list[Candidate]:
@@ -309,6 +330,7 @@ def _round_summary(problem: Problem, found: Round) -> dict:
             for interval in found.parameters
         ],
         "undetermined": found.undetermined,
+        "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "omnibus": {
             "statistic": found.omnibus.statistic,
             "twins": found.omnibus.twins.tolist(),
