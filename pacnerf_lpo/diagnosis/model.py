@@ -14,7 +14,7 @@ from pacnerf_lpo.diagnosis.outlines import splat
 from pacnerf_lpo.diagnosis.summaries import KINDS, summarise
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
-from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer, project
 from pacnerf_lpo.types import Video
 
@@ -171,12 +171,17 @@ class Model:
         return Observer(self.physics.observations, tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null."""
+        """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the
+        ground stays within half a cell: it stands for the layer in which a grid feels the ground.
+        """
         ends = [
             [parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds]
             for parameter in self.unknowns
         ]
         low, high = np.array(ends).T
+        if GROUND_HEIGHT.name in self.names:
+            index, reach = self.names.index(GROUND_HEIGHT.name), self.body.spacing / 2
+            low[index], high[index] = self.physics.ground_height - reach, self.physics.ground_height + reach
         for effect in self.physics.effects:
             for name, null in effect.null.items() if effect.one_sided else ():
                 index, side = self.names.index(name), sum(probe[name] - null for probe in effect.probes)

@@ -30,7 +30,7 @@ def profile(problem: Problem, comparison: Comparison, name: str, progress: Progr
     """
     if name not in comparison.names:
         raise UserInputError(
-            f"diagnose: --profile {name}: the model at the end has no such unknown; it has {', '.join(comparison.names)}"
+            f"diagnose: --profile {name}: the last model has no such unknown; it has {', '.join(comparison.names)}"
         )
     mask, index = problem.fitted, comparison.names.index(name)
     noise = noise_of(problem, comparison.twins, mask)

@@ -45,11 +45,11 @@ class OutlineGaussNewton(GaussNewton):
     def __init__(
         self,
         iterations: int = 12,
-        samples: int = 256,
+        samples: int = 128,
         scan_decades: float = 3.0,
         starts: int = 3,
         particles: int = 4000,
-        scan_particles: int = 1200,
+        scan_particles: int = 1500,
     ):
         super().__init__(0, iterations, scan_decades, pool=1)
         if samples < 0 or starts < 1 or min(particles, scan_particles) < 100:
@@ -70,19 +70,23 @@ class OutlineGaussNewton(GaussNewton):
         tried = [
             (misfit.loss(point), index) for index, point in enumerate(tqdm(points, "physics: search", leave=False))
         ]
-        best = None
-        for loss, index in sorted(tried)[: self.starts]:
-            if not np.isfinite(loss):
-                continue
+        promising = [points[index] for loss, index in sorted(tried)[: self.starts] if np.isfinite(loss)]
+        for point in list(promising):
             model = misfit.model
-            found = fit(misfit.residual, points[index], model.scales, model.bounds, LOCAL_ITERATIONS)
-            if best is None or found.misfit < best.misfit:
-                best = found
-        if best is None:
-            return  # nothing is stable on the coarse body: start from the guess
-        grid = [misfit.model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in misfit.model.names]
-        best.free[grid] = misfit.model.start[grid]  # it depends on the grid
-        self._set(module, misfit.model, best.free)
+            try:
+                promising.append(fit(misfit.residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free)
+            except SimulationError:
+                continue
+        if promising:
+            self._set(module, misfit.model, self._best(module, misfit.model, promising))
+
+    def _best(self, module: PhysicsIDModule, model: Model, points: list[np.ndarray]) -> np.ndarray:
+        """The point with the least misfit at full resolution; the ground, which depends on the grid, as at the start."""
+        fine = self._misfit(module)
+        ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
+        for point in points:
+            point[ground] = model.start[ground]
+        return min(points, key=fine.loss)
 
     def _points(self, module: PhysicsIDModule, model: Model) -> list[np.ndarray]:
         """The guess, then quasi-random points within the lattices of the parameters [(K,) each]."""
@@ -102,6 +106,13 @@ class OutlineGaussNewton(GaussNewton):
         if self._fine is None:
             self._fine = Misfit(module, self.particles)
         return self._fine
+
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        """One iteration, then back into the bounds."""
+        loss = super().iterate(module, optimiser, step)
+        misfit = self._misfit(module)
+        self._set(module, misfit.model, np.clip(misfit.free(module), *misfit.model.bounds))
+        return loss
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         misfit = self._misfit(module)
