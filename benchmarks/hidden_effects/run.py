@@ -10,6 +10,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import joblib
@@ -24,11 +25,16 @@ from pacnerf_lpo.errors import RunError, SimulationError
 from pacnerf_lpo.manifest import write_atomically
 
 EFFORT, FAILURE = "effort.json", "failure.txt"
-TWINS, MOST_EFFECTS = 10, 2
+FAST = Options(twins=10, effects=2)
 
 
-def diagnose_scene(scene: Path, twins: int = TWINS, effects: int = MOST_EFFECTS) -> str:
-    """Diagnose one scene, unless that is done; a sentence about it. A failure is kept beside the scene, and counted."""
+def diagnose_scene(scene: Path, options: Options = FAST) -> str:
+    """Diagnose one scene, unless that is done; a sentence about it. A failure is kept beside the scene, and counted.
+
+    Args:
+        scene: folder of the scene.
+        options: of the diagnosis on the fast path; the full one takes what the command line takes.
+    """
     folder = scene / FOLDER
     if (scene / EFFORT).is_file():
         return f"{scene.name}: done before"
@@ -41,8 +47,7 @@ def diagnose_scene(scene: Path, twins: int = TWINS, effects: int = MOST_EFFECTS)
         else:
             problem = KnownShape.read(scene)
             fingerprint = hashlib.sha256((scene / SETTING).read_bytes() + (scene / VIDEO).read_bytes()).digest()
-            options = Options(twins=twins, effects=effects)
-            investigate(problem, Store(folder, fingerprint, {"twins": twins}), options, lines.append)
+            investigate(problem, Store(folder, fingerprint, asdict(options)), options, lines.append)
     except (RunError, SimulationError) as error:
         (scene / FAILURE).write_text(f"{error}\n")
         return f"{scene.name}: failed ({error})"
@@ -50,7 +55,6 @@ def diagnose_scene(scene: Path, twins: int = TWINS, effects: int = MOST_EFFECTS)
         "seconds": time.monotonic() - began,
         "cpu_seconds": time.process_time() - worked,
         "version": __version__,
-        "twins": twins,
     }
     (scene / "log.txt").write_text("\n".join(lines))
     write_atomically(scene / EFFORT, json.dumps(effort).encode())

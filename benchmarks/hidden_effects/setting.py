@@ -32,11 +32,11 @@ class Size:
     full: as a video to reconstruct, not as outlines of a known shape.
     """
 
-    particles: int = 1800
-    views: int = 6
+    particles: int = 1000
+    views: int = 5
     held: int = 2
-    frames: int = 12
-    image_size: int = 96
+    frames: int = 10
+    image_size: int = 72
     full: bool = False
 
 
@@ -143,7 +143,7 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
         material=material,
         guess={**guess, **{name: value + 0.1 * random.standard_normal() for name, value in velocity.items()}},
         spacing=0.0,
-        rate=1200.0,
+        rate=960.0,
         frames=size.frames,
         image_size=size.image_size,
         cameras=[],

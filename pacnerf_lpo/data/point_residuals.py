@@ -17,6 +17,7 @@ FARTHEST = 4.0
 TRIM = 0.9
 TAIL = 0.02
 LARGEST_CLOUD = 4000
+LARGEST_CARRIED = 1500
 RESAMPLES = 24
 CLOUD_KINDS = (
     *(f"cloud {axis}" for axis in "xyz"),
@@ -60,7 +61,7 @@ class TrackResiduals:
     ids: np.ndarray
 
 
-def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray) -> Attachment:
+def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, farthest: float = FARTHEST) -> Attachment:
     """Tie every tracked point to the particles near it where it is first seen.
 
     The weights are those of moving least squares of first order (Lancaster and Salkauskas 1981), so that the point
@@ -70,27 +71,28 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray) -> 
         tracks: the measurement.
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
+        farthest: how far outside the body a point may start [typical particle distances]
 
     Raises:
         UserInputError: a point starts away from the body.
     """
     names, rows = np.unique(tracks.ids, return_index=True)
     points, first = tracks.positions[rows], tracks.times[rows]
-    reach = FARTHEST * _typical_distance(trajectory[0])
+    reach = farthest * _typical_distance(trajectory[0])
     moments, moment = np.unique(first, return_inverse=True)
-    bodies = at_times(trajectory, times, moments)
-    trees = [cKDTree(body) for body in bodies]
-    neighbours, weights = [], []
-    for name, point, when in zip(names, points, moment, strict=True):
-        distances, near = trees[when].query(point, k=min(NEIGHBOURS, trajectory.shape[1]))
-        if distances[0] > reach:
+    count = min(NEIGHBOURS, trajectory.shape[1])
+    neighbours, weights = np.empty((len(names), count), int), np.empty((len(names), count))
+    for when, body in enumerate(at_times(trajectory, times, moments)):
+        own = np.flatnonzero(moment == when)
+        distances, neighbours[own] = cKDTree(body).query(points[own], k=count)
+        weights[own] = _affine_weights(body[neighbours[own]] - points[own, None], distances[:, -1])
+        worst = int(distances[:, 0].argmax())
+        if distances[worst, 0] > reach:
             raise UserInputError(
-                f"{tracks.source}: id {name} is first seen {distances[0]:.3g} m away from the body, at "
-                f"{moments[when]:g} s; check units, axes (y is up) and the clock, or remove the point"
+                f"{tracks.source}: id {names[own[worst]]} is first seen {distances[worst, 0]:.3g} m away from the "
+                f"body, at {moments[when]:g} s; check units, axes (y is up) and the clock, or remove the point"
             )
-        neighbours.append(near)
-        weights.append(_affine_weights(bodies[when][near] - point, distances[-1]))
-    return Attachment(names, np.array(neighbours), np.array(weights), first)
+    return Attachment(names, neighbours, weights, first)
 
 
 def track_residuals(
@@ -107,39 +109,55 @@ def track_residuals(
     point = np.searchsorted(attachment.names, tracks.ids)
     later = tracks.times > attachment.first[point]
     point, when = point[later], tracks.times[later]
-    particles = trajectory[:, attachment.neighbours]
-    carried = np.einsum("fkni,kn->fki", particles, attachment.weights)
-    model = at_times(carried, times, when)[np.arange(len(when)), point]
+    model = at_times(_carried(attachment, trajectory), times, when)[np.arange(len(when)), point]
     first_sigma = np.array([tracks.sigma[tracks.ids == name][0] for name in attachment.names])
     sigma = np.hypot(tracks.sigma[later], first_sigma[point])
     return TrackResiduals(tracks.positions[later] - model, sigma, when, tracks.ids[later])
 
 
-def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Measured minus model summaries of every cloud.
+def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Measured minus model summaries of every cloud [m, (C, 16)], in the order of CLOUD_KINDS.
 
-    The last summary is the trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that
-    a cloud of a part of the body, seen from one side, is not blamed for what it does not show.
+    The model's cloud consists of the points of the first measured one, carried along by the material, so that clouds of
+    the surface are compared with the surface; the first residual is zero by construction. The last summary is the
+    trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that a cloud of a part of the
+    body, seen from one side, is not blamed for what it does not show.
 
     Args:
         clouds: the measurement.
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
-
-    Returns:
-        residual and its standard deviation from resampling the cloud [m, (C, 16)], in the order of CLOUD_KINDS.
     """
-    model = at_times(trajectory, times, clouds.times)
-    residuals, sigmas = [], []
-    for points, noise, particles in zip(clouds.points, clouds.sigma, model, strict=True):
-        points = points[:: -(-len(points) // LARGEST_CLOUD)]
-        distances = cKDTree(particles).query(points)[0]
-        residuals.append(np.append(cloud_summary(points) - cloud_summary(particles), _trimmed(distances)))
+    first = _thinned(clouds.points[0], LARGEST_CARRIED)
+    ids, starts = np.arange(len(first)), np.full(len(first), clouds.times[0])
+    marks = TrackedPoints(starts, ids, first, np.zeros(len(first)), clouds.source)
+    carried = _carried(attach(marks, trajectory, times, np.inf), trajectory)
+    residuals = []
+    for points, model, particles in zip(
+        clouds.points, at_times(carried, times, clouds.times), at_times(trajectory, times, clouds.times), strict=True
+    ):
+        points = _thinned(points, LARGEST_CLOUD)
+        residuals.append(np.append(cloud_summary(points) - cloud_summary(model), _distance(points, particles)))
+    found = np.array(residuals)
+    return found - found[:1]
+
+
+def cloud_sigma(clouds: PointClouds, body: np.ndarray) -> np.ndarray:
+    """Standard deviation of the summaries of every cloud [m, (C, 16)], from resampling its points.
+
+    Args:
+        clouds: the measurement.
+        body: particles at any time [m, (N, 3)]; moved to every cloud, they tell how distances scatter.
+    """
+    centred, found = body - body.mean(0), []
+    for points, noise in zip(clouds.points, clouds.sigma, strict=True):
+        points = _thinned(points, LARGEST_CLOUD)
+        distances = cKDTree(centred).query(points - points.mean(0))[0]
         random = np.random.default_rng(0)
         draws = [random.integers(0, len(points), len(points)) for _ in range(RESAMPLES)]
         spread = np.std([np.append(cloud_summary(points[d]), _trimmed(distances[d])) for d in draws], axis=0, ddof=1)
-        sigmas.append(np.maximum(np.hypot(spread, noise / np.sqrt(len(points))), 1e-6))
-    return np.array(residuals), np.array(sigmas)
+        found.append(np.maximum(np.hypot(spread, noise / np.sqrt(len(points))), 1e-6))
+    return np.array(found)
 
 
 def cloud_summary(points: np.ndarray) -> np.ndarray:
@@ -170,18 +188,39 @@ def at_times(trajectory: np.ndarray, times: np.ndarray, when: np.ndarray) -> np.
     return curve(when)
 
 
-def _affine_weights(offsets: np.ndarray, reach: float) -> np.ndarray:
-    """w = f (1, o) a with sum w = 1 and sum w o = 0, f falling with the distance; o offsets from the point (n, 3)."""
-    fall = np.exp(-((np.linalg.norm(offsets, axis=1) / max(reach, 1e-12)) ** 2) * 2)
-    basis = np.concatenate((np.ones((len(offsets), 1)), offsets / max(reach, 1e-12)), axis=1)
-    moments = basis.T @ (fall[:, None] * basis)
-    weights = fall * (basis @ np.linalg.pinv(moments, rcond=1e-8)[:, 0])
-    return weights / weights.sum()
+def _affine_weights(offsets: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """w = f (1, o) a with sum w = 1 and sum w o = 0, f falling with the distance, for K points [(K, n)].
+
+    Args:
+        offsets: o of the neighbours from each point [m, (K, n, 3)]
+        reach: distance of the farthest [m, (K,)]
+    """
+    scaled = offsets / np.maximum(reach, 1e-12)[:, None, None]
+    fall = np.exp(-2 * (scaled**2).sum(-1))
+    basis = np.concatenate((np.ones((*fall.shape, 1)), scaled), axis=-1)
+    moments = np.einsum("kni,kn,knj->kij", basis, fall, basis)
+    weights = fall * np.einsum("kni,ki->kn", basis, np.linalg.pinv(moments, rcond=1e-8)[..., 0])
+    return weights / weights.sum(-1, keepdims=True)
+
+
+def _carried(attachment: Attachment, trajectory: np.ndarray) -> np.ndarray:
+    """Where attached points are [m, (F, K, 3)] when the particles are at [m, (F, N, 3)]."""
+    return np.einsum("fkni,kn->fki", trajectory[:, attachment.neighbours], attachment.weights)
+
+
+def _thinned(points: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of the points [(n, 3)], evenly spread over their order."""
+    return points[:: -(-len(points) // most)]
 
 
 def _typical_distance(points: np.ndarray) -> float:
     """Median distance of a particle to its nearest neighbour [m]."""
     return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
+def _distance(points: np.ndarray, particles: np.ndarray) -> float:
+    """Trimmed mean distance from points to the nearest particle [m]."""
+    return _trimmed(cKDTree(particles).query(points)[0])
 
 
 def _trimmed(distances: np.ndarray) -> float:

@@ -81,7 +81,7 @@ class OutlineGaussNewton(GaussNewton):
             self._set(module, misfit.model, self._best(module, misfit.model, promising))
 
     def _best(self, module: PhysicsIDModule, model: Model, points: list[np.ndarray]) -> np.ndarray:
-        """The point with the least misfit at full resolution; the ground, which depends on the grid, as at the start."""
+        """The point with the least misfit at full resolution; the ground, which a grid shifts, as at the start."""
         fine = self._misfit(module)
         ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
         for point in points:

@@ -7,7 +7,7 @@ import pytest
 from plyfile import PlyData, PlyElement
 
 from pacnerf_lpo.data.measurements import read_point_clouds, read_tracked_points
-from pacnerf_lpo.data.point_residuals import CLOUD_KINDS, attach, cloud_residuals, track_residuals
+from pacnerf_lpo.data.point_residuals import CLOUD_KINDS, attach, cloud_residuals, cloud_sigma, track_residuals
 from pacnerf_lpo.errors import UserInputError
 
 TIMES = np.arange(13) / 24
@@ -116,14 +116,35 @@ def test_a_point_away_from_the_body_is_refused(tmp_path):
 
 
 def test_clouds_of_the_model_agree_and_a_shift_is_seen(tmp_path):
-    for frame in (0, 4, 8):
-        write_cloud(tmp_path / f"cloud_{frame:03d}.ply", motion(ball(1500, seed=5), TIMES[[frame]])[0] + [0.01, 0, 0])
+    """Clouds of other points of the same body, shifted along x after the first."""
+    shift = {0: 0.0, 4: 0.01, 8: 0.02}
+    for frame, x in shift.items():
+        write_cloud(
+            tmp_path / f"cloud_{frame:03d}.ply", motion(ball(1500, seed=5 + frame), TIMES[[frame]])[0] + [x, 0, 0]
+        )
     clouds = read_point_clouds(tmp_path, TIMES)
-    residual, sigma = cloud_residuals(clouds, motion(ball(6000), TIMES), TIMES)
+    trajectory = motion(ball(6000), TIMES)
+    residual, sigma = cloud_residuals(clouds, trajectory, TIMES), cloud_sigma(clouds, trajectory[3])
     assert residual.shape == sigma.shape == (3, len(CLOUD_KINDS))
-    z = (residual - np.isin(CLOUD_KINDS, ("cloud x", "cloud low x", "cloud high x")) * 0.01)[:, :-1] / sigma[:, :-1]
-    assert np.abs(z).max() < 5  # 45 values, sigma from 24 resamples of the cloud and the particles' own scatter beside
-    assert (residual[:, 0] / sigma[:, 0] > 5).all()
+    along_x = np.isin(CLOUD_KINDS, ("cloud x", "cloud low x", "cloud high x"))
+    z = (residual - np.outer(list(shift.values()), along_x)) / np.hypot(sigma, sigma[0])
+    assert (residual[0] == 0).all() and np.abs(z[:, :-1]).max() < 5  # 30 values, sigma from 24 resamples
+    assert (residual[1:, 0] / sigma[1:, 0] > 3).all()
+
+
+def test_clouds_of_a_surface_are_compared_with_the_surface(tmp_path):
+    """The body is stretched along x by 6 % a frame: its surface spreads by 1.7 times as much as the volume does."""
+    grown = np.array([ball(6000) * [1 + 0.06 * frame, 1, 1] for frame in range(5)])
+    for frame in (0, 4):
+        direction = np.random.default_rng(frame).standard_normal((3000, 3))
+        sphere = 0.1 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        write_cloud(tmp_path / f"cloud_{frame:03d}.ply", sphere * [1 + 0.06 * frame, 1, 1])
+    clouds = read_point_clouds(tmp_path, TIMES[:5])
+    residual, sigma = cloud_residuals(clouds, grown, TIMES[:5]), cloud_sigma(clouds, grown[0])
+    spread = CLOUD_KINDS.index("cloud spread xx")
+    assert abs(residual[1, spread]) < 4 * np.hypot(*sigma[:, spread])
+    # with particles of the volume it would be 0.24 * 0.1 m (1 / sqrt 3 - 1 / sqrt 5) = 3.1 mm, more than 10 sigma
+    assert np.hypot(*sigma[:, spread]) < 0.31e-3 * 2
 
 
 def test_headers_may_give_time_and_sigma(tmp_path):
