@@ -1,0 +1,63 @@
+"""Two tiny scenes from the draw to the score."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden_effects import generate, run
+from benchmarks.hidden_effects.known_shape import KnownShape
+from benchmarks.hidden_effects.outcomes import outcome
+from benchmarks.hidden_effects.score import page
+from benchmarks.hidden_effects.setting import Size
+from pacnerf_lpo.diagnosis.diagnose import Options
+
+TINY = Size(particles=300, views=4, held=2, frames=8, image_size=48)
+CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n"
+NULL, DRAG = 2, 1  # seeds of development scenes
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hidden")
+    return {seed: generate.generate(folder, seed, TINY) for seed in (NULL, DRAG)}
+
+
+def test_a_drawn_scene_has_the_wanted_strength_and_hides_it(scenes):
+    truth = json.loads((scenes[DRAG] / "truth.json").read_text())
+    assert [hidden["name"] for hidden in truth["hidden"]] == ["LinearDrag"]
+    assert truth["hidden"][0]["snr"] == pytest.approx(20.0, rel=0.1)  # the search stops within a tenth
+    assert truth["hidden"][0]["values"]["drag"] > 0
+    assert "drag" not in (scenes[DRAG] / "setting.json").read_text()
+    assert json.loads((scenes[NULL] / "truth.json").read_text())["hidden"] == []
+
+
+def test_the_video_is_that_of_the_truth_and_the_model_starts_elsewhere(scenes):
+    problem = KnownShape.read(scenes[NULL])
+    truth = json.loads((scenes[NULL] / "truth.json").read_text())["values"]
+    model = problem.model((), {**problem.first_guess, **truth})
+    close = np.nanstd(problem.residual(model.predict(model.start))[..., :2])
+    guess = problem.model((), problem.first_guess)
+    far = np.nanstd(problem.residual(guess.predict(guess.start))[..., :2])
+    assert close < 0.5 * far  # centroids: true values on a coarser grid beat the first guess
+    assert problem.fitted.any(axis=(1, 2)).sum() == TINY.views - TINY.held
+
+
+def test_scenes_are_drawn_once_and_alike(scenes, tmp_path):
+    stamp = (scenes[NULL] / "video.npz").stat().st_mtime_ns
+    generate.generate(scenes[NULL].parent, NULL, TINY)
+    assert (scenes[NULL] / "video.npz").stat().st_mtime_ns == stamp
+    again = generate.generate(tmp_path, NULL, TINY)
+    assert (again / "truth.json").read_text() == (scenes[NULL] / "truth.json").read_text()
+
+
+def test_a_scene_is_diagnosed_scored_and_not_done_again(scenes, tmp_path, small_threads):
+    (tmp_path / "candidates.yaml").write_text(CANDIDATES)
+    options = Options(str(tmp_path / "candidates.yaml"), twins=5, effects=1, until="screen")
+    line = run.diagnose_scene(scenes[DRAG], options)
+    assert line.startswith("0001: ")
+    found = outcome(scenes[DRAG])
+    assert found.ranking[0] == "LinearDrag" and found.within(1, exact=True)
+    assert outcome(scenes[NULL]) is None
+    assert run.diagnose_scene(scenes[DRAG], options) == "0001: done before"
+    assert "single effect, 20 sigma" in page([found], "command", "")
