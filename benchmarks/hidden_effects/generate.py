@@ -93,12 +93,12 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
         effect = _at_null(name, size, random)
         try:
             effect.check_material(setting.law)
-        except UserInputError:
+            found = ruler.sized(effect, course_of(effect, random), wanted.snr)
+            hidden += [] if found is None else [_at(effect, found.values)]
+        except UserInputError:  # not for this material, or a value beyond its bounds
             return None
-        found = ruler.sized(effect, course_of(effect, random), wanted.snr)
         if found is None:
             return None
-        hidden.append(_at(effect, found.values))
         strengths.append(found.snr)
     return setting, true, hidden, strengths
 
