@@ -278,8 +278,11 @@ def _quantity(value: float, unit: str) -> str:
 
 
 def _symbol_html(name: str) -> str:
+    """The usual symbol; nothing where a parameter has only a name."""
     head, _, tail = symbol(name).partition("_")
-    return f"{text(head)}<sub>{text(tail)}</sub>" if tail and len(tail) <= 2 else text(head if not tail else "")
+    if len(head) > 1 or len(tail) > 2:
+        return ""
+    return f"{text(head)}<sub>{text(tail)}</sub>" if tail else text(head)
 
 
 def _share(value: float, most: float) -> str:

@@ -49,8 +49,9 @@
     if (!changed) return;
     const x = DATA.errors.map((_, i) => i), line = (label, key, colour) => ({ label, x, y: DATA.errors.map((e) => e[key]), colour: colourOf(colour) });
     const series = [line("fitted data", "fitted", "--series-0"), line("data kept aside", "held", "--series-1")];
-    lineChart(byId("course"), { series, height: 240, zero: true, xFormat: (i) => DATA.errors[i].label });
+    lineChart(byId("course"), { series, height: 240, zero: true, xLabel: "added effects" });
     legend("course-legend", series);
+    byId("course-legend").append(DATA.errors.map((e, i) => `${i}: ${e.label}`).join(", "));
   }
 
   function drawForce() {
