@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from pacnerf_lpo.mpm import effects as known_effects
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect, Observation
 from pacnerf_lpo.mpm.materials.base import Material
 
+PACKAGE = __name__.split(".")[0]
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
 
@@ -78,7 +80,8 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
     """Candidates from a YAML list of ``class_path`` and ``init_args``, as in ``physics.effects``.
 
     Raises:
-        UserInputError: no such file, not such a list, unknown classes, or effects that do not apply to the material.
+        UserInputError: no such file, not such a list, unknown classes, effects that do not apply to the material, or of
+            which no configuration can be written.
     """
     if not path.is_file():
         raise UserInputError(f"{path}: no such file; give a YAML list of effects, as physics.effects has it")
@@ -90,6 +93,7 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
         raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
     for effect in parsed.effects:
         effect.check_material(material)
+        as_config(effect, effect.guess)
     return candidates(parsed.effects, material, installed)
 
 
@@ -112,14 +116,29 @@ def name_of(effect: Effect) -> str:
     return type(effect).__name__ if view is None else f"{type(effect).__name__}@{view}"
 
 
+def class_path(thing: object) -> str:
+    """What a configuration calls the class of a thing: by its short name if it is the package's."""
+    kind = type(thing)
+    return kind.__name__ if kind.__module__.split(".")[0] == PACKAGE else f"{kind.__module__}.{kind.__name__}"
+
+
 def as_config(effect: Effect, values: dict[str, float]) -> dict[str, Any]:
-    """An effect with values of its coefficients as an entry of ``physics.effects``."""
-    arguments: dict[str, Any] = {
-        own: float(f"{values[full]:.6g}") for own, full in zip(type(effect).parameters, effect.parameters, strict=True)
-    }
-    if getattr(effect, "view", None) is not None:
-        arguments["view"] = effect.view  # type: ignore[attr-defined]
-    return {"class_path": type(effect).__name__, "init_args": arguments}
+    """An effect with values of its coefficients as an entry of ``physics.effects``.
+
+    Raises:
+        UserInputError: an argument of the class is neither a coefficient nor kept as an attribute.
+    """
+    names = dict(zip(type(effect).parameters, effect.parameters, strict=True))
+    arguments: dict[str, Any] = {own: float(f"{values[full]:.6g}") for own, full in names.items()}
+    for name in (name for name in inspect.signature(type(effect)).parameters if name not in names):
+        if not hasattr(effect, name):
+            raise UserInputError(
+                f"{type(effect).__name__}: its argument {name} is no coefficient; keep it as self.{name}, so that a "
+                "configuration can be written of the effect"
+            )
+        value = getattr(effect, name)
+        arguments |= {} if value is None else {name: list(value) if isinstance(value, tuple) else value}
+    return {"class_path": class_path(effect), "init_args": arguments}
 
 
 def _instances(kind: type[Effect], views: Sequence[int]) -> Iterator[Effect]:

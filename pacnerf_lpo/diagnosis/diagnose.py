@@ -13,7 +13,14 @@ import numpy as np
 import yaml
 
 from pacnerf_lpo.diagnosis import localising, pictures, wording
-from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import (
+    Candidate,
+    as_config,
+    class_path,
+    name_of,
+    read_candidates,
+    whole_catalogue,
+)
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.profiles import profile
@@ -233,7 +240,7 @@ def overlay(problem: Problem, accepted: list[Refit]) -> str:
     material = {name: float(f"{values[name]:.6g}") for name in problem.physics.material.free_names}
     section = {
         "physics": {
-            "material": {"class_path": type(problem.physics.material).__name__, "init_args": material},
+            "material": {"class_path": class_path(problem.physics.material), "init_args": material},
             "effects": [as_config(effect, values) for effect in effects],
         }
     }

@@ -29,6 +29,9 @@ class Effect(ABC):
     Args:
         guess: value of every parameter [SI].
         constants: further numbers that its functions find among their coefficients, and that are never identified.
+
+    An argument of a subclass that is no coefficient is kept as an attribute of the same name.
+
     Raises:
         UserInputError: a value outside its bounds.
     """

@@ -24,6 +24,7 @@ class CentralForce(BodyForce):
     probes = ({"pull": -1.0}, {"pull": 1.0}, {"pull": 5.0})
 
     def __init__(self, pull: float = 0.0, centre: tuple[float, float, float] = (0.0, 0.5, 0.0)):
+        self.centre = tuple(centre)
         names = ("pull_centre_x", "pull_centre_y", "pull_centre_z")
         super().__init__({"pull": pull}, dict(zip(names, centre, strict=True)))
 

@@ -35,6 +35,7 @@ class ShearThinning(LawEffect):
     def __init__(self, power_index: float = 1.0, onset_rate: float = 1.0):
         if not onset_rate > 0:
             raise UserInputError(f"ShearThinning: onset_rate = {onset_rate:g} 1/s; give a positive rate")
+        self.onset_rate = onset_rate
         super().__init__({"power_index": power_index}, {"onset_rate": onset_rate})
 
     @classmethod
