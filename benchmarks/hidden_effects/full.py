@@ -19,7 +19,7 @@ from pacnerf_lpo.diagnosis.store import FOLDER
 from pacnerf_lpo.errors import RunError
 from pacnerf_lpo.manifest import FILE_NAME
 
-CONFIG, PICTURES, RUN = "user.yaml", "video", "run"
+CONFIG, PICTURES, RUN, LOG = "user.yaml", "video", "run", "log.txt"
 CONFIGS = Path(__file__).parents[2] / "configs"
 BASE = ("fit.yaml", "scenes/torus.yaml", "baselines/3v_dagger.yaml", "cpu.yaml", "cpu_coarse.yaml")
 CAMERA_NOISE = 0.01
@@ -72,9 +72,9 @@ def reconstruct_and_diagnose(scene: Path) -> None:
         fit = [word for path in configs for word in ("--config", str(path))]
         fit += ["--data.root", str(scene / PICTURES), "--outer_loop.run_dir", str(run)]
     for words in (["fit", *fit], ["diagnose", str(run)]):
-        with open(scene / "log.txt", "ab") as log:
+        with open(scene / LOG, "ab") as log:
             ended = subprocess.run([sys.executable, "-m", "pacnerf_lpo", *words], stdout=log, stderr=log)
         if ended.returncode:
-            raise RunError(f"{words[0]} ended with status {ended.returncode}, see {scene / 'log.txt'}")
+            raise RunError(f"{words[0]} ended with status {ended.returncode}, see {scene / LOG}")
     (scene / FOLDER).mkdir(exist_ok=True)
     shutil.copy2(run / FOLDER / RESULT, scene / FOLDER / RESULT)

@@ -40,14 +40,15 @@ def diagnose_scene(scene: Path, options: Options = FAST) -> str:
         return f"{scene.name}: done before"
     torch.set_num_threads(1)
     began, worked = time.monotonic(), time.process_time()
-    lines: list[str] = []
     try:
         if full.is_full(scene):
             full.reconstruct_and_diagnose(scene)
         else:
             problem = KnownShape.read(scene)
             fingerprint = hashlib.sha256((scene / SETTING).read_bytes() + (scene / VIDEO).read_bytes()).digest()
-            investigate(problem, Store(folder, fingerprint, asdict(options)), options, lines.append)
+            with open(scene / full.LOG, "a", buffering=1) as log:
+                store = Store(folder, fingerprint, asdict(options))
+                investigate(problem, store, options, lambda text: print(text, file=log))
     except (RunError, SimulationError) as error:
         (scene / FAILURE).write_text(f"{error}\n")
         return f"{scene.name}: failed ({error})"
@@ -56,7 +57,6 @@ def diagnose_scene(scene: Path, options: Options = FAST) -> str:
         "cpu_seconds": time.process_time() - worked,
         "version": __version__,
     }
-    (scene / "log.txt").write_text("\n".join(lines))
     write_atomically(scene / EFFORT, json.dumps(effort).encode())
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     return f"{scene.name}: {verdict['sentence']} ({effort['cpu_seconds']:.0f} s)"
