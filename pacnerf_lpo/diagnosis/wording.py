@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.statistics.residual_force import Law
 from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.report.quantities import quantity
 
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
@@ -48,7 +49,8 @@ def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float
 
 def moved(parameter: Parameter, before: float, after: float) -> str:
     """How a parameter changes when the effect is added."""
-    return f"{parameter.label} moves from {parameter.show(before)} to {parameter.show(after)}"
+    values = quantity(before, parameter.unit), quantity(after, parameter.unit)
+    return f"{parameter.label} moves from {values[0]} to {values[1]}"
 
 
 def separation(candidate: Candidate, alike: Sequence[str]) -> str | None:
