@@ -73,5 +73,5 @@ class KnownShape(Problem):
 
 
 def physics_of(setting: Setting) -> Physics:
-    """The model that is questioned: the material on a sticky ground, nothing else."""
-    return Physics(setting.law, substep_rate=setting.rate, frame_rate=FRAME_RATE)
+    """The model that is questioned: the material on a sticky ground of unknown height, as configs/cpu.yaml has it."""
+    return Physics(setting.law, substep_rate=setting.rate, frame_rate=FRAME_RATE, fit_ground_height=True)
