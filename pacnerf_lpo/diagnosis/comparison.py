@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
-from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
+from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.search import points, promising, span
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FIRST_ITERATIONS = 10
@@ -22,6 +24,10 @@ WHITENED_ITERATIONS = 5
 MODEL_ERROR = 0.1
 """Error of a summary before the twins tell [pixels]."""
 LEVEL = 0.9
+DECADES = 3.0
+SAMPLES, STARTS = 64, 2
+COARSER = 1.4
+"""Node spacing of a search beside that of the diagnosis."""
 Progress = Callable[[str], None]
 
 
@@ -98,6 +104,38 @@ def compare(
         _spread(jacobian, problem.usable),
         found,
     )
+
+
+def searched(
+    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
+) -> dict[str, float]:
+    """Values to start from when the run has not identified its physics: the best of a search on a coarse body [SI]."""
+    spacing = problem.spacing * COARSER
+    coarse = problem.model(effects, known, problem.sample(spacing, seed=0))
+    spans = {
+        parameter.name: ends
+        for parameter, value in zip(coarse.unknowns, coarse.start, strict=True)
+        if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
+    }
+    weight = np.hypot(problem.sensor[problem.fitted], MODEL_ERROR)
+
+    def misfit_of(model: Model) -> Residual:
+        raw = problem.residual_of(model, problem.fitted)
+        return lambda free: raw(free) / weight
+
+    progress(f"searching {', '.join(spans)}")
+    found = promising(coarse, misfit_of(coarse), points(coarse, spans, SAMPLES), STARTS)
+    fine = problem.model(effects, known)
+    residual = misfit_of(fine)
+
+    def loss(free: np.ndarray) -> float:
+        try:
+            return float(np.sum(residual(np.clip(free, *fine.bounds)) ** 2))
+        except SimulationError:
+            return np.inf
+
+    best = min([fine.start, *found], key=loss)
+    return fine.physical(np.clip(best, *fine.bounds))
 
 
 def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> NoiseModel:

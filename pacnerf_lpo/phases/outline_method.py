@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy.stats import qmc
 from tqdm import tqdm
 
-from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
+from pacnerf_lpo.diagnosis.search import points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 MODEL_ERROR = 0.1
 """Error of a summary beside the sensor's [pixels]."""
-LOCAL_ITERATIONS = 5
 
 
 class OutlineGaussNewton(GaussNewton):
@@ -64,43 +64,25 @@ class OutlineGaussNewton(GaussNewton):
         """Search the parameter space on a coarse body."""
         if self.samples == 0:
             return
-        misfit = Misfit(module, self.scan_particles)
-        misfit.model.physics.most_halvings = 1
-        points = self._points(module, misfit.model)
-        tried = [
-            (misfit.loss(point), index) for index, point in enumerate(tqdm(points, "physics: search", leave=False))
-        ]
-        promising = [points[index] for loss, index in sorted(tried)[: self.starts] if np.isfinite(loss)]
-        for point in list(promising):
-            model = misfit.model
-            try:
-                promising.append(fit(misfit.residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free)
-            except SimulationError:
-                continue
-        if promising:
-            self._set(module, misfit.model, self._best(module, misfit.model, promising))
+        coarse = Misfit(module, self.scan_particles)
+        spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
+        tried = points(coarse.model, {name: ends for name, ends in spans.items() if ends}, self.samples)
+        found = promising(coarse.model, coarse.residual, tqdm(tried, "physics: search", leave=False), self.starts)
+        if found:
+            self._set(module, coarse.model, self._best(module, coarse.model, found))
 
-    def _best(self, module: PhysicsIDModule, model: Model, points: list[np.ndarray]) -> np.ndarray:
+    def _span(self, module: PhysicsIDModule, parameter: Parameter) -> tuple[float, float] | None:
+        if parameter.name not in module.free:
+            return None
+        return span(parameter, module.free[parameter.name].item(), self.scan_decades)
+
+    def _best(self, module: PhysicsIDModule, model: Model, found: list[np.ndarray]) -> np.ndarray:
         """The point with the least misfit at full resolution; the ground, which a grid shifts, as at the start."""
         fine = self._misfit(module)
         ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
-        for point in points:
+        for point in found:
             point[ground] = model.start[ground]
-        return min(points, key=fine.loss)
-
-    def _points(self, module: PhysicsIDModule, model: Model) -> list[np.ndarray]:
-        """The guess, then quasi-random points within the lattices of the parameters [(K,) each]."""
-        spans = {name: self._lattice(module, name) for name in module.free}
-        wide = [name for name, lattice in spans.items() if len(lattice) > 1]
-        points = [model.start.copy()]
-        if wide:
-            for sample in qmc.Sobol(len(wide), seed=0).random(self.samples):
-                point = model.start.copy()
-                for name, share in zip(wide, sample, strict=True):
-                    low, high = min(spans[name]), max(spans[name])
-                    point[model.names.index(name)] = low + share * (high - low)
-                points.append(point)
-        return points
+        return min(found, key=fine.loss)
 
     def _misfit(self, module: PhysicsIDModule) -> Misfit:
         if self._fine is None:

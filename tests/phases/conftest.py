@@ -88,7 +88,8 @@ def film(state: ParticleState, trajectory: torch.Tensor, true_poses: torch.Tenso
         frame_ids=tuple(range(len(trajectory))),
         source="block",
     )
-    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=lambda view: believed[view])
+    rays_of = believed.__getitem__
+    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=rays_of, tracked_points=None, point_clouds=None)
 
 
 def physics(**guess: float) -> Physics:

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from pacnerf_lpo.diagnosis.search import points, span
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import OutlineGaussNewton, PhysicsIDModule
+from pacnerf_lpo.phases.outline_method import Misfit
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
 
@@ -60,17 +62,17 @@ def test_outlines_that_are_cut_off_are_one_clear_error(data, state):
 
 
 def test_search_points_cover_the_decades_and_keep_the_rest(data, state):
-    module = PhysicsIDModule(HIT, method(samples=64, scan_decades=2.0))
+    module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=1e4))
     module.import_state(state.with_(physics={}))
-    from pacnerf_lpo.phases.outline_method import Misfit
-
     model = Misfit(module, 400).model
-    points = np.array(module.method._points(module, model))
-    column = points[:, model.names.index("E")]
-    assert points[0] == pytest.approx(model.start)
-    assert 2.0 <= column.min() < 2.2 and 5.8 < column.max() <= 6.0
-    assert np.ptp(points[:, model.names.index("v_y")]) == 0
+    young, speed = model.names.index("E"), model.names.index("v_y")
+    ends = span(model.unknowns[young], 4.0, decades=2.0)
+    assert ends == (2.0, 6.0)
+    tried = np.array(points(model, {"E": ends}, 64))
+    assert tried[0] == pytest.approx(model.start)
+    assert 2.0 <= tried[:, young].min() < 2.2 and 5.8 < tried[:, young].max() <= 6.0
+    assert np.ptp(tried[:, speed]) == 0
 
 
 @pytest.mark.parametrize("settings", [{"samples": -1}, {"starts": 0}, {"particles": 10}])
