@@ -20,9 +20,9 @@ NOTES = """
 *Named and accepted*: the verdict names the class and the effect passed the acceptance on held-out views and frames.
 *Class*: the effect or one that the diagnosis says it cannot tell from it in this video; linear and quadratic drag, and
 shift and rotation of one camera, always count as one. *Top-1, top-3*: of the ranking, whether accepted or not: the
-accepted effect, other refits by misfit, the rest by score; of a pair, one of the two. Coverage and error of coefficients: wherever the true effect
-was refitted, accepted or not. Intervals in brackets are exact binomial ones at 95 %. A diagnosis that failed counts as
-wrong everywhere.
+accepted effect, other refits by misfit, the rest by score; of a pair, one of the two. Coverage and error of
+coefficients: wherever the true effect was refitted, accepted or not. Intervals in brackets are exact binomial ones at
+95 %. A diagnosis that failed counts as wrong everywhere.
 """
 
 
