@@ -12,7 +12,8 @@
 # # Missing physics: from a misfit to a repaired model
 #
 # A body falls, a model is fitted, and the two do not agree. Which physical effect does the model lack? Here the answer is
-# known, because the recording is made on the spot: a soft body in air that resists it. The model knows nothing of the air.
+# known, because the recording is made on the spot: a soft, light body in air. The model
+# knows nothing of the air.
 #
 # So that all of it takes a minute, everything is small: some hundred particles, five cameras of 64 x 64 pixels, four
 # candidates, and a body whose shape is known but for a small distortion. With a video, the shape comes from a
@@ -54,11 +55,11 @@ folder = Path(tempfile.mkdtemp())
 # %% [markdown]
 # ## A recording with a secret
 #
-# The scene is drawn at random: shape, stiffness, throw and cameras. It is filmed with air drag of 1.5 per second, by a
+# The scene is drawn at random: shape, stiffness, throw and cameras. It is filmed with air drag of 3 per second, by a
 # simulation with a finer grid, other particles and shorter steps than the model will have, and with noisy mattes.
 
 # %%
-DRAG = 1.5  # 1/s
+DRAG = 3.0  # 1/s
 random = np.random.default_rng(5)
 setting, true = draw_setting(random, Size(particles=500, views=5, held=2, frames=10, image_size=64), "NeoHookean")
 recorded = film(setting, {**true, "drag": DRAG}, [LinearDrag(DRAG)], random)
@@ -103,9 +104,9 @@ outlines = [model.outlines(model.path(model.start), model.start, [view])[0] for 
 frames = (1, 3, 5, 7, 9)
 figure, axes = plt.subplots(1, len(frames), figsize=(12, 2.8))
 for axis, frame in zip(axes, frames, strict=True):
-    axis.imshow(recorded.silhouettes[view, frame], cmap="Greys", vmax=2)
+    axis.imshow(recorded.silhouettes[view, frame].numpy(), cmap="Greys", vmax=2)
     for outline, colour in zip(outlines, ("tab:orange", "tab:blue"), strict=True):
-        axis.contour(outline[frame, MARGIN:-MARGIN, MARGIN:-MARGIN], [0.5], colors=colour)
+        axis.contour(outline[frame, MARGIN:-MARGIN, MARGIN:-MARGIN].numpy(), [0.5], colors=colour)
     axis.set(title=f"frame {frame}", xticks=[], yticks=[])
 figure.tight_layout()
 
