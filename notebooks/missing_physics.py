@@ -12,8 +12,7 @@
 # # Missing physics: from a misfit to a repaired model
 #
 # A body falls, a model is fitted, and the two do not agree. Which physical effect does the model lack? Here the answer is
-# known, because the recording is made on the spot: a soft, light body in air. The model
-# knows nothing of the air.
+# known, because the recording is made on the spot: a soft, light body in air. The model knows nothing of the air.
 #
 # So that all of it takes a minute, everything is small: some hundred particles, five cameras of 64 x 64 pixels, four
 # candidates, and a body whose shape is known but for a small distortion. With a video, the shape comes from a

@@ -117,8 +117,8 @@ def test_an_effect_that_forgets_an_argument_is_one_clear_error():
 
 
 def test_drag_and_stiffness_are_identified_together_and_lpo_goes_on():
-    """Filmed by the model that is fitted, so what stays is a few times the longest last step: a hundredth of five scales,
-    0.005 for both.
+    """Filmed by the model that is fitted, so what stays is a few times the longest last step: a hundredth of five
+    scales, 0.005 for both.
     """
     state = block()
     true = Physics(NeoHookean(E=TRUTH["E"], nu=0.3), effects=[LinearDrag(DRAG)], substep_rate=960.0)
