@@ -21,6 +21,9 @@ def run(
     seed: int = 1,
     particles: int = PARTICLES,
     profile: str | None = None,
+    tracks: str | None = None,
+    clouds: str | None = None,
+    images: bool = True,
 ) -> None:
     """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
 
@@ -28,6 +31,8 @@ def run(
     diagnosis goes on where it was; so do the single steps, with --until.
 
     example: pacnerf-lpo diagnose runs/demo
+
+    example: pacnerf-lpo diagnose runs/demo --tracks points.csv --images false
 
     Args:
         run_dir: folder that fit wrote.
@@ -39,13 +44,17 @@ def run(
         seed: of the twins.
         particles: the body is sampled by about so many; fewer are faster and miss weaker effects.
         profile: name of an unknown, such as E, whose interval is found by profile likelihood, too (minutes).
+        tracks: CSV of points followed over time: time_s, id, x_m, y_m, z_m and, if known, sigma_m; those of data.tracks
+            when not given.
+        clouds: folder of point clouds, cloud_<frame>.ply, in metres; those of data.clouds when not given.
+        images: compare the outlines in the video, too.
     """
     began = time.monotonic()
     step: Step = until
     folder = find(
         run_dir,
         phase,
-        Options(candidates, twins, effects, step, seed, particles, profile),
+        Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images),
         lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
     )
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

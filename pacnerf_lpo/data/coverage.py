@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import numpy as np
 from torch import Tensor
 
 from pacnerf_lpo.data.cameras import hits_box, pixel_rays
+from pacnerf_lpo.data.measurements import TrackedPoints
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.types import Box, Video
 
@@ -15,6 +17,8 @@ log = logging.getLogger(__name__)
 
 FULL_IMAGE = 0.98
 """A silhouette that covers more of the image than this has no background."""
+POINT_MARGIN = 0.1
+"""A tracked point may start so far outside the box, as part of its diagonal."""
 OUTSIDE_WARNING = 0.01
 """Fraction of a frame-0 silhouette that may lie outside the box before a warning."""
 OUTSIDE_ERROR = 0.99
@@ -40,6 +44,20 @@ def check_visible(video: Video, train: Sequence[int]) -> None:
                 f"{video.source}: view {view} has no background at frame {video.frame_ids[0]}; matted images need the "
                 "object on pure white, raw ones (data.background: raw) the background plate of the same camera"
             )
+
+
+def check_points_in_box(tracks: TrackedPoints, video: Video, box: Box) -> None:
+    """Tracked points that are seen at frame 0 lie in the box, or near it."""
+    early = tracks.seen_until(float(video.times[0]))
+    names, rows = np.unique(early.ids, return_index=True)
+    lower, upper = np.array(box.lower), np.array(box.upper)
+    outside = np.maximum(lower - early.positions[rows], early.positions[rows] - upper).max(1, initial=-np.inf)
+    if len(names) and outside.max() > POINT_MARGIN * float(np.linalg.norm(upper - lower)):
+        worst = int(outside.argmax())
+        raise UserInputError(
+            f"{tracks.source}: id {names[worst]} is {outside[worst]:.3g} m outside the box of the object at frame "
+            f"{video.frame_ids[0]}, {list(box.lower)} to {list(box.upper)} m; check units, axes (y is up) and the clock"
+        )
 
 
 def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:

@@ -13,6 +13,7 @@ from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
 from pacnerf_lpo.data.hull import hull_box
 from pacnerf_lpo.data.index import read_index
+from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints, read_point_clouds, read_tracked_points
 from pacnerf_lpo.data.pac_nerf import Background, read_pac_nerf
 from pacnerf_lpo.types import Box, Rays, Video
 
@@ -29,15 +30,21 @@ class VideoData(LightningDataModule):
         frames: how many frames, from the first; None for all.
         image_scale: 0 < scale <= 1; images are area averaged.
         background: ``matted`` images, ``raw`` ones matted by their background plates, or ``auto``: matted if any.
+        tracks: CSV of points followed over time (time_s, id, x_m, y_m, z_m and, if known, sigma_m), for diagnose and
+            OutlineGaussNewton.
+        clouds: folder of point clouds, cloud_<frame>.ply, for the same.
 
     Attributes (after :meth:`prepare`):
         video: all used views. train, test: indices into its view axis. box: the corners.
+        tracked_points, point_clouds: the measurements beside it; None where there are none.
     """
 
     video: Video
     train: list[int]
     test: list[int]
     box: Box
+    tracked_points: TrackedPoints | None
+    point_clouds: PointClouds | None
 
     def __init__(
         self,
@@ -50,11 +57,14 @@ class VideoData(LightningDataModule):
         image_scale: float = 1.0,
         background: Background = "auto",
         fit_box: bool = False,
+        tracks: str | None = None,
+        clouds: str | None = None,
     ):
         super().__init__()
         self.root, self.frames, self.image_scale, self.background = root, frames, image_scale, background
         self.box_lower, self.box_upper, self.fit_box = box_lower, box_upper, fit_box
         self.train_views, self.test_views = train_views, test_views
+        self.tracks, self.clouds = tracks, clouds
         self._rays: dict[int, Rays] = {}
 
     def prepare(self) -> VideoData:
@@ -69,8 +79,18 @@ class VideoData(LightningDataModule):
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
         coverage.check_visible(video, self.train)
         coverage.check_box_seen(video, box, self.train)
-        self.box, self.video = hull_box(video, box, self.train) if self.fit_box else box, video
+        self.box = hull_box(video, box, self.train) if self.fit_box else box
+        self.measure(video, self.tracks, self.clouds)
+        self.video = video
         return self
+
+    def measure(self, video: Video, tracks: str | None, clouds: str | None) -> None:
+        """Read measurements beside the video: a CSV of tracked points, a folder of clouds. Raises UserInputError."""
+        times = video.times.tolist()
+        self.tracked_points = None if tracks is None else read_tracked_points(tracks, times)
+        self.point_clouds = None if clouds is None else read_point_clouds(clouds, times)
+        if self.tracked_points is not None:
+            coverage.check_points_in_box(self.tracked_points, video, self.box)
 
     def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         wanted = available if self.train_views is None else self.train_views

@@ -21,7 +21,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
     read_candidates,
     whole_catalogue,
 )
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of, searched
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
@@ -54,6 +54,9 @@ class Options:
     seed: of the twins.
     particles: the body is sampled by about so many.
     profile: an unknown whose interval is found by profile likelihood at the end, too.
+    tracks: CSV of tracked points, and
+    clouds: folder of point clouds, in place of the run's own; None: as the run has them.
+    images: False: only points are compared.
     """
 
     candidates: str | None = None
@@ -63,6 +66,9 @@ class Options:
     seed: int = 1
     particles: int = PARTICLES
     profile: str | None = None
+    tracks: str | None = None
+    clouds: str | None = None
+    images: bool = True
 
 
 @dataclass
@@ -103,9 +109,12 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
-    problem = RunProblem(Run(run_dir), stem, options.particles)
-    what = {k: v for k, v in asdict(options).items() if k not in ("effects", "until", "profile")}
+    problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)
+    what = {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed", "particles")}
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
+    if problem.run.stage(stem).record.phase in ("static", "velocity"):  # nothing was identified yet
+        known = store.once("search", partial(searched, problem, problem.physics.effects, problem.first_guess, progress))
+        problem.first_guess = known
     rounds = investigate(problem, store, options, progress)
     pictures.write_pictures(problem, rounds, store.folder)
     write_page(store.folder)
@@ -260,6 +269,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
         "verdict": _verdict(problem, rounds),
+        "points": [] if problem.points is None else problem.points.names,
         "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
     }
@@ -344,8 +354,8 @@ def _round_summary(problem: Problem, found: Round) -> dict:
             "p_value": found.omnibus.p_value,
         },
         "phases": found.phases,
-        "excess": _matrix(localising.excess(comparison.residual, comparison)),
-        "floor": _matrix(np.nanmean(localising.floor(comparison)[1][..., :-1], axis=-1)),
+        "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
+        "floor": _matrix(np.nanmean(localising.floor(comparison)[1][: problem.views, :, :-1], axis=-1)),
         "error": _errors(problem, comparison.residual, comparison),
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
         "refits": [_refit(problem, again, comparison) for again in found.refits],
@@ -400,7 +410,7 @@ def _refit(problem: Problem, again: Refit, comparison: Comparison) -> dict:
         "removed": again.verdict.removed,
         "removed_error": again.verdict.error,
         "reasons": [[passed, sentence] for passed, sentence in again.verdict.reasons],
-        "excess": _matrix(localising.excess(again.residual, comparison)),
+        "excess": _matrix(localising.excess(again.residual, comparison)[: problem.views]),
         "error": _errors(problem, again.residual, comparison),
     }
 

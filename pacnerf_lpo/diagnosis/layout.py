@@ -11,7 +11,7 @@ import numpy as np
 class Layout:
     """Names the D entries of a residual vector.
 
-    view: index of the view, -1 for what no camera sees (tracked points, point clouds) [(D,), int]
+    view: index of the view; negative for what no camera sees, another number for each tracked point [(D,), int]
     frame: index of the frame [(D,), int]
     kind: name of the summary, such as ``x`` or ``area`` [(D,), str]
     """

@@ -11,6 +11,7 @@ from torch import Tensor
 from pacnerf_lpo.data import cameras
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.outlines import splat
+from pacnerf_lpo.diagnosis.points import Points
 from pacnerf_lpo.diagnosis.summaries import KINDS, summarise
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
@@ -50,10 +51,13 @@ class Model:
         physics: material, ground and effects.
         video: cameras, image size and time stamps; its images are not used.
         known: values to start from, of physical parameters and of the velocity ``v_x``, ``v_y``, ``v_z`` [SI].
+        points: measured beside the video; they add rows behind those of the views.
     """
 
-    def __init__(self, body: Body, physics: Physics, video: Video, known: dict[str, float]):
-        self.body, self.physics, self.video = body, physics, video
+    def __init__(
+        self, body: Body, physics: Physics, video: Video, known: dict[str, float], points: Points | None = None
+    ):
+        self.body, self.physics, self.video, self.points = body, physics, video, points
         self.known = {**physics.guess, **{name: value for name, value in known.items() if name in physics.parameters}}
         described = physics.parameters
         self.unknowns = [*(described[name] for name in physics.free_names), *VELOCITY]
@@ -137,7 +141,10 @@ class Model:
         return found
 
     def predict(self, free: np.ndarray) -> np.ndarray:
-        """Summaries of every outline [pixels], and the brightness [(V, F, 11)]. Raises SimulationError."""
+        """Summaries of every outline [pixels], and the brightness; then the rows of points [(V + R, F, 11)].
+
+        Raises SimulationError.
+        """
         return self.observe(self.path(free), free)
 
     def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
@@ -149,13 +156,16 @@ class Model:
             before: summaries of the same motion with the cameras as they are believed to be; saves looking again into
                 views that no observation effect concerns.
         """
-        views = list(range(self.shape[0]))
+        count = self.shape[0]
+        views = list(range(count))
         if before is not None:
             views = [view for view in views if self._concerned(self.video.view_ids[view])]
         found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
-        found[..., -1] = self.brightness(free)
+        found[:count, :, -1] = self.brightness(free)
         if views:
             found[views, :, :-1] = summarise(self.outlines(path, free, views), MARGIN)
+        if before is None and self.points is not None:
+            found = np.concatenate((found, self.points.predict(path)))
         return found
 
     def _concerned(self, view_id: int) -> bool:

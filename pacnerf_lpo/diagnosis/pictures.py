@@ -69,8 +69,8 @@ def stages_of(rounds: Sequence[Round]) -> list[Stage]:
 def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
     """Errors of every stage, and of its twins, by view and frame [pixels].
 
-    Root mean squares over the numbers of the outlines, less the twins' mean. The floor is the median twin's; the band
-    holds nine tenths of the twins.
+    Root mean squares over the numbers of the outlines and points, less the twins' mean. The floor is the median twin's;
+    the band holds nine tenths of the twins. Errors of points by row, ``by_point``, are in millimetres.
     """
     return [_stage(problem, stage) for stage in stages_of(rounds)]
 
@@ -83,6 +83,8 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     twin_errors = np.where(np.isfinite(error), alone, np.nan)
     fitted, held = problem.split.fitted, problem.split.held
     band = np.quantile(root_mean_square(twin_errors, (1, 3)), BAND, axis=0)
+    by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(twin_errors, (2, 3)), axis=0)
+    views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel
     return {
         "added": None if stage.added is None else stage.added.name,
         "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added.name)}",
@@ -93,9 +95,11 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
         },
         "by_frame": _rounded(root_mean_square(error, (0, 2))),
         "band": [_rounded(edge) for edge in band],
-        "by_view": _rounded(root_mean_square(error, (1, 2))),
-        "view_floor": _rounded(np.median(root_mean_square(twin_errors, (2, 3)), axis=0)),
-        "excess": [_rounded(row) for row in excess(stage.residual, stage.comparison)],
+        "by_view": _rounded(by_row[:views]),
+        "view_floor": _rounded(row_floor[:views]),
+        "by_point": _rounded(by_row[views:] * millimetres),
+        "point_floor": _rounded(row_floor[views:] * millimetres),
+        "excess": [_rounded(row) for row in excess(stage.residual, stage.comparison)[:views]],
     }
 
 

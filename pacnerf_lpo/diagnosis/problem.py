@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,8 +16,10 @@ from pacnerf_lpo.diagnosis import body as bodies
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.layout import Layout
 from pacnerf_lpo.diagnosis.model import MARGIN, Model, with_effects
+from pacnerf_lpo.diagnosis.points import Points
 from pacnerf_lpo.diagnosis.split import Split, split
 from pacnerf_lpo.diagnosis.summaries import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -28,6 +31,8 @@ PARTICLES = 4000
 LARGEST_EROSION = 80.0
 BISECTIONS = 9
 LEAST_SHADING = 0.01
+LEAST_FITTED = 30
+"""Numbers of points that make a fit, where there is nothing else."""
 
 
 class Problem(ABC):
@@ -44,6 +49,8 @@ class Problem(ABC):
         voxel: node spacing [m] to which the time step of ``physics`` belongs; the shape is known to a part of it.
         measured: summaries of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
         sensor: standard deviation of their noise [(V, F, 11)]
+        points: measured beside the video; ``measured``, ``sensor`` and all residuals get R rows of theirs behind those
+            of the views.
     """
 
     def __init__(
@@ -55,11 +62,19 @@ class Problem(ABC):
         voxel: float,
         measured: np.ndarray,
         sensor: np.ndarray,
+        points: Points | None = None,
     ):
         self.scene, self.video, self.split, self.physics, self.voxel = scene, video, held, physics, voxel
-        self.measured, self.sensor = measured, sensor
+        self.measured, self.sensor, self.points = measured, sensor, points
         self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
+        if points is not None:
+            found = points.measured
+            self.measured = np.concatenate((measured, found))
+            self.sensor = np.concatenate((sensor, points.sensor))
+            self.usable = np.concatenate((self.usable, np.isfinite(found) & ~first_sight(found)))
+            if not len(held.points):
+                self.split = replace(held, points=np.ones(len(found), bool))
 
     @property
     @abstractmethod
@@ -83,7 +98,13 @@ class Problem(ABC):
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
         """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
         body = body or self.body
-        return Model(body, with_effects(self.physics, effects, body.spacing, self.voxel), self.video, known)
+        physics = with_effects(self.physics, effects, body.spacing, self.voxel)
+        return Model(body, physics, self.video, known, self.points)
+
+    @property
+    def views(self) -> int:
+        """V, the number of rows that cameras see."""
+        return len(self.video.view_ids)
 
     @cached_property
     def fitted(self) -> np.ndarray:
@@ -92,12 +113,19 @@ class Problem(ABC):
 
     def layout(self, mask: np.ndarray) -> Layout:
         """Names of the entries of a mask [(V, F, 11), bool]."""
-        view, frame, kind = np.nonzero(mask)
-        return Layout(view, frame, np.array([*KINDS, BRIGHTNESS])[kind])
+        row, frame, kind = np.nonzero(mask)
+        names = np.broadcast_to(np.array([*KINDS, BRIGHTNESS], dtype=object), (self.views, len(KINDS) + 1))
+        if self.points is not None:
+            names = np.concatenate((names, self.points.kinds))
+        return Layout(np.where(row < self.views, row, self.views - 1 - row), frame, names[row, kind].astype(str))
+
+    def relative(self, difference: np.ndarray) -> np.ndarray:
+        """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
+        return relative(difference, self.views)
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
-        """Measured minus predicted [pixels; brightness 1; (V, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, relative(self.measured - predicted), np.nan)
+        """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
+        return np.where(self.usable, self.relative(self.measured - predicted), np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
@@ -124,6 +152,7 @@ class StateProblem(Problem):
         held: what is fitted and what is held out.
         bright: compare the brightness, too.
         particles: the body is sampled by about so many.
+        images: False: only points are compared; images tell the size of the body at frame 0.
     """
 
     def __init__(
@@ -135,6 +164,7 @@ class StateProblem(Problem):
         held: Split,
         bright: bool = True,
         particles: int = PARTICLES,
+        images: bool = True,
     ):
         self.data, self.state, self.particles = data, state, particles
         outlines = summarise(data.video.silhouettes)
@@ -142,8 +172,10 @@ class StateProblem(Problem):
         brightness -= np.median(brightness, axis=0)
         measured = np.concatenate((outlines, brightness[..., None]), axis=-1)
         sensor = np.concatenate((sensor_noise(outlines), shading(brightness)), axis=-1)
-        super().__init__(scene, data.video, held, physics, state.spacing, measured, sensor)
-        self.usable[..., -1] &= bright
+        points = Points.of(data, state.positions)
+        super().__init__(scene, data.video, held, physics, state.spacing, measured, sensor, points)
+        self.usable[: self.views, :, -1] &= bright
+        self.usable[: self.views] &= images
 
     @cached_property
     def spacing(self) -> float:
@@ -180,7 +212,7 @@ class StateProblem(Problem):
 
     def _oversize(self, body: Body) -> float:
         size = KINDS.index("size")
-        differences = (self.at_rest(body)[:, size] - self.measured[:, 0, size])[self.split.views]
+        differences = (self.at_rest(body)[:, size] - self.measured[: self.views, 0, size])[self.split.views]
         seen = differences[np.isfinite(differences)]
         return float(np.median(seen)) if len(seen) else -np.inf
 
@@ -202,18 +234,49 @@ class RunProblem(StateProblem):
         run: the run; its last phase supplies the body and the first guess of the motion.
         stem: another phase, such as ``01_velocity``.
         particles: the body is sampled by about so many.
+        tracks, clouds: measured beside the video, in place of the run's own; None: as the run has them.
+        images: False: only points are compared.
+
+    Raises:
+        UserInputError: too few views or frames, or wrong or too few points.
     """
 
-    def __init__(self, run: Run, stem: str | None = None, particles: int = PARTICLES):
-        self.run, self.stem = run, stem
-        state = run.stage(stem).state
-        super().__init__(run.scene, run.data, state, run.physics, split(run.data), particles=particles)
+    def __init__(
+        self,
+        run: Run,
+        stem: str | None = None,
+        particles: int = PARTICLES,
+        tracks: str | None = None,
+        clouds: str | None = None,
+        images: bool = True,
+    ):
+        self.run, self.stem, self.images = run, stem, images
+        data = run.data
+        if tracks is not None or clouds is not None:
+            data.measure(data.video, tracks or data.tracks, clouds or data.clouds)
+        if not images and data.tracked_points is None and data.point_clouds is None:
+            raise UserInputError("diagnose: --images false leaves nothing to compare; give --tracks or --clouds")
+        state, held = run.stage(stem).state, split(data)
+        super().__init__(run.scene, data, state, run.physics, held, images, particles, images)
+        if self.points is not None:
+            self.split = replace(self.split, points=self.points.fitted)
+        if not images:
+            self._check_points()
+
+    def _check_points(self) -> None:
+        fitted, held = int(self.fitted.sum()), int((self.usable & self.split.held[..., None]).sum())
+        if fitted < LEAST_FITTED or held == 0:
+            raise UserInputError(
+                f"diagnose: the points give {fitted} numbers to fit and {held} to judge by, in the last frames and "
+                f"every third tracked point; {LEAST_FITTED} and 1 are needed, give more points or compare the images"
+            )
 
     @property
     def fingerprint(self) -> bytes:
         """Differs for runs whose diagnosis may differ."""
         config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
-        return self.run.stage(self.stem).state_path.read_bytes() + config.encode()
+        points = b"" if self.points is None else self.points.fingerprint + bytes([self.images])
+        return self.run.stage(self.stem).state_path.read_bytes() + config.encode() + points
 
 
 def shading(brightness: np.ndarray) -> np.ndarray:
@@ -222,15 +285,31 @@ def shading(brightness: np.ndarray) -> np.ndarray:
     return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
 
 
-def relative(difference: np.ndarray) -> np.ndarray:
-    """Differences of summaries [(..., V, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself, and
-    for the brightness in every frame, relative to the median of all views, which a common bias moves alike.
+def relative(difference: np.ndarray, views: int | None = None) -> np.ndarray:
+    """Differences of summaries [(..., V + R, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself,
+    and for the brightness in every frame, relative to the median of all views, which a common bias moves alike. Those
+    of points are relative to their first sight.
+
+    Args:
+        difference: of summaries; NaN where there is none.
+        views: V; None: there are no rows of points.
     """
     found = difference.copy()
-    found[..., :-1] -= difference[..., :, :1, :-1]
-    found[..., :, 0, :-1] = beside_median(difference[..., :, 0, :-1])
-    found[..., -1] = beside_median(difference[..., -1])
+    seen, own = difference[..., :views, :, :], found[..., :views, :, :]
+    own[..., :-1] -= seen[..., :, :1, :-1]
+    own[..., :, 0, :-1] = beside_median(seen[..., :, 0, :-1])
+    own[..., -1] = beside_median(seen[..., -1])
+    if views is not None and views < difference.shape[-3]:
+        rows = difference[..., views:, :, :]
+        first = np.where(first_sight(rows), rows, 0.0).sum(-2, keepdims=True)
+        found[..., views:, :, :] = rows - first
     return found
+
+
+def first_sight(rows: np.ndarray) -> np.ndarray:
+    """True at the first frame in which something was measured [(..., R, F, 11), bool]."""
+    seen = np.isfinite(rows)
+    return seen & (seen.cumsum(-2) == 1)
 
 
 def beside_median(values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
 from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem, relative
+from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
 from pacnerf_lpo.diagnosis.statistics.intervals import overdispersion
@@ -60,7 +60,7 @@ def probe_all(
                 after = model.observe(path, model.start, before) if candidate.observes else model.predict(model.start)
             except SimulationError:
                 continue
-            change = np.nan_to_num(relative(after - before)[mask])
+            change = np.nan_to_num(problem.relative(after - before)[mask])
             if np.abs(change).max() > LEAST_CHANGE:
                 columns.append(change)
                 sizes.append(size_of(candidate, trial))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,23 +16,25 @@ LEAST_FRAMES = 5
 
 @dataclass(frozen=True)
 class Split:
-    """Which views and frames are fitted; the others are held out.
+    """Which views, frames and rows of points are fitted; the others are held out.
 
     views: True where a view is fitted [(V,), bool]
     frames: True where a frame is fitted [(F,), bool]
+    points: True where a row of points is fitted [(R,), bool]
     """
 
     views: np.ndarray
     frames: np.ndarray
+    points: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     @property
     def fitted(self) -> np.ndarray:
-        """[(V, F), bool]"""
-        return self.views[:, None] & self.frames
+        """[(V + R, F), bool]"""
+        return np.concatenate((self.views, self.points))[:, None] & self.frames
 
     @property
     def held(self) -> np.ndarray:
-        """Views that were not fitted, in all frames, and the last frames of all views [(V, F), bool]."""
+        """Rows that were not fitted, in all frames, and the last frames of all rows [(V + R, F), bool]."""
         return ~self.fitted
 
 

@@ -9,7 +9,7 @@ import torch
 
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem, beside_median, relative
+from pacnerf_lpo.diagnosis.problem import Problem, beside_median
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -68,7 +68,7 @@ def twins(
             continue
         difference = predicted - reference
         difference = difference + problem.sensor * random.standard_normal(difference.shape)
-        found.append(relative(difference))
+        found.append(problem.relative(difference))
         progress(len(found))
     return np.stack(found)
 
@@ -84,9 +84,11 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     least = LEAST_DISTORTION * problem.voxel
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
-    sensor = problem.sensor[:, 0, :-1]
-    caused = _typical_square(beside_median(shapes - reference[:, 0, :-1]) / sensor)
-    measured = _typical_square(problem.residual(reference)[:, 0, :-1] / sensor) - 1
+    views = slice(problem.views)
+    sensor = problem.sensor[views, 0, :-1]
+    caused = _typical_square(beside_median(shapes - reference[views, 0, :-1]) / sensor)
+    differences = problem.relative(problem.measured - reference)[views, 0, :-1]
+    measured = _typical_square(differences / sensor) - 1
     return max(least, 2 * least * float(np.sqrt(max(measured, 0.0) / caused)))
 
 
