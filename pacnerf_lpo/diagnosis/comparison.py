@@ -124,7 +124,7 @@ def searched(
         return lambda free: raw(free) / weight
 
     progress(f"searching {', '.join(spans)}")
-    found = promising(coarse, misfit_of(coarse), points(coarse, spans, SAMPLES), STARTS)
+    found = promising(coarse, misfit_of(coarse), points(coarse, spans, SAMPLES), spans, STARTS)
     fine = problem.model(effects, known)
     residual = misfit_of(fine)
 

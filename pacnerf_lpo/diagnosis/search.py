@@ -14,6 +14,9 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.parameters import Parameter
 
 LOCAL_ITERATIONS = 5
+GENERATIONS, CHILDREN, ELITE = 3, 24, 6
+FIRST_REACH = 0.12
+"""Standard deviation of the first generation's steps, as a part of the span."""
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
 
@@ -47,27 +50,54 @@ def points(model: Model, spans: Mapping[str, tuple[float, float]], samples: int)
     return found
 
 
-def promising(model: Model, residual: Residual, tried: Iterable[np.ndarray], starts: int) -> list[np.ndarray]:
+def promising(
+    model: Model, residual: Residual, tried: Iterable[np.ndarray], spans: Mapping[str, tuple[float, float]], starts: int
+) -> list[np.ndarray]:
     """The best few points, and where a short local fit leads from each; none if the motion is unstable at all of them.
+
+    The points are followed by generations around the best of them, each half as far: valleys are narrow, and few points
+    of a whole space fall into one.
 
     Args:
         model: of a coarse body.
         residual: of its free coordinates.
         tried: points to try [(K,) each]
+        spans: of the coordinates that are searched.
         starts: how many of the best are improved.
     """
     model.physics.most_halvings = HALVINGS
-    losses: list[tuple[float, int, np.ndarray]] = []
-    for point in tried:
-        model.physics.halvings = 0
-        try:
-            losses.append((float(np.sum(residual(point) ** 2)), len(losses), point))
-        except SimulationError:
-            continue
-    best = [point for _, _, point in sorted(losses, key=lambda entry: entry[:2])[:starts]]
+    known = _ranked((_loss(model, residual, point), point) for point in tried)
+    random = np.random.default_rng(0)
+    reach = np.zeros(len(model.start))
+    for name, (low, high) in spans.items():
+        reach[model.names.index(name)] = FIRST_REACH * (high - low)
+    for _ in range(GENERATIONS if spans else 0):
+        elite = known[:ELITE]
+        around = [
+            elite[k % len(elite)][1] + reach * random.standard_normal(len(reach)) for k in range(CHILDREN * bool(elite))
+        ]
+        known = _ranked(
+            [*known, *((_loss(model, residual, p), p) for p in (np.clip(a, *model.bounds) for a in around))]
+        )
+        reach = reach / 2
+    best = [point for _, point in known[:starts]]
     for point in list(best):
         try:
             best.append(fit(residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free)
         except SimulationError:
             continue
     return best
+
+
+def _loss(model: Model, residual: Residual, point: np.ndarray) -> float:
+    """Sum of squares; infinite where the motion is unstable."""
+    model.physics.halvings = 0
+    try:
+        return float(np.sum(residual(point) ** 2))
+    except SimulationError:
+        return np.inf
+
+
+def _ranked(entries: Iterable[tuple[float, np.ndarray]]) -> list[tuple[float, np.ndarray]]:
+    """Best first, the unstable left out."""
+    return sorted((entry for entry in entries if np.isfinite(entry[0])), key=lambda entry: entry[0])

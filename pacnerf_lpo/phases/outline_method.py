@@ -66,8 +66,9 @@ class OutlineGaussNewton(GaussNewton):
             return
         coarse = Misfit(module, self.scan_particles)
         spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
-        tried = points(coarse.model, {name: ends for name, ends in spans.items() if ends}, self.samples)
-        found = promising(coarse.model, coarse.residual, tqdm(tried, "physics: search", leave=False), self.starts)
+        wide = {name: ends for name, ends in spans.items() if ends}
+        tried = tqdm(points(coarse.model, wide, self.samples), "physics: search", leave=False)
+        found = promising(coarse.model, coarse.residual, tried, wide, self.starts)
         if found:
             self._set(module, coarse.model, self._best(module, coarse.model, found))
 
