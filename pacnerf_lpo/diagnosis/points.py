@@ -99,7 +99,7 @@ class Points:
             sigma = np.where(counts > 0, np.sqrt(squares) / np.maximum(counts, 1), np.nan)
             rows.append(_padded(np.repeat(sigma[..., None], len(TRACK_KINDS), axis=-1)))
         if self.clouds is not None:
-            rows.append(self._cloud_rows(cloud_sigma(self.clouds, self.body)))
+            rows.append(self._cloud_rows(cloud_sigma(self.clouds, self.body), self.clouds.times))
         return np.concatenate(rows) / self.pixel
 
     def predict(self, path: Tensor) -> np.ndarray:
@@ -115,7 +115,8 @@ class Points:
             np.add.at(counts, every, 1)  # the first sighting's residual is 0
             rows.append(_padded(np.where(counts[..., None] > 0, total / np.maximum(counts, 1)[..., None], np.nan)))
         if self.clouds is not None:
-            rows.append(self._cloud_rows(-cloud_residuals(self.clouds, trajectory, self.times)))
+            deviations = -cloud_residuals(self.clouds, trajectory, self.times)
+            rows.append(self._cloud_rows(deviations, self.clouds.times))
         return np.concatenate(rows) / self.pixel
 
     @property
@@ -129,11 +130,11 @@ class Points:
         """Index of the nearest frame of times [s, (M,)]."""
         return np.abs(when[:, None] - self.times).argmin(1)
 
-    def _cloud_rows(self, summaries: np.ndarray) -> np.ndarray:
-        """Summaries of clouds (C, 16) as rows (2, F, 11); of several clouds nearest to one frame the last counts."""
+    def _cloud_rows(self, summaries: np.ndarray, when: np.ndarray) -> np.ndarray:
+        """Summaries of clouds (C, 16) at times (C,) as rows (2, F, 11); of several in one frame the last counts."""
         rows = np.full((CLOUD_ROWS, len(self.times), CLOUD_COLUMNS), np.nan)
         parts = summaries.reshape(len(summaries), CLOUD_ROWS, CLOUD_COLUMNS)
-        rows[:, self._frames(np.asarray(self.clouds.times))] = parts.transpose(1, 0, 2)
+        rows[:, self._frames(when)] = parts.transpose(1, 0, 2)
         return _padded(rows)
 
 
