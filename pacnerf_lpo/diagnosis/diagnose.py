@@ -142,7 +142,7 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if options.until == "refit" and last.accepted is None and last.omnibus.p_value < LEVEL:
+    if options.until == "refit" and last.accepted is None and beyond_noise(problem, last):
         force = store.once("force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds, force)
     if options.profile is not None:
@@ -201,7 +201,7 @@ def _round(
         return found
     told = _prefixed(progress, "screen: ")
     found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
-    if options.until == "screen" or number > options.effects or not _suspicious(found):
+    if options.until == "screen" or number > options.effects or not _suspicious(problem, found):
         return found
     for candidate in worth_refitting(candidates, found.screening, LEVEL):
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
@@ -215,10 +215,15 @@ def _round(
     return found
 
 
-def _suspicious(found: Round) -> bool:
+def beyond_noise(problem: Problem, found: Round) -> bool:
+    """Whether the residual is more than noise: where the model was fitted, by the omnibus test, and where it was not."""
+    return found.omnibus.p_value < LEVEL and _errors(problem, found.comparison.residual, found.comparison)["held"] > 0
+
+
+def _suspicious(problem: Problem, found: Round) -> bool:
     """Whether the residual is more than noise, or an effect stands out."""
     assert found.screening is not None
-    return found.omnibus.p_value < LEVEL or min(found.screening.p_values, default=1.0) < LEVEL
+    return beyond_noise(problem, found) or min(found.screening.p_values, default=1.0) < LEVEL
 
 
 def best_of(refits: list[Refit]) -> Refit | None:
@@ -299,11 +304,11 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
             kind = "camera" if again.candidate.observes else "missing"
     last = rounds[-1]
     if not names and last.screening is not None and not _not_refitted(last):
-        kind = "unknown" if last.omnibus.p_value < LEVEL else "nothing"
+        kind = "unknown" if beyond_noise(problem, last) else "nothing"
         sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
     elif not names:
         kind = "unfinished"
-        noise = "more than" if last.omnibus.p_value < LEVEL else "no more than"
+        noise = "more than" if beyond_noise(problem, last) else "no more than"
         sentences.append(
             f"The residual is {noise} the model's own numerical error ({wording.probability(last.omnibus.p_value)})."
         )
