@@ -89,13 +89,26 @@ verdict = summary(problem, rounds)["verdict"]
 Markdown("\n\n".join([f"**{verdict['sentence']}**", *verdict["details"]]))
 
 # %% [markdown]
+# Each refit is judged by four questions, all on data that were not fitted but the third. A scene as small as this one, with
+# two cameras and two frames held out, is often too small for a yes to the first, and then nothing is claimed, however clear
+# the ranking is. A video of eleven views and fourteen frames answers it (`make demo`).
+
+# %%
+for refit in rounds[0].refits:
+    print(f"{refit.candidate.name}: {'accepted' if refit.verdict.accepted else 'not accepted'}")
+    for passed, sentence in refit.verdict.reasons:
+        print(f"   {'yes' if passed else 'no '}  {sentence}")
+
+# %% [markdown]
 # ## Where the model fails, and where it does no more
+#
+# From here on with the effect that leads the ranking.
 #
 # Outlines in a camera that was not fitted: recorded (grey), the model without the effect (orange), and with it (blue).
 
 # %%
-first, repaired = rounds[0].comparison, rounds[0].accepted
-assert repaired is not None
+first = rounds[0].comparison
+repaired = next(again for again in rounds[0].refits if again.candidate.name == rounds[0].screening.scores[0].name)
 before = problem.model(first.effects, first.known)
 after = problem.model([*first.effects, repaired.candidate.effect], repaired.known)
 view = setting.held_views[0]
@@ -221,5 +234,5 @@ for score in again.scores:
 
 # %%
 by_name = {score.name: abs(score.z) for score in again.scores}
-assert verdict["kind"] == "missing" and "Fan" in by_name
+assert "Fan" in by_name and screening.scores[0].name == "LinearDrag"
 assert by_name["LinearDrag"] > screening.threshold

@@ -216,7 +216,7 @@ def _round(
 
 
 def beyond_noise(problem: Problem, found: Round) -> bool:
-    """Whether the residual is more than noise: where the model was fitted, by the omnibus test, and where it was not."""
+    """Whether the residual is more than noise: in the fitted data, by the omnibus test, and in the held-out data."""
     return found.omnibus.p_value < LEVEL and _errors(problem, found.comparison.residual, found.comparison)["held"] > 0
 
 
