@@ -11,7 +11,7 @@ INSTALLED := .venv/installed
 demo: $(INSTALLED)
 	@$(call fit,$(RUN),configs/demo.yaml)
 	@$(call fit,$(MISSING),configs/demo_missing.yaml)
-	@$(BIN)/pacnerf-lpo diagnose $(MISSING) --candidates configs/demo_candidates.yaml --particles 1800 --twins 8 --effects 1
+	@$(BIN)/pacnerf-lpo diagnose $(MISSING) --candidates configs/demo_candidates.yaml --particles 2500 --twins 8 --effects 1
 	@echo "$(abspath $(RUN))/report.html"
 	@echo "$(abspath $(MISSING))/diagnosis/diagnosis.html"
 

@@ -142,7 +142,12 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if options.until == "refit" and last.accepted is None and beyond_noise(problem, last):
+    if (
+        options.until == "refit"
+        and last.screening is not None
+        and last.accepted is None
+        and beyond_noise(problem, last)
+    ):
         force = store.once("force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds, force)
     if options.profile is not None:
@@ -194,14 +199,14 @@ def _round(
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, comparison)),
     )
-    if options.until in ("compare", "localise"):
+    if options.until in ("compare", "localise") or number > options.effects:
         return found
     candidates = found.candidates = candidates_for(problem, options, effects)
     if not candidates:
         return found
     told = _prefixed(progress, "screen: ")
     found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
-    if options.until == "screen" or number > options.effects or not _suspicious(problem, found):
+    if options.until == "screen" or not _suspicious(problem, found):
         return found
     for candidate in worth_refitting(candidates, found.screening, LEVEL):
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")

@@ -17,6 +17,7 @@ PROBE = 0.5  # of a parameter's scale
 CONVERGED = 0.02  # of the longest step
 LEAST_GAIN = 2e-3
 PATIENCE = 2
+LIVELY = 0.15
 Residual = Callable[[np.ndarray], np.ndarray]
 
 
@@ -59,7 +60,8 @@ def fit(
         bounds: least and largest value of each [(K,), (K,)]
         iterations: at most.
         report: called with iteration, misfit and coordinates.
-        hopeless: a misfit above this after :data:`PATIENCE` iterations ends the fit; None: never.
+        hopeless: a misfit above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
+            part in each; None: never.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
@@ -85,7 +87,8 @@ def fit(
         gain = 1 - (after @ after) / (now @ now)
         free, now, damping = trial, after, max(damping / 5, 1e-7)
         jacobian = sensitivities(residual, free, now, scales, bounds)
-        lost = hopeless is not None and iteration + 1 >= PATIENCE and now @ now > hopeless
+        far = hopeless is not None and now @ now > hopeless
+        lost = far and iteration + 1 >= PATIENCE and gain < LIVELY
         if moved < CONVERGED or gain < LEAST_GAIN or lost:
             break
     return Fit(free, now, jacobian, rollouts)
