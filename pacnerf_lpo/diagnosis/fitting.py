@@ -67,15 +67,14 @@ def fit(
         SimulationError: the motion at ``start`` is unstable.
     """
     free, now, rollouts, damping = start.copy(), residual(start), 1, 1e-2
-    limits = torch.as_tensor(np.full(len(start), LONGEST_STEP))
     jacobian = sensitivities(residual, free, now, scales, bounds)
     for iteration in range(iterations):
         rollouts += len(start)
         report(iteration, float(now @ now), free)
         scaled = jacobian * scales
-        model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
         for _ in range(ATTEMPTS):
-            trial = np.clip(free + damped_step(model, damping, limits).numpy() * scales, *bounds)
+            step = _step_within(scaled, now, damping, free, bounds)
+            trial = np.clip(free + step * scales, *bounds)
             after = _or_infinite(residual, trial, now)
             rollouts += 1
             if after @ after < now @ now:
@@ -92,6 +91,25 @@ def fit(
         if moved < CONVERGED or gain < LEAST_GAIN or lost:
             break
     return Fit(free, now, jacobian, rollouts)
+
+
+def _step_within(
+    scaled: np.ndarray, now: np.ndarray, damping: float, free: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """The damped step [scales, (K,)] of the unknowns that it does not push out of their bounds; 0 for the others."""
+    moving = np.ones(len(free), bool)
+    step = np.zeros(len(free))
+    while moving.any():
+        part = scaled[:, moving]
+        model = NormalEquations(float(now @ now), torch.as_tensor(part.T @ now), torch.as_tensor(part.T @ part))
+        limits = torch.full((part.shape[1],), LONGEST_STEP, dtype=torch.float64)
+        step[:] = 0.0
+        step[moving] = damped_step(model, damping, limits).numpy()
+        leaving = moving & (((free <= bounds[0]) & (step < 0)) | ((free >= bounds[1]) & (step > 0)))
+        if not leaving.any():
+            break
+        moving &= ~leaving
+    return step
 
 
 def sensitivities(

@@ -79,3 +79,13 @@ def test_a_smooth_force_is_the_interpolation_of_its_knots():
     point = SimpleNamespace(t=0.75, X=[2.0, 0.0, 0.0])  # half way between knots 1 (0.5 s) and 2 (1 s)
     found = effect.acceleration(point, SimpleNamespace(**values))
     assert found == pytest.approx([0.5 * 6.0 * 0.5, 0.5 * 4.0, 0.0])
+
+
+def test_an_unknown_at_its_bound_does_not_hold_up_the_others():
+    """Two unknowns that do nearly the same: unless the one at its bound is left out, the step of the other is wrong."""
+    matrix = np.array([[1.0, 0.99], [0.0, 0.1], [1.0, 1.0]])
+    target = matrix @ np.array([-1.0, 3.0])
+    bounds = (np.array([0.0, -10.0]), np.array([5.0, 10.0]))
+    found = fit(lambda p: matrix @ p - target, np.array([0.0, 0.0]), np.ones(2), bounds, 10)
+    best = np.linalg.lstsq(matrix[:, 1:], target, rcond=None)[0]
+    assert found.free == pytest.approx([0.0, float(best[0])], abs=0.02)  # it ends when little is left to gain

@@ -12,15 +12,15 @@ from pacnerf_lpo.mpm.physics import Physics
 from tests.report.example_run import falling, write_example_run
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def example_motion() -> Iterator[None]:
-    """Every simulation follows the closed form."""
+    """Every simulation of this folder's tests follows the closed form."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Physics, "simulate", lambda self, state, frames: falling(state, frames))
         yield
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def evaluated_run(tmp_path_factory: pytest.TempPathFactory, example_motion: None) -> Path:
     """A run directory with results.json, truth known."""
     folder = write_example_run(tmp_path_factory.mktemp("runs") / "example")
