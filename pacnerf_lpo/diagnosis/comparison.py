@@ -7,23 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.search import points, promising, span
+from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
-from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FIRST_ITERATIONS = 10
 WHITENED_ITERATIONS = 5
-MODEL_ERROR = 0.1
-"""Error of a summary before the twins tell [pixels]."""
-LEVEL = 0.9
+CONFIDENCE = 0.9
+"""Of all intervals."""
 DECADES = 3.0
 SAMPLES, STARTS = 64, 2
 COARSER = 1.4
@@ -78,9 +76,8 @@ def compare(
     """
     model = problem.model(effects, known)
     raw = problem.residual_of(model, problem.fitted)
-    weight = np.hypot(problem.sensor[problem.fitted], MODEL_ERROR)
-    report = reporter(model, progress)
-    first = fit(lambda free: raw(free) / weight, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report)
+    weighted, report = problem.weighted_residual_of(model), reporter(model, progress)
+    first = fit(weighted, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report)
     found = twins(problem, effects, first.free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
     noise = noise_of(problem, found, problem.fitted)
     whitened = fit(
@@ -117,25 +114,11 @@ def searched(
         for parameter, value in zip(coarse.unknowns, coarse.start, strict=True)
         if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
     }
-    weight = np.hypot(problem.sensor[problem.fitted], MODEL_ERROR)
-
-    def misfit_of(model: Model) -> Residual:
-        raw = problem.residual_of(model, problem.fitted)
-        return lambda free: raw(free) / weight
-
     progress(f"searching {', '.join(spans)}")
-    found = promising(coarse, misfit_of(coarse), points(coarse, spans, SAMPLES), spans, STARTS)
+    tried = points(coarse, spans, SAMPLES)
+    found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS)
     fine = problem.model(effects, known)
-    residual = misfit_of(fine)
-
-    def loss(free: np.ndarray) -> float:
-        try:
-            return float(np.sum(residual(np.clip(free, *fine.bounds)) ** 2))
-        except SimulationError:
-            return np.inf
-
-    best = min([fine.start, *found], key=loss)
-    return fine.physical(np.clip(best, *fine.bounds))
+    return fine.physical(lowest(fine, problem.weighted_residual_of(fine), [fine.start, *found]))
 
 
 def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> NoiseModel:
@@ -161,7 +144,7 @@ def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tu
         list(comparison.free),
         comparison.names,
         list(model.scales),
-        LEVEL,
+        CONFIDENCE,
         twin_inflation(noise, jacobian) * np.sqrt(dispersion),
         len(comparison.twins) - 1,
     )

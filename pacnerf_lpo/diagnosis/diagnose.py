@@ -26,7 +26,7 @@ from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
-from pacnerf_lpo.diagnosis.screening import LEVEL, Screening, screen
+from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
@@ -84,6 +84,8 @@ class Round:
     screening: the ranking; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
+    force: the smooth force that would remove the residual; None where it was not asked for.
+    profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
     """
 
     comparison: Comparison
@@ -95,6 +97,7 @@ class Round:
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
+    force: ResidualForce | None = None
     profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -110,7 +113,9 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
     problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)
-    what = {k: v for k, v in asdict(options).items() if k in ("candidates", "twins", "seed", "particles")}
+    check(problem, options)
+    what = {k: v for k, v in asdict(options).items() if k in ("twins", "seed", "particles")}
+    what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
     if problem.run.stage(stem).record.phase in ("static", "velocity"):  # nothing was identified yet
         known = store.once("search", partial(searched, problem, problem.physics.effects, problem.first_guess, progress))
@@ -126,11 +131,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
     """The steps of a diagnosis, repeated; writes its results into the store's folder.
 
     Raises:
-        UserInputError: an unknown effect in the list of candidates.
         SimulationError: the first motion is unstable at the resolution of the diagnosis.
     """
-    candidates = candidates_for(problem, options, problem.physics.effects)
-    _check_profile(problem, options, candidates)  # a mistake shows before any long work
     effects, known = tuple(problem.physics.effects), problem.first_guess
     rounds: list[Round] = []
     for number in range(1, options.effects + 2):
@@ -148,8 +150,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
         and last.accepted is None
         and beyond_noise(problem, last)
     ):
-        force = store.once("force", partial(residual_force, problem, last.comparison, progress))
-        write(problem, store.folder, rounds, force)
+        last.force = store.once("force", partial(residual_force, problem, last.comparison, progress))
+        write(problem, store.folder, rounds)
     if options.profile is not None:
         told = _prefixed(progress, "profile likelihood: ")
         step = partial(profile, problem, last.comparison, options.profile, told)
@@ -158,8 +160,11 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
     return rounds
 
 
-def _check_profile(problem: Problem, options: Options, candidates: list[Candidate]) -> None:
-    """Raise UserInputError when no model of the diagnosis can have the unknown that is to be profiled."""
+def check(problem: Problem, options: Options) -> None:
+    """Raise UserInputError for a mistake in the list of candidates, or when no model of the diagnosis can have the
+    unknown that is to be profiled: before any long work.
+    """
+    candidates = candidates_for(problem, options, problem.physics.effects)
     known = problem.model(problem.physics.effects, problem.first_guess).names
     names = [*known, *(name for candidate in candidates for name in candidate.effect.parameters)]
     if options.profile is not None and options.profile not in names:
@@ -208,11 +213,10 @@ def _round(
     found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
     if options.until == "screen" or not _suspicious(problem, found):
         return found
-    for candidate in worth_refitting(candidates, found.screening, LEVEL):
+    for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
         score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-        rivals = [again.misfit for again in found.refits if not (again.candidate.observes or candidate.observes)]
-        trial = partial(refit, problem, comparison, candidate, score, told, min(rivals, default=None))
+        trial = partial(refit, problem, comparison, candidate, score, told)
         again = store.once(f"{number}_refit_{candidate.name}", trial)
         if again is not None:
             found.refits.append(again)
@@ -222,13 +226,16 @@ def _round(
 
 def beyond_noise(problem: Problem, found: Round) -> bool:
     """Whether the residual is more than noise: in the fitted data, by the omnibus test, and in the held-out data."""
-    return found.omnibus.p_value < LEVEL and _errors(problem, found.comparison.residual, found.comparison)["held"] > 0
+    return (
+        found.omnibus.p_value < FALSE_ALARMS
+        and _errors(problem, found.comparison.residual, found.comparison)["held"] > 0
+    )
 
 
 def _suspicious(problem: Problem, found: Round) -> bool:
     """Whether the residual is more than noise, or an effect stands out."""
     assert found.screening is not None
-    return beyond_noise(problem, found) or min(found.screening.p_values, default=1.0) < LEVEL
+    return beyond_noise(problem, found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
 
 
 def best_of(refits: list[Refit]) -> Refit | None:
@@ -240,13 +247,10 @@ def best_of(refits: list[Refit]) -> Refit | None:
     return max(physics or accepted, key=lambda again: again.verdict.removed, default=None)
 
 
-def write(problem: Problem, folder: Path, rounds: list[Round], force: ResidualForce | None = None) -> None:
+def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
     """Write diagnosis.json and, when effects were accepted, the overlay effects.yaml."""
     folder.mkdir(parents=True, exist_ok=True)
-    result = summary(problem, rounds) | {"residual_force": None if force is None else _force(force)}
-    if force is not None:
-        result["verdict"]["details"] += wording.force(force.explained, force.law)
-    write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
+    write_atomically(folder / RESULT, json.dumps(summary(problem, rounds), indent=1).encode())
     accepted = [found.accepted for found in rounds if found.accepted is not None]
     if accepted:
         write_atomically(folder / OVERLAY, overlay(problem, accepted).encode())
@@ -282,6 +286,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "points": [] if problem.points is None else problem.points.names,
         "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
+        "residual_force": None if rounds[-1].force is None else _force(rounds[-1].force),
     }
 
 
@@ -319,12 +324,16 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
         )
     elif rounds[0].accepted is not None and _removed(rounds) < ENOUGH:
         sentences.append("More than half of the held-out error remains: something else is missing, too.")
+    if last.force is not None:
+        sentences += wording.force(last.force.explained, last.force.law)
     return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
 
 
 def _not_refitted(found: Round) -> bool:
     """Whether effects passed the threshold and the diagnosis stopped before they were refitted."""
-    return found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < LEVEL
+    return (
+        found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
+    )
 
 
 def _not_told_apart(found: Round) -> list[str]:

@@ -28,13 +28,11 @@ class Fit:
     free: coordinates [(K,)]
     residual: whitened residual there [(D,)]
     jacobian: its sensitivity [(D, K)]
-    rollouts: how many simulations it took.
     """
 
     free: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
-    rollouts: int
 
     @property
     def misfit(self) -> float:
@@ -66,17 +64,15 @@ def fit(
     Raises:
         SimulationError: the motion at ``start`` is unstable.
     """
-    free, now, rollouts, damping = start.copy(), residual(start), 1, 1e-2
+    free, now, damping = start.copy(), residual(start), 1e-2
     jacobian = sensitivities(residual, free, now, scales, bounds)
     for iteration in range(iterations):
-        rollouts += len(start)
         report(iteration, float(now @ now), free)
         scaled = jacobian * scales
         for _ in range(ATTEMPTS):
             step = _step_within(scaled, now, damping, free, bounds)
             trial = np.clip(free + step * scales, *bounds)
             after = _or_infinite(residual, trial, now)
-            rollouts += 1
             if after @ after < now @ now:
                 break
             damping *= 5
@@ -90,7 +86,7 @@ def fit(
         lost = far and iteration + 1 >= PATIENCE and gain < LIVELY
         if moved < CONVERGED or gain < LEAST_GAIN or lost:
             break
-    return Fit(free, now, jacobian, rollouts)
+    return Fit(free, now, jacobian)
 
 
 def _step_within(

@@ -31,6 +31,8 @@ PARTICLES = 4000
 LARGEST_EROSION = 80.0
 BISECTIONS = 9
 LEAST_SHADING = 0.01
+MODEL_ERROR = 0.1
+"""Error of a summary that the model makes, before twins tell [pixels]."""
 LEAST_FITTED = 30
 """Numbers of points that make a fit, where there is nothing else."""
 
@@ -134,6 +136,11 @@ class Problem(ABC):
             return np.nan_to_num(self.residual(model.predict(free))[mask])
 
         return residual
+
+    def weighted_residual_of(self, model: Model) -> Callable[[np.ndarray], np.ndarray]:
+        """Residual in the fitted entries in units of its error, as far as that is known without twins [(D,)]."""
+        raw, weight = self.residual_of(model, self.fitted), np.hypot(self.sensor[self.fitted], MODEL_ERROR)
+        return lambda free: raw(free) / weight
 
     def at_rest(self, body: Body) -> np.ndarray:
         """Summaries of a body at frame 0 [pixels, (V, 10)]."""

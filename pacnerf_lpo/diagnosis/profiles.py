@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import LEVEL, Comparison, Progress, noise_of
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress, noise_of
 from pacnerf_lpo.diagnosis.fitting import fit
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.statistics.intervals import Profile, overdispersion, profile_likelihood
@@ -54,6 +54,6 @@ def profile(problem: Problem, comparison: Comparison, name: str, progress: Progr
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
     error = float(np.sqrt(dispersion)) / max(curvature, 1e-12)
     error = min(error, 5 * float(model.scales[index]))
-    found = profile_likelihood(misfit, float(comparison.free[index]), error, ends, LEVEL, dispersion)
+    found = profile_likelihood(misfit, float(comparison.free[index]), error, ends, CONFIDENCE, dispersion)
     low, high = (model.physical(np.insert(start, index, value))[name] for value in (found.low, found.high))
     return low, high, found

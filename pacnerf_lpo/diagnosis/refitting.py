@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import LEVEL, Comparison, Progress, in_si, noise_of, reporter
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress, in_si, noise_of, reporter
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit
 from pacnerf_lpo.diagnosis.localising import excess
 from pacnerf_lpo.diagnosis.model import Model
@@ -27,8 +27,6 @@ MOST_REFITS = 4
 MOST_ALIKE = 3
 GIVE_UP = 1.2
 """A second start that is still so much worse than the first after a few iterations is given up."""
-FAR_BEHIND = 3.0
-"""So is an effect that is so much worse than another one."""
 FINER = 0.85
 """Node spacing of the refinement check, beside that of the diagnosis."""
 
@@ -55,11 +53,6 @@ class Refit:
     refined: float | None
     verdict: Verdict
 
-    @property
-    def leading(self) -> str:
-        """The coefficient that is judged: the one farthest from its null in standard errors."""
-        return leading_of(self.candidate, self.intervals)
-
 
 def worth_refitting(candidates: Sequence[Candidate], screening: Screening, level: float) -> list[Candidate]:
     """The best of the ranking that pass the threshold, at most three of a class, and every alternative of kind, because
@@ -82,7 +75,6 @@ def refit(
     candidate: Candidate,
     score: Score | None,
     progress: Progress,
-    rival: float | None = None,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and judge it on held-out data.
 
@@ -93,7 +85,6 @@ def refit(
         candidate: the effect to add.
         score: what the score test says of it; None if it says nothing.
         progress: told what happens.
-        rival: misfit that another effect has reached.
 
     Returns:
         None if the motion is unstable from every start.
@@ -101,7 +92,6 @@ def refit(
     fitted, held = _masks(problem, candidate)
     noise = noise_of(problem, comparison.twins, fitted)
     before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
-    limit = float(before @ before) if rival is None else min(float(before @ before), FAR_BEHIND * rival)
     best: tuple[Fit, Model] | None = None
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
@@ -114,7 +104,7 @@ def refit(
                 model.bounds,
                 ITERATIONS,
                 reporter(model, progress),
-                limit if best is None else min(limit, GIVE_UP * best[0].misfit),
+                float(before @ before) if best is None else GIVE_UP * best[0].misfit,
             )
         except SimulationError:
             continue
@@ -207,7 +197,13 @@ def _intervals(found: Fit, model: Model, comparison: Comparison) -> list[Interva
     dof = max(len(found.residual) - len(found.free), 1)
     inflation = float(np.sqrt(overdispersion(found.residual, dof)))
     laplace = laplace_intervals(
-        found.jacobian, list(found.free), model.names, list(model.scales), LEVEL, inflation, len(comparison.twins) - 1
+        found.jacobian,
+        list(found.free),
+        model.names,
+        list(model.scales),
+        CONFIDENCE,
+        inflation,
+        len(comparison.twins) - 1,
     )
     return [in_si(model, interval) for interval in laplace.intervals]
 

@@ -18,7 +18,7 @@ from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, scor
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
-LEVEL = 0.05
+FALSE_ALARMS = 0.05
 """Probability of a false alarm, over the whole catalogue."""
 MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
@@ -127,7 +127,7 @@ def screen(
             continue
         noise = noise_of(problem, comparison.twins, mask)
         residual, jacobian = comparison.residual[mask], comparison.jacobian[mask]
-        calibration = calibrate(noise, jacobian, probes, LEVEL / len(families))
+        calibration = calibrate(noise, jacobian, probes, FALSE_ALARMS / len(families))
         ranked = score_test(noise, residual, jacobian, probes, calibration.scales)
         remainder = Remainder.of(noise, jacobian)
         statistic = overdispersion(remainder.residual(residual), remainder.dof)

@@ -12,6 +12,7 @@ from pacnerf_lpo.diagnosis.fitting import Residual, fit
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 
 LOCAL_ITERATIONS = 5
 GENERATIONS, CHILDREN, ELITE = 3, 24, 6
@@ -66,7 +67,7 @@ def promising(
         starts: how many of the best are improved.
     """
     model.physics.most_halvings = HALVINGS
-    known = _ranked((_loss(model, residual, point), point) for point in tried)
+    known = _ranked((loss(model, residual, point), point) for point in tried)
     random = np.random.default_rng(0)
     reach = np.zeros(len(model.start))
     for name, (low, high) in spans.items():
@@ -76,9 +77,7 @@ def promising(
         around = [
             elite[k % len(elite)][1] + reach * random.standard_normal(len(reach)) for k in range(CHILDREN * bool(elite))
         ]
-        known = _ranked(
-            [*known, *((_loss(model, residual, p), p) for p in (np.clip(a, *model.bounds) for a in around))]
-        )
+        known = _ranked([*known, *((loss(model, residual, p), p) for p in (np.clip(a, *model.bounds) for a in around))])
         reach = reach / 2
     best = [point for _, point in known[:starts]]
     for point in list(best):
@@ -89,7 +88,19 @@ def promising(
     return best
 
 
-def _loss(model: Model, residual: Residual, point: np.ndarray) -> float:
+def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.ndarray:
+    """Of points found on another body, the one with the least misfit on this one, within its bounds [(K,)].
+
+    The ground, which a grid shifts, is put back to where it is at the start.
+    """
+    ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
+    inside = [np.clip(point, *model.bounds) for point in found]
+    for point in inside:
+        point[ground] = model.start[ground]
+    return min(inside, key=lambda point: loss(model, residual, point))
+
+
+def loss(model: Model, residual: Residual, point: np.ndarray) -> float:
     """Sum of squares; infinite where the motion is unstable."""
     model.physics.halvings = 0
     try:

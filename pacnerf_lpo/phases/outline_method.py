@@ -11,19 +11,15 @@ from tqdm import tqdm
 from pacnerf_lpo.diagnosis.fitting import sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
-from pacnerf_lpo.diagnosis.search import points, promising, span
+from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
-from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
-from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
-
-MODEL_ERROR = 0.1
-"""Error of a summary beside the sensor's [pixels]."""
 
 
 class OutlineGaussNewton(GaussNewton):
@@ -70,20 +66,13 @@ class OutlineGaussNewton(GaussNewton):
         tried = tqdm(points(coarse.model, wide, self.samples), "physics: search", leave=False)
         found = promising(coarse.model, coarse.residual, tried, wide, self.starts)
         if found:
-            self._set(module, coarse.model, self._best(module, coarse.model, found))
+            fine = self._misfit(module)
+            self._set(module, fine.model, lowest(fine.model, fine.residual, found))
 
     def _span(self, module: PhysicsIDModule, parameter: Parameter) -> tuple[float, float] | None:
         if parameter.name not in module.free:
             return None
         return span(parameter, module.free[parameter.name].item(), self.scan_decades)
-
-    def _best(self, module: PhysicsIDModule, model: Model, found: list[np.ndarray]) -> np.ndarray:
-        """The point with the least misfit at full resolution; the ground, which a grid shifts, as at the start."""
-        fine = self._misfit(module)
-        ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
-        for point in found:
-            point[ground] = model.start[ground]
-        return min(found, key=fine.loss)
 
     def _misfit(self, module: PhysicsIDModule) -> Misfit:
         if self._fine is None:
@@ -135,31 +124,21 @@ class Misfit:
         views[data.train] = True
         held = Split(views, np.ones(len(data.video.times), bool))
         problem = StateProblem("", data, module.state, module.physics, held, bright=False, particles=particles)
-        self._mask = problem.fitted
-        if not self._mask.any():
+        if not problem.fitted.any():
             raise UserInputError(
                 f"{data.video.source}: no outline of a training view can be measured; they touch the border of the "
                 "image in every frame. Use the method GaussNewton"
             )
-        self._weight = np.hypot(problem.sensor[self._mask], MODEL_ERROR)
         known = {**problem.first_guess, **module.export_values()}
         self.model = problem.model(module.physics.effects, known)
-        self._of = problem.residual_of(self.model, self._mask)
+        self._weighted = problem.weighted_residual_of(self.model)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
-        return self._of(np.clip(free, *self.model.bounds)) / self._weight
+        return self._weighted(np.clip(free, *self.model.bounds))
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:
         """The module's unknowns in the order of the model [(K,)]."""
         values = {name: float(unknown) for name, unknown in module.free.items()}
         values |= dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
         return np.array([values[name] for name in self.model.names])
-
-    def loss(self, free: np.ndarray) -> float:
-        """Sum of squares; infinite where the motion is unstable."""
-        self.model.physics.halvings = 0
-        try:
-            return float(np.sum(self.residual(free) ** 2))
-        except SimulationError:
-            return float("inf")

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from pacnerf_lpo.diagnosis.statistics.calibration import Calibration, calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
-from pacnerf_lpo.diagnosis.statistics.omnibus import excess_error, natural_remainder, omnibus
+from pacnerf_lpo.diagnosis.statistics.omnibus import omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, equivalent_z, log_chi2_survival, score_test
 from tests.diagnosis import toy
 
@@ -200,24 +200,6 @@ def test_p_values_follow_the_threshold():
     assert p_values[:2] == pytest.approx([0.5, 0.05], rel=0.01) and p_values[2] < 1e-5
     assert calibration.threshold == pytest.approx(at[1])
     assert all(scale >= 1 for scale in calibration.scales.values())
-
-
-def test_excess_is_found_where_it_is():
-    """An error of 1 px in view 2 alone, of a kind no parameter explains."""
-    noise, _ = fixed()
-    rng = np.random.default_rng(6)
-    measured = WORLD.draw(rng, 1)[0] + toy.one_view(2, "x", np.cos(3 * np.pi * toy.TIME) * np.sqrt(2))
-    groups = {group.label: group for group in excess_error(noise, measured, JACOBIAN, list(LAYOUT.view))}
-    assert list(groups) == [0, 1, 2, 3]
-    assert min(groups.values(), key=lambda group: group.p_value).label == 2 and groups[2].p_value < 0.02
-    assert groups[2].excess == pytest.approx(0.5, abs=0.25)  # root mean square over four kinds; floor about 0.3
-    assert groups[2].excess ** 2 == pytest.approx(groups[2].rms ** 2 - groups[2].floor ** 2)
-
-
-def test_fitted_parameters_explain_their_own_part():
-    noise, _ = fixed()
-    left = natural_remainder(noise, noise.mean + JACOBIAN @ [1.0, 2, 3, 4, 5], JACOBIAN)
-    np.testing.assert_allclose(left, 0.0, atol=1e-10)
 
 
 def test_a_large_unnamed_error_fires_the_omnibus_test():

@@ -1,8 +1,7 @@
-"""Is there more than noise, and where: tests that name no effect, in the residual's own unit (pixels)."""
+"""Is there more than noise: a test that names no effect."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,24 +25,6 @@ class Omnibus:
     p_value: float
 
 
-@dataclass(frozen=True)
-class Excess:
-    """Error of a group of entries beyond the noise floor.
-
-    label: of the group
-    rms: of the residual less the numerical bias and what the fitted parameters explain [px]
-    floor: the same of the twins, root mean square [px]
-    excess: sqrt(rms^2 - floor^2), 0 where below the floor [px]
-    p_value: probability of such an rms where nothing is missing
-    """
-
-    label: Hashable
-    rms: float
-    floor: float
-    excess: float
-    p_value: float
-
-
 def omnibus(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) -> Omnibus:
     """Non-directed test of ||M W (r - mean)||^2.
 
@@ -59,38 +40,6 @@ def omnibus(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) -> Om
     statistic = _mean_square(remainder, residual)
     twins = np.array([_mean_square(Remainder.of(model, jacobian), twin) for model, twin in noise.left_out])
     return Omnibus(statistic, twins, _p_value(statistic, twins, remainder.dof))
-
-
-def excess_error(
-    noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray, labels: Sequence[Hashable]
-) -> list[Excess]:
-    """Excess over the noise floor by group, in the order in which the groups first appear.
-
-    What the fitted parameters can still explain is taken out, by weighted least squares, of residual and twins.
-
-    Args:
-        noise, residual, jacobian: as of :func:`omnibus`
-        labels: the group of every entry (D,): its view, its frame, its phase, or a tuple of them; None: in no group
-    """
-    left = natural_remainder(noise, residual, jacobian)
-    twins = np.array([natural_remainder(model, twin, jacobian) for model, twin in noise.left_out])
-    result = []
-    for label in dict.fromkeys(label for label in labels if label is not None):
-        chosen = np.array([other == label for other in labels])
-        square, floors = float((left[chosen] ** 2).mean()), (twins[:, chosen] ** 2).mean(1)
-        floor = float(floors.mean())
-        p_value = _p_value(square, floors, int(chosen.sum()))
-        result.append(Excess(label, square**0.5, floor**0.5, max(square - floor, 0.0) ** 0.5, p_value))
-    return result
-
-
-def natural_remainder(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """r - mean - J p, p by least squares weighted with the noise [the residual's unit, (D,)]."""
-    deviation = residual - noise.mean
-    if jacobian.shape[1] == 0:
-        return deviation
-    steps, *_ = np.linalg.lstsq(noise.whiten(jacobian), noise.whiten(deviation), rcond=1e-10)
-    return deviation - jacobian @ steps
 
 
 def _mean_square(remainder: Remainder, residual: np.ndarray) -> float:
