@@ -427,7 +427,7 @@ def _refit(problem: Problem, again: Refit, comparison: Comparison) -> dict:
         "misfit": again.misfit,
         "accepted": again.verdict.accepted,
         "removed": again.verdict.removed,
-        "removed_error": again.verdict.error,
+        "z": again.verdict.z,
         "reasons": [[passed, sentence] for passed, sentence in again.verdict.reasons],
         "excess": _matrix(localising.excess(again.residual, comparison)[: problem.views]),
         "error": _errors(problem, again.residual, comparison),

@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.localising import excess
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict, acceptance
+from pacnerf_lpo.diagnosis.statistics.acceptance import Foretold, Verdict, acceptance, foretold, held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Score
@@ -117,13 +117,13 @@ def refit(
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
-    views, frames = np.nonzero(held & np.isfinite(excess(comparison.residual, comparison)))
+    blocks = held & np.isfinite(excess(comparison.residual, comparison))
     judge = partial(
         acceptance,
-        excess(comparison.residual, comparison)[views, frames],
-        excess(after, comparison)[views, frames],
-        views,
-        frames,
+        _foretold(problem, comparison, after, held),
+        excess(comparison.residual, comparison)[blocks],
+        excess(after, comparison)[blocks],
+        np.nonzero(blocks)[0],
         (interval.low, interval.high),
         candidate.effect.null[leading],
         known[leading],
@@ -133,6 +133,19 @@ def refit(
         refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
         verdict = judge(refined)
     return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, refined, verdict)
+
+
+def _foretold(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> Foretold:
+    mask, fitted = problem.usable & held[..., None], problem.fitted
+    noise = held_out_noise(
+        noise_of(problem, comparison.twins, fitted),
+        comparison.jacobian[fitted],
+        np.nan_to_num(comparison.twins[:, mask]),
+        comparison.jacobian[mask],
+        problem.sensor[mask],
+        problem.layout(mask),
+    )
+    return foretold(noise, np.nan_to_num(comparison.residual[mask]), np.nan_to_num(after[mask]))
 
 
 def _whitened(noise: NoiseModel, residual: Residual) -> Residual:

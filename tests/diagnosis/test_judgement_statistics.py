@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import binom, norm
 
-from pacnerf_lpo.diagnosis.statistics.acceptance import acceptance
+from pacnerf_lpo.diagnosis.layout import Layout
+from pacnerf_lpo.diagnosis.statistics.acceptance import Foretold, acceptance, foretold, held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import (
     laplace_intervals,
     overdispersion,
@@ -85,35 +87,71 @@ def test_profile_of_a_threshold_is_open_above():
     assert not profile.low_open and profile.low == pytest.approx(2 - 2.706 / 30, abs=0.05)
 
 
-def blocks(rng: np.random.Generator, removed: float, common: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
-    """Excess errors that grow as t^4, of which a part is removed, with noise common to the views and of each."""
-    growth = toy.TIME[FRAMES] ** 4
-    noise = common * toy.smooth(rng, (1,))[0][FRAMES] + 0.05 * rng.standard_normal(len(FRAMES))
-    return growth + 0.02, (1 - removed) * growth + 0.02 + noise * np.sqrt(growth + 0.01)
+HELD = (toy.layout().view == 3) | (toy.layout().frame >= 10)
+DRAG = toy.seen(along_y=toy.TIME**3)
+"""Of drag; the held-out entries are the last view and the last two frames."""
 
 
-def judge(before: np.ndarray, after: np.ndarray, **changes):
-    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2} | changes
-    return acceptance(before, after, VIEWS, FRAMES, **facts)
+def part(layout: Layout, mask: np.ndarray) -> Layout:
+    return Layout(layout.view[mask], layout.frame[mask], layout.kind[mask])
 
 
-def test_useful_effects_are_accepted_and_useless_ones_are_not():
-    """Two standard errors are 2.3 % one-sided: of 200 useless effects up to 10 may pass, with 99 % probability.
+def told(rng: np.random.Generator, strength: float, found: float, direction: np.ndarray = DRAG) -> Foretold:
+    """Data with drag, fitted without it; an effect of the size that was found changes the held-out data."""
+    world, layout, fitted = toy.World(), toy.layout(), ~HELD
+    sensor, twins = np.full(len(layout), toy.SENSOR), world.draw(rng, 10)
+    measured = world.draw(rng, 1)[0] + strength * DRAG
+    noise = NoiseModel.from_twins(twins[:, fitted], sensor[fitted], part(layout, fitted))
+    held = held_out_noise(noise, JACOBIAN[fitted], twins[:, HELD], JACOBIAN[HELD], sensor[HELD], part(layout, HELD))
+    whitened = noise.whiten(JACOBIAN[fitted])
 
-    Errors correlated over a third of the clip leave two or three independent clusters: up to 15 %, 43 of 200.
-    """
+    def left(residual: np.ndarray) -> np.ndarray:
+        steps = np.linalg.lstsq(whitened, noise.whiten_residual(residual[fitted]), rcond=None)[0]
+        return (residual - JACOBIAN @ steps)[HELD]
+
+    return foretold(held, left(measured), left(measured - found * direction))
+
+
+def test_an_effect_that_is_there_foretells_held_out_data():
     rng = np.random.default_rng(2)
-    good = [judge(*blocks(rng, 0.6)) for _ in range(50)]
-    assert np.mean([verdict.accepted for verdict in good]) >= 0.95
-    assert np.mean([verdict.removed for verdict in good]) == pytest.approx(0.6, abs=0.05)
-    assert sum(judge(*blocks(rng, 0.0, common=0.0)).accepted for _ in range(200)) <= 10
-    assert sum(judge(*blocks(rng, 0.0)).accepted for _ in range(200)) <= 43
+    there = [told(rng, 6.0, found) for found in 30 * [6.0, 3.0]]
+    assert np.mean([one.z > one.needed for one in there]) >= 0.95
+
+
+def test_an_effect_that_is_not_there_seldom_does():
+    """A change that the data had no part in: two standard errors are 2.3 % one-sided, of 300 at most 13 (99 %)."""
+    rng = np.random.default_rng(4)
+    absent = [told(rng, 0.0, rng.choice([-1, 1])) for _ in range(300)]
+    assert sum(one.z > one.needed for one in absent) <= binom.ppf(0.99, 300, norm.sf(2))
+    assert {round(one.needed, 2) for one in absent} == {2.32}  # Student's t with 9 degrees of freedom
+
+
+def test_what_the_effect_leaves_over_weakens_it():
+    """Much that no model explains is left: the same change counts for less."""
+    rng, clean = np.random.default_rng(5), np.random.default_rng(5)
+    rough = 3.0 * np.random.default_rng(6).standard_normal(int(HELD.sum()))
+    noise = NoiseModel.from_twins(
+        toy.World().draw(rng, 10)[:, HELD], np.full(HELD.sum(), 0.1), part(toy.layout(), HELD)
+    )
+    after = toy.World().draw(clean, 11)[10][HELD]
+    change = 6.0 * DRAG[HELD]
+    assert foretold(noise, after + rough + change, after + rough).z < 0.5 * foretold(noise, after + change, after).z
+    assert foretold(noise, after, after).z == 0.0
+
+
+CLEAR, VAGUE = Foretold(8.0, 2.3), Foretold(1.0, 2.3)
+GROWTH = toy.TIME[FRAMES] ** 4
+
+
+def judge(before: np.ndarray, after: np.ndarray, told: Foretold = CLEAR, **changes):
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2} | changes
+    return acceptance(told, before, after, VIEWS, **facts)
 
 
 def test_every_criterion_can_refuse():
-    rng = np.random.default_rng(3)
-    before, after = blocks(rng, 0.6)
+    before, after = GROWTH + 0.02, 0.4 * GROWTH + 0.02
     assert judge(before, after).accepted and judge(before, after, refined=None).accepted
+    assert judge(before, after).removed == pytest.approx(0.6 * GROWTH.mean() / before.mean())
     worse = np.where(VIEWS < 2, before + 0.1, after)
     for verdict, refusal in (
         (judge(before, after, interval=(-0.1, 2.0)), "includes 0"),
@@ -122,6 +160,7 @@ def test_every_criterion_can_refuse():
         (judge(before, worse), "in 2 of 4 held-out views"),
         (judge(before, 1.2 * before), "rises by 20%"),
         (judge(-before, after), "not above the noise floor"),
+        (judge(before, after, VAGUE), "does not foretell"),
     ):
         assert not verdict.accepted
         assert any(refusal in sentence for passed, sentence in verdict.reasons if not passed)

@@ -86,7 +86,7 @@ def refit(name: str, accepted: bool, held: float) -> dict[str, Any]:
         "misfit": 300.0,
         "accepted": accepted,
         "removed": 0.64 if accepted else -0.1,
-        "removed_error": 0.05,
+        "z": 9.0 if accepted else 1.0,
         "reasons": [[True, "most held-out views improve"], [accepted, "the interval excludes the null"]],
         "excess": [[0.0] * 6] * 4,
         "error": {"fitted": held, "held": held},

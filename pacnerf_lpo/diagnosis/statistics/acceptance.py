@@ -8,8 +8,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-BLOCK = 3
-"""Neighbouring frames whose errors are taken as one."""
+from pacnerf_lpo.diagnosis.layout import Layout
+from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+
 STANDARD_ERRORS = 2.0
 LARGEST_DRIFT = 0.5
 """Change of the coefficient under grid refinement that still counts as survival, as part of the coefficient."""
@@ -21,23 +22,85 @@ class Verdict:
 
     accepted: all criteria passed
     removed: share of the held-out excess error that the effect removes
-    error: its standard error
+    z: how well it foretells the held-out residual, in standard errors
     improved: held-out views whose error falls, of how many
     reasons: (criterion passed, sentence)
     """
 
     accepted: bool
     removed: float
-    error: float
+    z: float
     improved: tuple[int, int]
     reasons: list[tuple[bool, str]]
 
 
+@dataclass(frozen=True)
+class Foretold:
+    """How well the change that an effect makes in held-out data agrees with the residual there.
+
+    z: in standard errors.
+    needed: what counts as two standard errors, with so few twins.
+    """
+
+    z: float
+    needed: float
+
+
+def held_out_noise(
+    noise: NoiseModel,
+    jacobian: np.ndarray,
+    twins: np.ndarray,
+    held_jacobian: np.ndarray,
+    sensor_sigma: np.ndarray,
+    layout: Layout,
+) -> NoiseModel:
+    """Noise of what was not fitted: of every twin, what a fit of the parameters to its fitted entries leaves there.
+
+    Args:
+        noise: of the fitted entries, learnt from the same twins
+        jacobian: sensitivities of the fitted entries to the parameters (D, P)
+        twins: in the held-out entries (T, H)
+        held_jacobian: sensitivities there (H, P)
+        sensor_sigma: standard deviation of the sensor noise there (H,)
+        layout: view, frame and kind there
+
+    Raises:
+        ValueError: as :meth:`NoiseModel.from_twins`.
+    """
+    wanted = noise.whiten((noise.twins - noise.mean).T)
+    steps, *_ = np.linalg.lstsq(noise.whiten(jacobian), wanted, rcond=1e-8)
+    return NoiseModel.from_twins(twins - (held_jacobian @ steps).T, sensor_sigma, layout)
+
+
+def foretold(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> Foretold:
+    """Whether held-out residuals lie along the change that the effect makes there.
+
+    The component of the whitened residual along a given change is standard normal where the effect is not there. Its
+    standard deviation is taken as that of left-out twins, or as the root mean square of what is left with the effect,
+    where these are larger than one. Views that were held out show the same numerical errors of the motion as the
+    others, so it is the family-wise threshold of the score test that guards against false alarms; this one tells
+    whether the effect as it was fitted goes on to hold.
+
+    Args:
+        noise: of the held-out entries, see :func:`held_out_noise`
+        before, after: residuals there without and with the effect, refitted (H,)
+    """
+    change = noise.whiten(before - after)
+    strength = float(np.linalg.norm(change))
+    needed = float(student.isf(norm.sf(STANDARD_ERRORS), len(noise.twins) - 1))
+    if strength == 0:
+        return Foretold(0.0, needed)
+    left = noise.whiten_residual(after)
+    twins = [_along(model.whiten(before - after), model.whiten_residual(twin)) for model, twin in noise.left_out]
+    spread = max(1.0, float(np.mean(np.square(twins))) ** 0.5, float(np.mean(left**2)) ** 0.5)
+    return Foretold(_along(change, noise.whiten_residual(before)) / spread, needed)
+
+
 def acceptance(
+    told: Foretold,
     excess_before: np.ndarray,
     excess_after: np.ndarray,
     views: np.ndarray,
-    frames: np.ndarray,
     interval: tuple[float, float],
     null: float,
     coefficient: float,
@@ -45,18 +108,13 @@ def acceptance(
 ) -> Verdict:
     """Judge an added effect on held-out blocks of view x frame.
 
-    The removed share is the ratio sum (before - after) / sum before. Its standard error is that of a ratio of cluster
-    totals (Cochran 1977): by how much a cluster's change departs from its share h of the whole, over sqrt(1 - h), for
-    a heavy cluster pulls the ratio to itself (Bell and McCaffrey 2002). So an effect that grows with time is not taken
-    for scatter. Clusters are three neighbouring frames in all views (views show the same motion); with four views and
-    more also the views, and the larger error counts. Two standard errors are widened as Student's t demands for so few
-    clusters. Errors that are correlated over a third of the clip leave this criterion alone with up to 15 % of false
-    passes; it is the family-wise threshold of the score test that guards against false alarms.
+    The removed share is the ratio sum (before - after) / sum before.
 
     Args:
+        told: of the same held-out data
         excess_before, excess_after: mean square error less the noise floor of every block [px^2, (B,)], of the same
             measurements without and with the effect, refitted
-        views, frames: of every block (B,)
+        views: of every block (B,)
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
         coefficient: estimate [its unit]
@@ -65,45 +123,33 @@ def acceptance(
     fall = np.asarray(excess_before) - np.asarray(excess_after)
     total = float(np.sum(excess_before))
     removed = float(fall.sum()) / total if total > 0 else 0.0
-    error, factor = _ratio_error(fall, np.asarray(excess_before), np.asarray(views), np.asarray(frames))
     by_view = [float(fall[views == view].sum()) for view in np.unique(views)]
     better = sum(change > 0 for change in by_view)
     reasons = [
-        (removed > factor * error, _fall_sentence(total, removed, error)),
+        (removed > 0, _fall_sentence(total, removed)),
+        (told.z > told.needed, _foretold_sentence(told)),
         (2 * better > len(by_view), f"the error falls in {better} of {len(by_view)} held-out views"),
         _interval_reason(interval, null),
     ]
     if refined is not None:
         reasons.append(_refinement_reason(coefficient - null, refined - null))
-    return Verdict(all(passed for passed, _ in reasons), removed, error, (better, len(by_view)), reasons)
+    return Verdict(all(passed for passed, _ in reasons), removed, told.z, (better, len(by_view)), reasons)
 
 
-def _ratio_error(fall: np.ndarray, before: np.ndarray, views: np.ndarray, frames: np.ndarray) -> tuple[float, float]:
-    """Standard error of sum fall / sum before, and how many of them two standard errors are with so few clusters."""
-    total = float(before.sum())
-    if total <= 0:
-        return np.inf, STANDARD_ERRORS
-    rest = fall - float(fall.sum()) / total * before
-    _, order = np.unique(frames, return_inverse=True)
-    clusterings = [order // BLOCK if order.max() >= 2 * BLOCK else order]
-    if len(np.unique(views)) >= 4:
-        clusterings.append(np.unique(views, return_inverse=True)[1])
-    errors = []
-    for labels in clusterings:
-        count, shares = labels.max() + 1, np.bincount(labels, before) / total
-        sums = np.bincount(labels, rest) / np.sqrt(np.clip(1 - shares, 1e-3, None))
-        if count > 1:
-            widening = float(student.isf(norm.sf(STANDARD_ERRORS), count - 1)) / STANDARD_ERRORS
-            errors.append((np.sqrt((sums**2).sum()) / total, widening))
-    error, widening = max(errors, key=lambda pair: pair[0] * pair[1], default=(np.inf, 1.0))
-    return float(error), STANDARD_ERRORS * widening
+def _along(direction: np.ndarray, vector: np.ndarray) -> float:
+    return float(direction @ vector) / max(float(np.linalg.norm(direction)), 1e-300)
 
 
-def _fall_sentence(total: float, removed: float, error: float) -> str:
+def _fall_sentence(total: float, removed: float) -> str:
     if total <= 0:
         return "the held-out error was not above the noise floor before"
     verb = "falls" if removed > 0 else "rises"
-    return f"the held-out excess error {verb} by {abs(removed):.0%} +- {error:.0%}"
+    return f"the held-out excess error {verb} by {abs(removed):.0%}"
+
+
+def _foretold_sentence(told: Foretold) -> str:
+    verb = "foretells" if told.z > told.needed else "does not foretell"
+    return f"the effect {verb} the held-out residual (z = {told.z:.1f}, {told.needed:.1f} needed)"
 
 
 def _interval_reason(interval: tuple[float, float], null: float) -> tuple[bool, str]:

@@ -179,7 +179,7 @@ def _numerical_spread(deviations: np.ndarray, sensor_sigma: np.ndarray, series: 
     count = deviations.shape[1]
     excess = (deviations**2).sum(1) / (count - 1) - sensor_sigma**2
     near = (series.gap <= WINDOW) * series.gather(np.ones_like(excess))[:, None]
-    smooth = series.multiply(near / near.sum(2, keepdims=True), excess)
+    smooth = series.multiply(near / np.maximum(near.sum(2, keepdims=True), 1), excess)
     shared = (np.bincount(series.instant, smooth) / np.bincount(series.instant))[series.instant]
     own = count / (count + SHARING)
     return np.sqrt(np.maximum(own * smooth + (1 - own) * shared, 0.0))
