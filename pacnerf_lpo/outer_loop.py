@@ -63,8 +63,8 @@ class OuterLoop(pl.Callback):
     Args:
         run_dir: folder of the run; must be empty or absent when a run starts.
         rounds: R of Algorithm 1, repetitions of identification and correction.
-        physics_start: ``warm``: each identification starts from the parameters of the last one; ``restart``: from the
-            initial guess.
+        physics_start: ``warm``: each identification goes on from the parameters of the last one, without another
+            search; ``restart``: from the initial guess.
         carry: what goes into the next round. ``particles``: the corrected ones; ``refit_grid``: the static phase runs
             again, with the frame-0 images of the corrected particles in the training views as targets beside the
             measured ones, and particles are sampled from its grid.
@@ -165,9 +165,11 @@ class OuterLoop(pl.Callback):
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
         """Hand the particle state over. Here, and not later, because a checkpoint may be loaded into it afterwards."""
-        state, phase, role = self.state, cast(AbstractPhase, pl_module), self._current(trainer).phase
+        state, phase, record = self.state, cast(AbstractPhase, pl_module), self._current(trainer)
+        role = record.phase
         if state is not None and role == "physics" and self.physics_start == "restart":
             state = state.with_(physics={})
+        phase.searches = record.round <= 1 or self.physics_start == "restart"
         if role == "correction" and self.stop_when == "held_out":
             phase.held_out = held_out_images(phase.data)
         phase.import_state(state)

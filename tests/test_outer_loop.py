@@ -120,6 +120,20 @@ def test_each_phase_receives_what_the_last_one_gave(tmp_path: Path, monkeypatch:
         assert state.physics == ({} if restarts else saved.physics)
 
 
+@pytest.mark.parametrize(("start", "searches"), [("warm", [True, False]), ("restart", [True, True])])
+def test_a_warm_identification_is_not_preceded_by_another_search(
+    start: str, searches: list[bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    seen: list[bool] = []
+    take = fake_run.FakePhase.import_state
+    monkeypatch.setattr(
+        fake_run.FakePhase, "import_state", lambda phase, state: (seen.append(phase.searches), take(phase, state))[1]
+    )
+    words = [*fake_run.arguments(tmp_path / "run"), "--outer_loop.rounds=2", f"--outer_loop.physics_start={start}"]
+    assert fake_run.main(words) == 0
+    assert [seen[2], seen[4]] == searches  # static, velocity, physics, correction, physics, correction
+
+
 def test_correction_can_be_switched_off(tmp_path: Path):
     words = [*fake_run.arguments(tmp_path / "run"), "--phases.correction=null", "--outer_loop.rounds=2"]
     assert fake_run.main(words) == 0

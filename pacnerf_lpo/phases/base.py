@@ -25,6 +25,7 @@ class AbstractPhase(pl.LightningModule, ABC):
     data: VideoData
     physics: Physics
     held_out: frozenset[tuple[int, int]] = frozenset()  # view and frame of images it must not learn from
+    searches: bool = True  # whether an identification looks at the whole parameter space first
 
     def attach(self, data: VideoData, physics: Physics) -> None:
         """Give the phase the video and the physical model of the run; called once, before :meth:`import_state`."""

@@ -113,9 +113,10 @@ class PhysicsIDModule(DynamicPhase):
         return self.method.optimiser(self)
 
     def on_train_start(self) -> None:
-        """A fresh run lets the method look around first; a resumed one goes on where it stood, if it was not done."""
+        """The method looks around first where ``searches``; a resumed run goes on where it stood, if it was not done."""
         if self.global_step == 0:
-            self.method.prepare(self)
+            if self.searches:
+                self.method.prepare(self)
         elif self.global_step > self.warm_up_end and self.method.converged(self, self.optimizers()):
             self.trainer.should_stop = True
 
