@@ -11,11 +11,10 @@ import numpy as np
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress, in_si, noise_of, reporter
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit
-from pacnerf_lpo.diagnosis.localising import excess
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import Foretold, Verdict, acceptance, foretold, held_out_noise
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, held_out_noise, judge_held_out
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Score
@@ -117,13 +116,9 @@ def refit(
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
-    blocks = held & np.isfinite(excess(comparison.residual, comparison))
     judge = partial(
         acceptance,
-        _foretold(problem, comparison, after, held),
-        excess(comparison.residual, comparison)[blocks],
-        excess(after, comparison)[blocks],
-        np.nonzero(blocks)[0],
+        _held_out(problem, comparison, after, held),
         (interval.low, interval.high),
         candidate.effect.null[leading],
         known[leading],
@@ -135,7 +130,7 @@ def refit(
     return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, refined, verdict)
 
 
-def _foretold(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> Foretold:
+def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> HeldOut:
     mask, fitted = problem.usable & held[..., None], problem.fitted
     noise = held_out_noise(
         noise_of(problem, comparison.twins, fitted),
@@ -145,7 +140,7 @@ def _foretold(problem: Problem, comparison: Comparison, after: np.ndarray, held:
         problem.sensor[mask],
         problem.layout(mask),
     )
-    return foretold(noise, np.nan_to_num(comparison.residual[mask]), np.nan_to_num(after[mask]))
+    return judge_held_out(noise, np.nan_to_num(comparison.residual[mask]), np.nan_to_num(after[mask]))
 
 
 def _whitened(noise: NoiseModel, residual: Residual) -> Residual:

@@ -113,7 +113,7 @@ class PhysicsIDModule(DynamicPhase):
         return self.method.optimiser(self)
 
     def on_train_start(self) -> None:
-        """The method looks around first where ``searches``; a resumed run goes on where it stood, if it was not done."""
+        """The method looks around first, where it may; a resumed run goes on where it stood, if it was not done."""
         if self.global_step == 0:
             if self.searches:
                 self.method.prepare(self)

@@ -23,7 +23,7 @@ class Verdict:
     accepted: all criteria passed
     removed: share of the held-out excess error that the effect removes
     z: how well it foretells the held-out residual, in standard errors
-    improved: held-out views whose error falls, of how many
+    improved: views whose held-out error falls, of how many
     reasons: (criterion passed, sentence)
     """
 
@@ -35,15 +35,28 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Foretold:
-    """How well the change that an effect makes in held-out data agrees with the residual there.
+class HeldOut:
+    """The held-out residual without and with an effect, whitened.
 
-    z: in standard errors.
-    needed: what counts as two standard errors, with so few twins.
+    before, after: its mean square; about 1 where the model is right
+    floor: the same of left-out twins
+    falls: views in which it falls, of how many
+    z: how well the change that the effect makes agrees with the residual, in standard errors
+    needed: what counts as two standard errors, with so few twins
     """
 
+    before: float
+    after: float
+    floor: float
+    falls: tuple[int, int]
     z: float
     needed: float
+
+    @property
+    def removed(self) -> float:
+        """Share of the error above the floor that the effect removes; 0 where there was none."""
+        excess = self.before - self.floor
+        return (self.before - self.after) / excess if excess > 0 else 0.0
 
 
 def held_out_noise(
@@ -72,8 +85,8 @@ def held_out_noise(
     return NoiseModel.from_twins(twins - (held_jacobian @ steps).T, sensor_sigma, layout)
 
 
-def foretold(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> Foretold:
-    """Whether held-out residuals lie along the change that the effect makes there.
+def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> HeldOut:
+    """Compare held-out residuals without and with an effect.
 
     The component of the whitened residual along a given change is standard normal where the effect is not there. Its
     standard deviation is taken as that of left-out twins, or as the root mean square of what is left with the effect,
@@ -86,70 +99,65 @@ def foretold(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> Foreto
         before, after: residuals there without and with the effect, refitted (H,)
     """
     change = noise.whiten(before - after)
-    strength = float(np.linalg.norm(change))
-    needed = float(student.isf(norm.sf(STANDARD_ERRORS), len(noise.twins) - 1))
-    if strength == 0:
-        return Foretold(0.0, needed)
-    left = noise.whiten_residual(after)
-    twins = [_along(model.whiten(before - after), model.whiten_residual(twin)) for model, twin in noise.left_out]
-    spread = max(1.0, float(np.mean(np.square(twins))) ** 0.5, float(np.mean(left**2)) ** 0.5)
-    return Foretold(_along(change, noise.whiten_residual(before)) / spread, needed)
+    first, left = noise.whiten_residual(before), noise.whiten_residual(after)
+    twins = [(model.whiten(before - after), model.whiten_residual(twin)) for model, twin in noise.left_out]
+    floor = float(np.mean([np.mean(twin**2) for _, twin in twins]))
+    along = float(np.mean([_along(direction, twin) ** 2 for direction, twin in twins]))
+    spread = np.sqrt(max(1.0, along, float(np.mean(left**2))))
+    _, view = np.unique(noise.layout.view, return_inverse=True)
+    falls = np.bincount(view, first**2) > np.bincount(view, left**2)
+    return HeldOut(
+        float(np.mean(first**2)),
+        float(np.mean(left**2)),
+        floor,
+        (int(falls.sum()), len(falls)),
+        _along(change, first) / float(spread),
+        float(student.isf(norm.sf(STANDARD_ERRORS), len(noise.twins) - 1)),
+    )
 
 
 def acceptance(
-    told: Foretold,
-    excess_before: np.ndarray,
-    excess_after: np.ndarray,
-    views: np.ndarray,
+    held: HeldOut,
     interval: tuple[float, float],
     null: float,
     coefficient: float,
     refined: float | None = None,
 ) -> Verdict:
-    """Judge an added effect on held-out blocks of view x frame.
-
-    The removed share is the ratio sum (before - after) / sum before.
+    """Judge an added effect.
 
     Args:
-        told: of the same held-out data
-        excess_before, excess_after: mean square error less the noise floor of every block [px^2, (B,)], of the same
-            measurements without and with the effect, refitted
-        views: of every block (B,)
+        held: the held-out residual without and with it
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
         coefficient: estimate [its unit]
         refined: estimate on a finer grid; None where that was not tried
     """
-    fall = np.asarray(excess_before) - np.asarray(excess_after)
-    total = float(np.sum(excess_before))
-    removed = float(fall.sum()) / total if total > 0 else 0.0
-    by_view = [float(fall[views == view].sum()) for view in np.unique(views)]
-    better = sum(change > 0 for change in by_view)
+    better, views = held.falls
     reasons = [
-        (removed > 0, _fall_sentence(total, removed)),
-        (told.z > told.needed, _foretold_sentence(told)),
-        (2 * better > len(by_view), f"the error falls in {better} of {len(by_view)} held-out views"),
+        (held.removed > 0, _fall_sentence(held)),
+        (held.z > held.needed, _foretold_sentence(held)),
+        (2 * better > views, f"the error falls in {better} of {views} views"),
         _interval_reason(interval, null),
     ]
     if refined is not None:
         reasons.append(_refinement_reason(coefficient - null, refined - null))
-    return Verdict(all(passed for passed, _ in reasons), removed, told.z, (better, len(by_view)), reasons)
+    return Verdict(all(passed for passed, _ in reasons), held.removed, held.z, held.falls, reasons)
 
 
 def _along(direction: np.ndarray, vector: np.ndarray) -> float:
     return float(direction @ vector) / max(float(np.linalg.norm(direction)), 1e-300)
 
 
-def _fall_sentence(total: float, removed: float) -> str:
-    if total <= 0:
+def _fall_sentence(held: HeldOut) -> str:
+    if held.before <= held.floor:
         return "the held-out error was not above the noise floor before"
-    verb = "falls" if removed > 0 else "rises"
-    return f"the held-out excess error {verb} by {abs(removed):.0%}"
+    verb = "falls" if held.removed > 0 else "rises"
+    return f"the held-out excess error {verb} by {abs(held.removed):.0%}"
 
 
-def _foretold_sentence(told: Foretold) -> str:
-    verb = "foretells" if told.z > told.needed else "does not foretell"
-    return f"the effect {verb} the held-out residual (z = {told.z:.1f}, {told.needed:.1f} needed)"
+def _foretold_sentence(held: HeldOut) -> str:
+    verb = "foretells" if held.z > held.needed else "does not foretell"
+    return f"the effect {verb} the held-out residual (z = {held.z:.1f}, {held.needed:.1f} needed)"
 
 
 def _interval_reason(interval: tuple[float, float], null: float) -> tuple[bool, str]:
