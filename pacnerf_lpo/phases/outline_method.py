@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from pacnerf_lpo.diagnosis.fitting import sensitivities
+from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+
+FALL_ITERATIONS = 4
 
 
 class OutlineGaussNewton(GaussNewton):
@@ -57,9 +60,10 @@ class OutlineGaussNewton(GaussNewton):
         self._fine: Misfit | None = None
 
     def prepare(self, module: PhysicsIDModule) -> None:
-        """Search the parameter space on a coarse body."""
+        """Fit the velocity before contact, then search the parameter space; both on a coarse body."""
         if self.samples == 0:
             return
+        self._fit_fall(module)
         coarse = Misfit(module, self.scan_particles)
         spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
         wide = {name: ends for name, ends in spans.items() if ends}
@@ -68,6 +72,17 @@ class OutlineGaussNewton(GaussNewton):
         if found:
             fine = self._misfit(module)
             self._set(module, fine.model, lowest(fine.model, fine.residual, found))
+
+    def _fit_fall(self, module: PhysicsIDModule) -> None:
+        """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
+        and with it the search into another valley.
+        """
+        early = Misfit(module, self.scan_particles, frames=module.hit_frame)
+        model = early.model
+        moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
+        low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
+        with suppress(SimulationError):  # of what comes after contact, at the guess
+            self._set(module, model, fit(early.residual, model.start, model.scales, (low, high), FALL_ITERATIONS).free)
 
     def _span(self, module: PhysicsIDModule, parameter: Parameter) -> tuple[float, float] | None:
         if parameter.name not in module.free:
@@ -116,20 +131,22 @@ class Misfit:
     Args:
         module: supplies video, state, model and the values to start from.
         particles: number of particles of the body.
+        frames: only the first so many are compared; None: all.
     """
 
-    def __init__(self, module: PhysicsIDModule, particles: int):
+    def __init__(self, module: PhysicsIDModule, particles: int, frames: int | None = None):
         data = module.data
         views = np.zeros(len(data.video.images), bool)
         views[data.train] = True
-        held = Split(views, np.ones(len(data.video.times), bool))
+        held = Split(views, np.arange(len(data.video.times)) < (frames or len(data.video.times)))
         problem = StateProblem("", data, module.state, module.physics, held, bright=False, particles=particles)
         if not problem.fitted.any():
             raise UserInputError(
                 f"{data.video.source}: no outline of a training view can be measured; they touch the border of the "
                 "image in every frame. Use the method GaussNewton"
             )
-        known = {**problem.first_guess, **module.export_values()}
+        velocity = dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
+        known = {**problem.first_guess, **module.export_values(), **velocity}
         self.model = problem.model(module.physics.effects, known)
         self._weighted = problem.weighted_residual_of(self.model)
 
