@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -57,7 +57,7 @@ def promising(
     """The best few points, and where a short local fit leads from each; none if the motion is unstable at all of them.
 
     The points are followed by generations around the best of them, each half as far: valleys are narrow, and few points
-    of a whole space fall into one.
+    of a whole space fall into one. The best are kept apart, because a coarse body may like the wrong valley more.
 
     Args:
         model: of a coarse body.
@@ -73,13 +73,12 @@ def promising(
     for name, (low, high) in spans.items():
         reach[model.names.index(name)] = FIRST_REACH * (high - low)
     for _ in range(GENERATIONS if spans else 0):
-        elite = known[:ELITE]
-        around = [
-            elite[k % len(elite)][1] + reach * random.standard_normal(len(reach)) for k in range(CHILDREN * bool(elite))
-        ]
-        known = _ranked([*known, *((loss(model, residual, p), p) for p in (np.clip(a, *model.bounds) for a in around))])
+        elite = _apart(known, ELITE, reach)
+        around = [elite[k % len(elite)] + reach * random.standard_normal(len(reach)) for k in range(CHILDREN) if elite]
+        inside = [np.clip(point, *model.bounds) for point in around]
+        known = _ranked([*known, *((loss(model, residual, point), point) for point in inside)])
         reach = reach / 2
-    best = [point for _, point in known[:starts]]
+    best = _apart(known, starts, reach)
     for point in list(best):
         try:
             best.append(fit(residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free)
@@ -112,3 +111,12 @@ def loss(model: Model, residual: Residual, point: np.ndarray) -> float:
 def _ranked(entries: Iterable[tuple[float, np.ndarray]]) -> list[tuple[float, np.ndarray]]:
     """Best first, the unstable left out."""
     return sorted((entry for entry in entries if np.isfinite(entry[0])), key=lambda entry: entry[0])
+
+
+def _apart(known: Sequence[tuple[float, np.ndarray]], count: int, reach: np.ndarray) -> list[np.ndarray]:
+    """The best points, of neighbours only the better one: those that differ by less than ``reach`` in everything."""
+    chosen: list[np.ndarray] = []
+    for _, point in known:
+        if len(chosen) < count and all((np.abs(point - other) > reach).any() for other in chosen):
+            chosen.append(point)
+    return chosen

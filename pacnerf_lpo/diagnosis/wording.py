@@ -44,8 +44,7 @@ def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float
     """
     named = either([candidate.name, *(name for name in alike if name != candidate.name)])
     what = f"{named} is {'also ' if again else ''}missing" if not candidate.observes else f"{named}: a camera is wrong"
-    share = f"{min(removed, 1.0):.0%}"
-    return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {share} of the held-out error."
+    return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {removed:.0%} of the held-out error."
 
 
 def moved(parameter: Parameter, before: float, after: float) -> str:

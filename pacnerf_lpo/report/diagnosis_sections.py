@@ -232,7 +232,7 @@ def _refit(again: Mapping[str, Any], accepted: bool) -> str:
     )
     outcome = "added" if accepted else "would do, too" if again["accepted"] else "rejected"
     removed, kind = again["removed"], " accepted" if accepted else ""
-    share = f"removes {min(removed, 1.0):.0%}" if removed > 0 else "removes nothing"
+    share = f"removes {removed:.0%}" if removed > 0 else "removes nothing"
     return (
         f'<div class="refit{kind}"><h4>{text(again["readable"])} <small>{outcome}</small></h4>'
         f'<div class="track"><i style="width:{_share(removed, 1.0)}"></i></div>'

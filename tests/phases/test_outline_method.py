@@ -19,7 +19,8 @@ from tests.phases.test_dynamic_phases import HIT, run
 
 
 def method(**settings) -> OutlineGaussNewton:
-    return OutlineGaussNewton(**{"samples": 32, "starts": 2, "particles": 800, "scan_particles": 400, **settings})
+    bodies = {"particles": 1200, "probe_particles": 800, "scan_particles": 400}
+    return OutlineGaussNewton(**{"samples": 32, "starts": 2, **bodies, **settings})
 
 
 @pytest.fixture(scope="module")

@@ -54,9 +54,9 @@ class HeldOut:
 
     @property
     def removed(self) -> float:
-        """Share of the error above the floor that the effect removes; 0 where there was none."""
+        """Share of the error above the floor that the effect removes, at most 1; 0 where there was none."""
         excess = self.before - self.floor
-        return (self.before - self.after) / excess if excess > 0 else 0.0
+        return min((self.before - self.after) / excess, 1.0) if excess > 0 else 0.0
 
 
 def held_out_noise(
