@@ -11,6 +11,7 @@ from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
+from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
@@ -126,10 +127,27 @@ def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> Noise
     return NoiseModel.from_twins(np.nan_to_num(residuals[:, mask]), problem.sensor[mask], problem.layout(mask))
 
 
-def more_than_noise(problem: Problem, comparison: Comparison, noise: NoiseModel) -> Omnibus:
-    """Whether the residual in the fitted entries is larger than the twins' are."""
-    mask = problem.fitted
-    return omnibus(noise, comparison.residual[mask], comparison.jacobian[mask])
+def noise_of_held_out(problem: Problem, comparison: Comparison, mask: np.ndarray) -> NoiseModel:
+    """The noise model in held-out entries [(V, F, 11), bool], where an error of the fit adds to the twins'."""
+    return held_out_noise(
+        noise_of(problem, comparison.twins, problem.fitted),
+        comparison.jacobian[problem.fitted],
+        np.nan_to_num(comparison.twins[:, mask]),
+        comparison.jacobian[mask],
+        problem.sensor[mask],
+        problem.layout(mask),
+    )
+
+
+def more_than_noise(problem: Problem, comparison: Comparison) -> tuple[Omnibus, Omnibus]:
+    """Whether the residual is larger than the twins' are: in the fitted entries, and in the held-out ones."""
+    fitted, held = problem.fitted, problem.usable & problem.split.held[..., None]
+    noise = noise_of(problem, comparison.twins, fitted), noise_of_held_out(problem, comparison, held)
+    residual = np.nan_to_num(comparison.residual[held])
+    return (
+        omnibus(noise[0], comparison.residual[fitted], comparison.jacobian[fitted]),
+        omnibus(noise[1], residual, np.zeros((len(residual), 0))),
+    )
 
 
 def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tuple[list[Interval], list[str]]:

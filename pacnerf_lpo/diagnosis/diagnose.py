@@ -76,7 +76,8 @@ class Round:
     """One pass of the steps.
 
     comparison: the model as it stood.
-    omnibus: whether its residual is more than noise.
+    omnibus: whether its residual is more than noise in the fitted data.
+    held: the same in the held-out data.
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
     phases: of the motion, by frame.
@@ -90,6 +91,7 @@ class Round:
 
     comparison: Comparison
     omnibus: Omnibus
+    held: Omnibus
     parameters: list[Interval]
     undetermined: list[str]
     phases: list[str]
@@ -144,12 +146,7 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if (
-        options.until == "refit"
-        and last.screening is not None
-        and last.accepted is None
-        and beyond_noise(problem, last)
-    ):
+    if options.until == "refit" and last.screening is not None and last.accepted is None and beyond_noise(last):
         last.force = store.once("force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
     if options.profile is not None:
@@ -199,7 +196,7 @@ def _round(
     parameters, undetermined = intervals(problem, comparison, noise)
     found = Round(
         comparison,
-        more_than_noise(problem, comparison, noise),
+        *more_than_noise(problem, comparison),
         parameters,
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, comparison)),
@@ -211,7 +208,7 @@ def _round(
         return found
     told = _prefixed(progress, "screen: ")
     found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
-    if options.until == "screen" or not _suspicious(problem, found):
+    if options.until == "screen" or not _suspicious(found):
         return found
     for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
@@ -224,18 +221,17 @@ def _round(
     return found
 
 
-def beyond_noise(problem: Problem, found: Round) -> bool:
-    """Whether the residual is more than noise: in the fitted data, by the omnibus test, and in the held-out data."""
-    return (
-        found.omnibus.p_value < FALSE_ALARMS
-        and _errors(problem, found.comparison.residual, found.comparison)["held"] > 0
-    )
+def beyond_noise(found: Round) -> bool:
+    """Whether the residual is more than noise by the omnibus test in the fitted data, and larger than that of a typical
+    twin in the held-out data.
+    """
+    return found.omnibus.p_value < FALSE_ALARMS and found.held.statistic > float(np.mean(found.held.twins))
 
 
-def _suspicious(problem: Problem, found: Round) -> bool:
+def _suspicious(found: Round) -> bool:
     """Whether the residual is more than noise, or an effect stands out."""
     assert found.screening is not None
-    return beyond_noise(problem, found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
+    return beyond_noise(found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
 
 
 def best_of(refits: list[Refit]) -> Refit | None:
@@ -314,11 +310,11 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
             kind = "camera" if again.candidate.observes else "missing"
     last = rounds[-1]
     if not names and last.screening is not None and not _not_refitted(last):
-        kind = "unknown" if beyond_noise(problem, last) else "nothing"
+        kind = "unknown" if beyond_noise(last) else "nothing"
         sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
     elif not names:
         kind = "unfinished"
-        noise = "more than" if beyond_noise(problem, last) else "no more than"
+        noise = "more than" if beyond_noise(last) else "no more than"
         sentences.append(
             f"The residual is {noise} the model's own numerical error ({wording.probability(last.omnibus.p_value)})."
         )
@@ -367,11 +363,8 @@ def _round_summary(problem: Problem, found: Round) -> dict:
         ],
         "undetermined": found.undetermined,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
-        "omnibus": {
-            "statistic": found.omnibus.statistic,
-            "twins": found.omnibus.twins.tolist(),
-            "p_value": found.omnibus.p_value,
-        },
+        "omnibus": _omnibus(found.omnibus),
+        "omnibus_held": _omnibus(found.held),
         "phases": found.phases,
         "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
         "floor": _matrix(np.nanmean(localising.floor(comparison)[1][: problem.views, :, :-1], axis=-1)),
@@ -380,6 +373,10 @@ def _round_summary(problem: Problem, found: Round) -> dict:
         "refits": [_refit(problem, again, comparison) for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.candidate.name,
     }
+
+
+def _omnibus(test: Omnibus) -> dict:
+    return {"statistic": test.statistic, "twins": test.twins.tolist(), "p_value": test.p_value}
 
 
 def _errors(problem: Problem, residual: np.ndarray, comparison: Comparison) -> dict:

@@ -9,12 +9,20 @@ from functools import partial
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress, in_si, noise_of, reporter
+from pacnerf_lpo.diagnosis.comparison import (
+    CONFIDENCE,
+    Comparison,
+    Progress,
+    in_si,
+    noise_of,
+    noise_of_held_out,
+    reporter,
+)
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, held_out_noise, judge_held_out
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Score
@@ -131,15 +139,8 @@ def refit(
 
 
 def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> HeldOut:
-    mask, fitted = problem.usable & held[..., None], problem.fitted
-    noise = held_out_noise(
-        noise_of(problem, comparison.twins, fitted),
-        comparison.jacobian[fitted],
-        np.nan_to_num(comparison.twins[:, mask]),
-        comparison.jacobian[mask],
-        problem.sensor[mask],
-        problem.layout(mask),
-    )
+    mask = problem.usable & held[..., None]
+    noise = noise_of_held_out(problem, comparison, mask)
     return judge_held_out(noise, np.nan_to_num(comparison.residual[mask]), np.nan_to_num(after[mask]))
 
 
