@@ -85,6 +85,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         details=sections.bullets(verdict["details"]),
         cards=sections.first_screen(result),
         rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
+        points=sections.points_table(result),
         parameters=sections.parameter_table(result),
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
         undetermined=sections.bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",

@@ -116,6 +116,23 @@ def refit_table(done: Mapping[str, Any]) -> str:
     return "".join(_refit(again, again["name"] == done["accepted"]) for again in order)
 
 
+def points_table(result: Result) -> str:
+    """Errors of tracked points and clouds before and after [mm]; nothing where there were none."""
+    names, stages = result.get("points") or [], result["stages"]
+    if not names:
+        return ""
+    shown = stages[:1] + stages[1:][-1:]
+    titles = ["root mean square error [mm]", *("before", "after")[: len(shown)], "the model's own"]
+    head = "".join(f"<th>{title}</th>" for title in titles)
+    rows = []
+    for row, name in enumerate(names):
+        values = [*(stage["by_point"][row] for stage in shown), shown[0]["point_floor"][row]]
+        cells = "".join(f"<td>{'-' if value is None else f'{value:.1f}'}</td>" for value in values)
+        rows.append(f'<tr><td class="name">{text(str(name))}</td>{cells}</tr>')
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f'<section><h2>Tracked points and clouds</h2><div class="card scroll">{table}</div></section>'
+
+
 def parameter_table(result: Result) -> str:
     """Values before and after with their 90 % intervals, as numbers and drawn."""
     before = {p["name"]: p for p in result["rounds"][0]["parameters"]}

@@ -14,7 +14,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
-from pacnerf_lpo.report.diagnosis import write_page
+from pacnerf_lpo.report.diagnosis import render_page, write_page
 from pacnerf_lpo.report.diagnosis_tensorboard import excess_picture, log_diagnosis
 from tests.report import diagnosis_example as example
 
@@ -169,3 +169,14 @@ def test_sliders_and_heat_maps_work_in_a_browser(tmp_path):
     assert before > 2 * after  # the disc is 2.4 pixels off before, 0.4 after
     assert clicked == [1, 2, "2 (kept aside)"]  # six frames a row
     assert charts == 2 + 2 + 3  # heat maps, timeline and course, three parameters
+
+
+def test_points_are_told_before_and_after():
+    result = example.missing()
+    assert sections.points_table(result) == ""
+    result["points"] = ["nose", "cloud"]
+    for stage, errors in zip(result["stages"], ([12.0, None], [3.0, 1.25]), strict=True):
+        stage |= {"by_point": errors, "point_floor": [0.5, 0.25]}
+    table = sections.points_table(result)
+    assert "<td>12.0</td><td>3.0</td><td>0.5</td>" in table and "<td>-</td><td>1.2</td><td>0.2</td>" in table
+    assert table in render_page(result, {})
