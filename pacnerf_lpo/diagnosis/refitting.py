@@ -127,6 +127,8 @@ def refit(
     judge = partial(
         acceptance,
         _held_out(problem, comparison, after, held),
+        (float(before @ before), found.misfit),
+        len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
         known[leading],

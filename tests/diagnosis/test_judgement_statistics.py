@@ -144,8 +144,8 @@ def test_what_the_effect_leaves_over_weakens_it():
 
 
 def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
-    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2} | changes
-    return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), **facts)
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2, "misfits": (600.0, 90.0)}
+    return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})
 
 
 def test_every_criterion_can_refuse():
@@ -159,6 +159,7 @@ def test_every_criterion_can_refuse():
         (judged(5.8), "rises by 20%"),
         (judged(0.5, before=0.9), "not above the noise floor"),
         (judged(2.0, z=1.0), "does not foretell"),
+        (judged(2.0, misfits=(600.0, 597.0)), "no better"),
     ):
         assert not verdict.accepted
         assert any(refusal in sentence for passed, sentence in verdict.reasons if not passed)

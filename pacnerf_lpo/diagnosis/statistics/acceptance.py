@@ -118,6 +118,8 @@ def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> 
 
 def acceptance(
     held: HeldOut,
+    misfits: tuple[float, float],
+    coefficients: int,
     interval: tuple[float, float],
     null: float,
     coefficient: float,
@@ -127,13 +129,18 @@ def acceptance(
 
     Args:
         held: the held-out residual without and with it
+        misfits: whitened sums of squares in the fitted data without and with it; the fall has to be worth its
+            coefficients (Akaike 1974)
+        coefficients: how many it has
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
         coefficient: estimate [its unit]
         refined: estimate on a finer grid; None where that was not tried
     """
     better, views = held.falls
+    worth = misfits[0] - misfits[1] > 2 * coefficients
     reasons = [
+        (worth, f"the fit gets {'better' if worth else 'no better'} ({misfits[0]:.0f} to {misfits[1]:.0f})"),
         (held.removed > 0, _fall_sentence(held)),
         (held.z > held.needed, _foretold_sentence(held)),
         (2 * better > views, f"the error falls in {better} of {views} views"),
