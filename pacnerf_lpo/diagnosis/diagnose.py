@@ -39,6 +39,8 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+AGREEMENT = 0.2
+"""Chance of held-out data as bad as these where nothing is missing, below which they confirm what the fitted data say."""
 ENOUGH = 0.5
 """An accepted effect that removes less of the held-out error than this leaves something unexplained."""
 
@@ -222,10 +224,8 @@ def _round(
 
 
 def beyond_noise(found: Round) -> bool:
-    """Whether the residual is more than noise by the omnibus test in the fitted data, and larger than that of a typical
-    twin in the held-out data.
-    """
-    return found.omnibus.p_value < FALSE_ALARMS and found.held.statistic > float(np.mean(found.held.twins))
+    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree."""
+    return found.omnibus.p_value < FALSE_ALARMS and found.held.p_value < AGREEMENT
 
 
 def _suspicious(found: Round) -> bool:
