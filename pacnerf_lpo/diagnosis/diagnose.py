@@ -40,7 +40,7 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
 AGREEMENT = 0.2
-"""Chance of held-out data as bad as these where nothing is missing, below which they confirm what the fitted data say."""
+"""Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 ENOUGH = 0.5
 """An accepted effect that removes less of the held-out error than this leaves something unexplained."""
 
