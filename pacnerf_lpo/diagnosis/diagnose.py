@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -34,6 +34,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
@@ -353,14 +354,10 @@ def _removed(rounds: list[Round]) -> float:
 
 def _round_summary(problem: Problem, found: Round) -> dict:
     comparison = found.comparison
-    described = problem.model(comparison.effects, comparison.known)
-    units = {parameter.name: parameter for parameter in described.unknowns}
+    unknowns = problem.model(comparison.effects, comparison.known).unknowns
     return {
         "effects": [name_of(effect) for effect in comparison.effects],
-        "parameters": [
-            {**_interval(interval), "unit": units[interval.name].unit, "label": units[interval.name].label}
-            for interval in found.parameters
-        ],
+        "parameters": _intervals(found.parameters, unknowns),
         "undetermined": found.undetermined,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "omnibus": _omnibus(found.omnibus),
@@ -413,12 +410,13 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict:
 
 
 def _refit(problem: Problem, again: Refit, comparison: Comparison) -> dict:
+    unknowns = problem.model([*comparison.effects, again.candidate.effect], again.known).unknowns
     return {
         "name": again.candidate.name,
         "readable": wording.readable(again.candidate.name),
         "camera": again.candidate.observes,
         "signature": again.candidate.effect.signature,
-        "values": {interval.name: _interval(interval) for interval in again.intervals},
+        "values": {told["name"]: told for told in _intervals(again.intervals, unknowns)},
         "refined": again.refined,
         "misfit_before": again.misfit_before,
         "misfit": again.misfit,
@@ -442,14 +440,20 @@ def _force(force: ResidualForce) -> dict:
     }
 
 
-def _interval(interval: Interval) -> dict:
-    return {
-        "name": interval.name,
-        "value": interval.value,
-        "low": interval.low,
-        "high": interval.high,
-        "identifiable": interval.identifiable,
-    }
+def _intervals(intervals: Sequence[Interval], unknowns: Sequence[Parameter]) -> list[dict]:
+    described = {parameter.name: parameter for parameter in unknowns}
+    return [
+        {
+            "name": interval.name,
+            "value": interval.value,
+            "low": interval.low,
+            "high": interval.high,
+            "identifiable": interval.identifiable,
+            "unit": described[interval.name].unit,
+            "label": described[interval.name].label,
+        }
+        for interval in intervals
+    ]
 
 
 def _matrix(values: np.ndarray) -> list[list[float | None]]:

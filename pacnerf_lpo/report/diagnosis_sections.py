@@ -142,8 +142,7 @@ def parameter_table(result: Result) -> str:
     rows = []
     for name in dict.fromkeys([*before, *after]):
         old, new = before.get(name), after.get(name)
-        shown = [p for p in (old, new) if p is not None]
-        known = next(p for p in shown if "label" in p)
+        known = old or after[name]
         second = f"<td>{_interval_text(new, known['unit'])}</td>" if after else ""
         rows.append(
             f'<tr><td class="name"><i>{_symbol_html(name)}</i> <span>{text(known["label"])}</span></td>'
@@ -229,17 +228,9 @@ def _parameters_after(result: Result) -> dict[str, Mapping[str, Any]]:
     if len(result["stages"]) == 1:
         return {}
     last = result["rounds"][-1]
-    known = {p["name"]: p for done in result["rounds"] for p in done["parameters"]}
     if last["accepted"] is None:
         return {p["name"]: p for p in last["parameters"]}
-    again = next(again for again in last["refits"] if again["name"] == last["accepted"])
-    candidates = last["screen"]["candidates"]
-    own = {c["name"]: c for candidate in candidates for c in candidate["coefficients"]}
-    described = {name: known.get(name) or own.get(name) or {"label": name, "unit": "1"} for name in again["values"]}
-    return {
-        name: {**value, "label": described[name]["label"], "unit": described[name]["unit"]}
-        for name, value in again["values"].items()
-    }
+    return next(again["values"] for again in last["refits"] if again["name"] == last["accepted"])
 
 
 def _refit(again: Mapping[str, Any], accepted: bool) -> str:

@@ -80,7 +80,7 @@ def refit(name: str, accepted: bool, held: float) -> dict[str, Any]:
         "readable": name.lower(),
         "camera": False,
         "signature": "the body arrives late",
-        "values": {v["name"]: {k: v[k] for k in ("name", "value", "low", "high", "identifiable")} for v in values},
+        "values": {value["name"]: value for value in values},
         "refined": 1.4,
         "misfit_before": 900.0,
         "misfit": 300.0,
