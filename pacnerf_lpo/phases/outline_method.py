@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
 
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 
 FALL_ITERATIONS = 4
+SUNK = 1.0
+"""The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
 
 class OutlineGaussNewton(GaussNewton):
@@ -86,12 +90,14 @@ class OutlineGaussNewton(GaussNewton):
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
         and with it the search into another valley.
         """
-        early = Misfit(module, self.scan_particles, frames=module.hit_frame)
+        early = Misfit(module, self.scan_particles, frames=module.hit_frame, sunk=SUNK)
         model = early.model
         moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
         low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
-        with suppress(SimulationError):  # of what comes after contact, at the guess
-            self._set(module, model, fit(early.residual, model.start, model.scales, (low, high), FALL_ITERATIONS).free)
+        with suppress(SimulationError):
+            found = model.physical(fit(early.residual, model.start, model.scales, (low, high), FALL_ITERATIONS).free)
+            with torch.no_grad():
+                module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
     def _span(self, module: PhysicsIDModule, parameter: Parameter) -> tuple[float, float] | None:
         if parameter.name not in module.free:
@@ -147,14 +153,16 @@ class Misfit:
         module: supplies video, state, model and the values to start from.
         particles: number of particles of the body.
         frames: only the first so many are compared; None: all.
+        sunk: the ground lies so much lower [m]
     """
 
-    def __init__(self, module: PhysicsIDModule, particles: int, frames: int | None = None):
-        data = module.data
+    def __init__(self, module: PhysicsIDModule, particles: int, frames: int | None = None, sunk: float = 0.0):
+        data, physics = module.data, copy(module.physics)
+        physics.ground_height -= sunk
         views = np.zeros(len(data.video.images), bool)
         views[data.train] = True
         held = Split(views, np.arange(len(data.video.times)) < (frames or len(data.video.times)))
-        problem = StateProblem("", data, module.state, module.physics, held, bright=False, particles=particles)
+        problem = StateProblem("", data, module.state, physics, held, bright=False, particles=particles)
         if not problem.fitted.any():
             raise UserInputError(
                 f"{data.video.source}: no outline of a training view can be measured; they touch the border of the "
@@ -162,7 +170,8 @@ class Misfit:
             )
         velocity = dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
         known = {**problem.first_guess, **module.export_values(), **velocity}
-        self.model = problem.model(module.physics.effects, known)
+        known[GROUND_HEIGHT.name] -= sunk
+        self.model = problem.model(physics.effects, known)
         self._weighted = problem.weighted_residual_of(self.model)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
@@ -171,6 +180,6 @@ class Misfit:
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:
         """The module's unknowns in the order of the model [(K,)]."""
-        values = {name: float(unknown) for name, unknown in module.free.items()}
+        values = {name: unknown.item() for name, unknown in module.free.items()}
         values |= dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
         return np.array([values[name] for name in self.model.names])

@@ -41,6 +41,19 @@ def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(soli
     assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
 
 
+def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
+    """The modulus, of which a fall tells nothing, stays at the guess."""
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.promising", lambda *_: [])
+    state, data = solid
+    module = PhysicsIDModule(HIT, method())
+    module.attach(data, physics(E=2e4))
+    module.import_state(state.with_(physics={}, velocity=state.velocity * 0.8 + 0.1))
+    before = module.export_values()
+    module.method.prepare(module)
+    assert module.velocity.tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.1)
+    assert module.export_values() == pytest.approx(before)
+
+
 def test_without_search_it_starts_from_the_guess(data, state):
     module = PhysicsIDModule(HIT, method(samples=0))
     module.attach(data, physics(E=2e4))
