@@ -24,7 +24,7 @@ WHITENED_ITERATIONS = 5
 CONFIDENCE = 0.9
 """Of all intervals."""
 DECADES = 3.0
-SAMPLES, STARTS = 64, 2
+SAMPLES, STARTS = 16, 2  # samples for each parameter
 COARSER = 1.4
 """Node spacing of a search beside that of the diagnosis."""
 Progress = Callable[[str], None]
@@ -116,7 +116,7 @@ def searched(
         if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
     }
     progress(f"searching {', '.join(spans)}")
-    tried = points(coarse, spans, SAMPLES)
+    tried = points(coarse, spans, SAMPLES * len(spans))
     found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS)
     fine = problem.model(effects, known)
     return fine.physical(lowest(fine, problem.weighted_residual_of(fine), [fine.start, *found]))

@@ -24,7 +24,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of, searched
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, refit, worth_refitting
+from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
@@ -220,7 +220,14 @@ def _round(
         again = store.once(f"{number}_refit_{candidate.name}", trial)
         if again is not None:
             found.refits.append(again)
-    found.accepted = best_of(found.refits)
+    for again in ranked(found.refits):  # a finer grid is dear: only for those that would be accepted
+        told = _prefixed(progress, "refit: ")
+        step = partial(refine, problem, comparison, again, told)
+        checked = again if again.candidate.discrete else store.once(f"{number}_refine_{again.candidate.name}", step)
+        found.refits = [checked if other is again else other for other in found.refits]
+        if checked.verdict.accepted:
+            found.accepted = checked
+            break
     return found
 
 
@@ -235,13 +242,12 @@ def _suspicious(found: Round) -> bool:
     return beyond_noise(found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
 
 
-def best_of(refits: list[Refit]) -> Refit | None:
-    """Of the accepted refits, the one that removes most of the held-out error; physics before a camera that does as
+def ranked(refits: list[Refit]) -> list[Refit]:
+    """The accepted refits, that which removes most of the held-out error first; physics before a camera, which does as
     well in its own view.
     """
     accepted = [again for again in refits if again.verdict.accepted]
-    physics = [again for again in accepted if not again.candidate.observes]
-    return max(physics or accepted, key=lambda again: again.verdict.removed, default=None)
+    return sorted(accepted, key=lambda again: (again.candidate.observes, -again.verdict.removed))
 
 
 def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:

@@ -18,6 +18,10 @@ CONVERGED = 0.02  # of the longest step
 LEAST_GAIN = 2e-3
 PATIENCE = 2
 LIVELY = 0.15
+TRUSTED = 0.6
+"""A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
+OLDEST = 3
+"""Steps after which a Jacobian is measured again."""
 Residual = Callable[[np.ndarray], np.ndarray]
 
 
@@ -27,12 +31,10 @@ class Fit:
 
     free: coordinates [(K,)]
     residual: whitened residual there [(D,)]
-    jacobian: its sensitivity [(D, K)]
     """
 
     free: np.ndarray
     residual: np.ndarray
-    jacobian: np.ndarray
 
     @property
     def misfit(self) -> float:
@@ -51,6 +53,9 @@ def fit(
 ) -> Fit:
     """Minimise ||residual||^2 (Levenberg-Marquardt), with one-sided differences.
 
+    One residual costs a simulation, a Jacobian one for each unknown; so a Jacobian that keeps its promises is only
+    updated by what the last step showed (Broyden 1965).
+
     Args:
         residual: of free coordinates [(K,)]; may raise SimulationError anywhere but at the start.
         start: free coordinates to begin with [(K,)]
@@ -65,28 +70,35 @@ def fit(
         SimulationError: the motion at ``start`` is unstable.
     """
     free, now, damping = start.copy(), residual(start), 1e-2
-    jacobian = sensitivities(residual, free, now, scales, bounds)
+    scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
     for iteration in range(iterations):
         report(iteration, float(now @ now), free)
-        scaled = jacobian * scales
         for _ in range(ATTEMPTS):
             step = _step_within(scaled, now, damping, free, bounds)
             trial = np.clip(free + step * scales, *bounds)
             after = _or_infinite(residual, trial, now)
             if after @ after < now @ now:
                 break
-            damping *= 5
+            if age > 0:
+                scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
+            else:
+                damping *= 5
         else:
             break
-        moved = np.abs((trial - free) / scales).max() / LONGEST_STEP
-        gain = 1 - (after @ after) / (now @ now)
-        free, now, damping = trial, after, max(damping / 5, 1e-7)
-        jacobian = sensitivities(residual, free, now, scales, bounds)
+        step = (trial - free) / scales
+        moved, change = np.abs(step).max() / LONGEST_STEP, after - now - scaled @ step
+        gain, promised = 1 - (after @ after) / (now @ now), now @ now - np.sum((now + scaled @ step) ** 2)
+        kept = now @ now - after @ after > TRUSTED * promised
+        free, now, damping, age = trial, after, max(damping / 5, 1e-7), age + 1
         far = hopeless is not None and now @ now > hopeless
         lost = far and iteration + 1 >= PATIENCE and gain < LIVELY
-        if moved < CONVERGED or gain < LEAST_GAIN or lost:
+        if lost or (age == 1 and (moved < CONVERGED or gain < LEAST_GAIN)):
             break
-    return Fit(free, now, jacobian)
+        if kept and age < OLDEST and moved >= CONVERGED and gain >= LEAST_GAIN:
+            scaled = scaled + np.outer(change, step) / (step @ step)
+        elif iteration + 1 < iterations:
+            scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
+    return Fit(free, now)
 
 
 def _step_within(

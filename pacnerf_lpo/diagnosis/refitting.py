@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +17,11 @@ from pacnerf_lpo.diagnosis.comparison import (
     noise_of_held_out,
     reporter,
 )
-from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit
+from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Score
@@ -120,24 +119,38 @@ def refit(
     if best is None:
         return None
     found, model = best
-    known, intervals = model.physical(found.free), _intervals(found, model, comparison)
+    known = model.physical(found.free)
+    intervals = _intervals(found, model, comparison, _whitened(noise, problem.residual_of(model, fitted)))
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
-    judge = partial(
-        acceptance,
+    verdict = acceptance(
         _held_out(problem, comparison, after, held),
         (float(before @ before), found.misfit),
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
-        known[leading],
     )
-    verdict, refined = judge(), None
-    if verdict.accepted and not candidate.discrete:  # a finer grid is dear: only for those that may be accepted
-        refined = _refined(problem, comparison, candidate, known, noise, fitted, progress).get(leading)
-        verdict = judge(refined)
-    return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, refined, verdict)
+    return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, None, verdict)
+
+
+def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Progress) -> Refit:
+    """The same with its leading coefficient followed to a finer grid; unchanged where the motion is unstable there."""
+    candidate = again.candidate
+    progress(f"{candidate.name} on a finer grid")
+    fitted, _ = _masks(problem, candidate)
+    noise = noise_of(problem, comparison.twins, fitted)
+    body = problem.sample(FINER * problem.spacing, seed=1)
+    model = problem.model([*comparison.effects, candidate.effect], again.known, body)
+    residual = _whitened(noise, problem.residual_of(model, fitted))
+    try:
+        found = fit(residual, model.start, model.scales, model.bounds, REFINED_ITERATIONS)
+    except SimulationError:
+        return again
+    leading = leading_of(candidate, again.intervals)
+    fine = model.physical(found.free)[leading]
+    null = candidate.effect.null[leading]
+    return replace(again, refined=fine, verdict=survival(again.verdict, again.known[leading] - null, fine - null))
 
 
 def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> HeldOut:
@@ -204,11 +217,12 @@ def _masks(problem: Problem, candidate: Candidate) -> tuple[np.ndarray, np.ndarr
     return problem.usable & fitted[..., None], held
 
 
-def _intervals(found: Fit, model: Model, comparison: Comparison) -> list[Interval]:
+def _intervals(found: Fit, model: Model, comparison: Comparison, residual: Residual) -> list[Interval]:
+    jacobian = sensitivities(residual, found.free, found.residual, model.scales, model.bounds)
     dof = max(len(found.residual) - len(found.free), 1)
     inflation = float(np.sqrt(overdispersion(found.residual, dof)))
     laplace = laplace_intervals(
-        found.jacobian,
+        jacobian,
         list(found.free),
         model.names,
         list(model.scales),
@@ -217,30 +231,3 @@ def _intervals(found: Fit, model: Model, comparison: Comparison) -> list[Interva
         len(comparison.twins) - 1,
     )
     return [in_si(model, interval) for interval in laplace.intervals]
-
-
-def _refined(
-    problem: Problem,
-    comparison: Comparison,
-    candidate: Candidate,
-    known: dict[str, float],
-    noise: NoiseModel,
-    fitted: np.ndarray,
-    progress: Progress,
-) -> dict[str, float]:
-    """Every value after a few more iterations on a finer grid; nothing where that is unstable."""
-    progress(f"{candidate.name} on a finer grid")
-    body = problem.sample(FINER * problem.spacing, seed=1)
-    model = problem.model([*comparison.effects, candidate.effect], known, body)
-    residual = problem.residual_of(model, fitted)
-    try:
-        found = fit(
-            _whitened(noise, residual),
-            model.start,
-            model.scales,
-            model.bounds,
-            REFINED_ITERATIONS,
-        )
-    except SimulationError:
-        return {}
-    return model.physical(found.free)

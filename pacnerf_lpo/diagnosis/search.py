@@ -15,7 +15,7 @@ from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 
 LOCAL_ITERATIONS = 5
-GENERATIONS, CHILDREN, ELITE = 3, 24, 6
+GENERATIONS, CHILDREN, ELITE = 3, 8, 6  # children for each parameter
 FIRST_REACH = 0.12
 """Standard deviation of the first generation's steps, as a part of the span."""
 HALVINGS = 1
@@ -74,7 +74,11 @@ def promising(
         reach[model.names.index(name)] = FIRST_REACH * (high - low)
     for _ in range(GENERATIONS if spans else 0):
         elite = _apart(known, ELITE, reach)
-        around = [elite[k % len(elite)] + reach * random.standard_normal(len(reach)) for k in range(CHILDREN) if elite]
+        around = [
+            elite[k % len(elite)] + reach * random.standard_normal(len(reach))
+            for k in range(CHILDREN * len(spans))
+            if elite
+        ]
         inside = [np.clip(point, *model.bounds) for point in around]
         known = _ranked([*known, *((loss(model, residual, point), point) for point in inside)])
         reach = reach / 2

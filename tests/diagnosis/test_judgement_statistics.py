@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom, norm
 
 from pacnerf_lpo.diagnosis.layout import Layout
-from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, acceptance, held_out_noise, judge_held_out
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, acceptance, held_out_noise, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import (
     laplace_intervals,
     overdispersion,
@@ -144,17 +144,18 @@ def test_what_the_effect_leaves_over_weakens_it():
 
 
 def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
-    facts = {"interval": (0.9, 1.6), "null": 0.0, "coefficient": 1.3, "refined": 1.2, "misfits": (600.0, 90.0)}
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0)}
     return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})
 
 
 def test_every_criterion_can_refuse():
-    assert judged(2.0).accepted and judged(2.0, refined=None).accepted
+    assert judged(2.0).accepted and survival(judged(2.0), 1.3, 1.2).accepted
     assert judged(2.0).removed == pytest.approx(0.75)
     for verdict, refusal in (
         (judged(2.0, interval=(-0.1, 2.0)), "includes 0"),
-        (judged(2.0, refined=0.3), "does not survive"),
-        (judged(2.0, refined=-1.2), "does not survive"),
+        (survival(judged(2.0), 1.3, 0.3), "does not survive"),
+        (survival(judged(2.0), 1.3, -1.2), "does not survive"),
+        (survival(judged(5.8), 1.3, 1.2), "rises by 20%"),
         (judged(2.0, falls=2), "in 2 of 4 views"),
         (judged(5.8), "rises by 20%"),
         (judged(0.5, before=0.9), "not above the noise floor"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -122,8 +122,6 @@ def acceptance(
     coefficients: int,
     interval: tuple[float, float],
     null: float,
-    coefficient: float,
-    refined: float | None = None,
 ) -> Verdict:
     """Judge an added effect.
 
@@ -134,8 +132,6 @@ def acceptance(
         coefficients: how many it has
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
-        coefficient: estimate [its unit]
-        refined: estimate on a finer grid; None where that was not tried
     """
     better, views = held.falls
     worth = misfits[0] - misfits[1] > 2 * coefficients
@@ -146,9 +142,15 @@ def acceptance(
         (2 * better > views, f"the error falls in {better} of {views} views"),
         _interval_reason(interval, null),
     ]
-    if refined is not None:
-        reasons.append(_refinement_reason(coefficient - null, refined - null))
     return Verdict(all(passed for passed, _ in reasons), held.removed, held.z, held.falls, reasons)
+
+
+def survival(verdict: Verdict, coarse: float, fine: float) -> Verdict:
+    """The verdict when the coefficient was estimated on a finer grid, too; both counted from the null [its unit]."""
+    survives = abs(fine - coarse) <= LARGEST_DRIFT * abs(coarse)
+    verb = "survives" if survives else "does not survive"
+    sentence = f"the coefficient {verb} a finer grid ({coarse:.3g} from the null, then {fine:.3g})"
+    return replace(verdict, accepted=verdict.accepted and survives, reasons=[*verdict.reasons, (survives, sentence)])
 
 
 def _along(direction: np.ndarray, vector: np.ndarray) -> float:
@@ -171,10 +173,3 @@ def _interval_reason(interval: tuple[float, float], null: float) -> tuple[bool, 
     excluded = not interval[0] <= null <= interval[1]
     verb = "excludes" if excluded else "includes"
     return excluded, f"the coefficient's interval [{interval[0]:.3g}, {interval[1]:.3g}] {verb} {null:g}, no effect"
-
-
-def _refinement_reason(coarse: float, fine: float) -> tuple[bool, str]:
-    """Both counted from the null."""
-    survives = abs(fine - coarse) <= LARGEST_DRIFT * abs(coarse)
-    verb = "survives" if survives else "does not survive"
-    return survives, f"the coefficient {verb} a finer grid ({coarse:.3g} from the null, then {fine:.3g})"
