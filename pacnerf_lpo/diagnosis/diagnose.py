@@ -297,16 +297,17 @@ def _verdict(problem: Problem, rounds: list[Round]) -> dict:
     sentences: list[str] = []
     names: list[str] = []
     kind = "nothing"
-    for found in rounds:
+    for number, found in enumerate(rounds, 1):
         if found.accepted is not None and found.screening is not None:
             again = found.accepted
+            after = rounds[number].comparison.known if number < len(rounds) else again.known
             alike = _not_told_apart(found)
             p = min(found.screening.p_value(again.candidate.name), 1.0)
             p = found.omnibus.p_value if again.candidate.discrete else p
             sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
             described = problem.physics.parameters
             changes = [
-                wording.moved(described[i.name], i.value, again.known[i.name])
+                wording.moved(described[i.name], i.value, after[i.name])
                 for i in found.parameters
                 if i.name in problem.physics.material.free_names
             ]
