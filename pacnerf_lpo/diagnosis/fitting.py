@@ -74,7 +74,7 @@ def fit(
     for iteration in range(iterations):
         report(iteration, float(now @ now), free)
         for _ in range(ATTEMPTS):
-            step = _step_within(scaled, now, damping, free, bounds)
+            step = _step_within(scaled, now, damping, (bounds[0] - free) / scales, (bounds[1] - free) / scales)
             trial = np.clip(free + step * scales, *bounds)
             after = _or_infinite(residual, trial, now)
             if after @ after < now @ now:
@@ -102,22 +102,12 @@ def fit(
 
 
 def _step_within(
-    scaled: np.ndarray, now: np.ndarray, damping: float, free: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+    scaled: np.ndarray, now: np.ndarray, damping: float, least: np.ndarray, most: np.ndarray
 ) -> np.ndarray:
-    """The damped step [scales, (K,)] of the unknowns that it does not push out of their bounds; 0 for the others."""
-    moving = np.ones(len(free), bool)
-    step = np.zeros(len(free))
-    while moving.any():
-        part = scaled[:, moving]
-        model = NormalEquations(float(now @ now), torch.as_tensor(part.T @ now), torch.as_tensor(part.T @ part))
-        limits = torch.full((part.shape[1],), LONGEST_STEP, dtype=torch.float64)
-        step[:] = 0.0
-        step[moving] = damped_step(model, damping, limits).numpy()
-        leaving = moving & (((free <= bounds[0]) & (step < 0)) | ((free >= bounds[1]) & (step > 0)))
-        if not leaving.any():
-            break
-        moving &= ~leaving
-    return step
+    """The damped step [scales, (K,)] within the bounds of the unknowns [scales, (K,)] and the longest step of each."""
+    model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
+    low, high = np.maximum(least, -LONGEST_STEP), np.minimum(most, LONGEST_STEP)
+    return damped_step(model, damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
 
 
 def sensitivities(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+from scipy.optimize import lsq_linear
 from torch import Tensor
 
 MAX_ATTEMPTS = 6
@@ -41,25 +42,29 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     def __init__(
         self, parameters: list[Tensor], limits: Tensor, trial_loss: Callable[[], float], damping: float = 1e-2
     ):
-        super().__init__(parameters, {"damping": damping, "last_step": 0.0})
+        super().__init__(parameters, {"damping": damping, "last_step": 0.0, "last_gain": 0.0})
         self.limits, self.trial_loss = limits, trial_loss
 
     @torch.no_grad()
     def step(self, closure: Callable[[], NormalEquations]) -> NormalEquations:  # type: ignore[override]
-        """One accepted step, or none when no damping helps; ``last_step`` is its largest part of a limit."""
+        """One accepted step, or none when no damping helps; ``last_step`` is its largest part of a limit, ``last_gain``
+        the part of the misfit that it took away.
+        """
         group = self.param_groups[0]
         model = closure()
         start = torch.cat([parameter.detach().reshape(-1).double() for parameter in group["params"]])
         for _ in range(MAX_ATTEMPTS):
-            step = damped_step(model, group["damping"], self.limits)
+            step = damped_step(model, group["damping"], -self.limits, self.limits)
             self._assign(start + step)
-            if self.trial_loss() < model.loss:
+            trial = self.trial_loss()
+            if trial < model.loss:
+                group["last_gain"] = 1 - trial / model.loss
                 group["damping"] = max(group["damping"] / 5, DAMPING_RANGE[0])
                 group["last_step"] = float((step.abs() / self.limits).max())
                 return model
             group["damping"] = min(group["damping"] * 5, DAMPING_RANGE[1])
         self._assign(start)
-        group["last_step"] = 0.0
+        group["last_step"] = group["last_gain"] = 0.0
         return model
 
     def _assign(self, values: Tensor) -> None:
@@ -71,10 +76,24 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             parameter.copy_(part.view_as(parameter))
 
 
-def damped_step(model: NormalEquations, damping: float, limits: Tensor) -> Tensor:
-    """The Levenberg-Marquardt step, shortened as a whole so that no entry exceeds its limit [(K,)]."""
-    diagonal = model.hessian.diagonal()
-    floor = 1e-9 * (diagonal * limits**2).max() / limits**2
-    damped = model.hessian + torch.diag(damping * torch.maximum(diagonal, floor) + floor)
-    step = -torch.linalg.solve(damped, model.gradient)
-    return step / (step.abs() / limits).max().clamp(min=1.0)
+def damped_step(model: NormalEquations, damping: float, low: Tensor, high: Tensor) -> Tensor:
+    """The Levenberg-Marquardt step that is best within a box: an entry that the data hardly determine runs into its own
+    end and does not shorten the step of the others.
+
+    Args:
+        model: around the current parameters.
+        damping: relative to the diagonal.
+        low, high: ends of the box around 0 [(K,)]; an entry whose ends meet stays.
+    """
+    moving, step = high > low, torch.zeros_like(model.gradient)
+    if not moving.any():
+        return step
+    hessian, gradient = model.hessian[moving][:, moving], model.gradient[moving]
+    diagonal, reach = hessian.diagonal(), torch.maximum(-low, high)[moving]
+    floor = 1e-9 * (diagonal * reach**2).max().clamp(min=1e-300) / reach**2
+    damped = hessian + torch.diag(damping * torch.maximum(diagonal, floor) + floor)
+    lower = torch.linalg.cholesky(damped)
+    target = -torch.linalg.solve_triangular(lower, gradient[:, None], upper=False)[:, 0]
+    found = lsq_linear(lower.T.numpy(), target.numpy(), (low[moving].numpy(), high[moving].numpy()), "bvls")
+    step[moving] = torch.as_tensor(found.x)
+    return step

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.render.observation import Observer
 
 PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well above the sampling noise of images
+LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
 
@@ -194,8 +195,9 @@ class GaussNewton(IdentificationMethod):
         return model.loss
 
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """The last step was below a hundredth of the longest allowed one."""
-        return optimiser.param_groups[0]["last_step"] < 0.01
+        """The last step was short, or took away hardly anything: in a flat valley steps stay long."""
+        last = optimiser.param_groups[0]
+        return last["last_step"] < 0.01 or last["last_gain"] < LEAST_GAIN
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         return finite_loss(lambda: module.loss(self._frames, self._views).item())

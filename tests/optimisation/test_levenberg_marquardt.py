@@ -41,9 +41,21 @@ def test_reaches_the_known_minimum(start):
 def test_no_step_exceeds_its_limit():
     model = NormalEquations(1.0, torch.tensor([-100.0, 1.0]).double(), torch.eye(2).double())
     limits = torch.tensor([0.5, 0.25]).double()
-    step = damped_step(model, 1e-6, limits)
-    assert (step.abs() <= limits * (1 + 1e-12)).all()
-    assert step.abs()[0] == pytest.approx(0.5)
+    step = damped_step(model, 1e-6, -limits, limits)
+    assert step.tolist() == pytest.approx([0.5, -0.25])
+
+
+def test_a_step_at_its_limit_does_not_shorten_the_others():
+    """Two unknowns that do nearly the same, one hardly seen: it runs into its limit, and the other takes over."""
+    jacobian = torch.tensor([[1.0, 0.1], [0.0, 1e-3]]).double()
+    wanted = torch.tensor([0.3, 0.02]).double()
+    model = NormalEquations(1.0, -jacobian.T @ wanted, jacobian.T @ jacobian)
+    limits = torch.ones(2).double()
+    step = damped_step(model, 1e-9, -limits, limits)
+    assert step.tolist() == pytest.approx([0.2, 1.0], rel=1e-3)
+    assert damped_step(model, 1e-9, -limits, torch.tensor([1.0, 0.0]).double())[1] <= 0.0
+    still = torch.tensor([1.0, 0.0]).double()
+    assert damped_step(model, 1e-9, -still, still).tolist() == pytest.approx([0.3, 0.0], rel=1e-3)
 
 
 def test_an_uphill_step_is_taken_back():
@@ -58,6 +70,6 @@ def test_an_uphill_step_is_taken_back():
 def test_an_invisible_parameter_stays_where_it_is():
     """A zero column of the Jacobian must neither move nor make the system singular."""
     model = NormalEquations(1.0, torch.tensor([1.0, 0.0]).double(), torch.diag(torch.tensor([4.0, 0.0]).double()))
-    step = damped_step(model, 1e-6, torch.ones(2).double())
-    assert step[1] == 0.0
+    step = damped_step(model, 1e-6, -torch.ones(2).double(), torch.ones(2).double())
+    assert step[1] == pytest.approx(0.0, abs=1e-12)
     assert step[0] == pytest.approx(-0.25, rel=1e-5)
