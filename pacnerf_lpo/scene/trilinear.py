@@ -76,11 +76,15 @@ def _corner_nodes(cell: Tensor, shape: Shape) -> Tensor:
 
 
 def _gather(values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
+    if values.shape[1] == 0:  # embedding_bag fails on it, with more than one thread
+        return values.new_zeros(len(cell), 0)
     return embedding_bag(_corner_nodes(cell, shape), values, mode="sum", per_sample_weights=weights)
 
 
 def _scatter(values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
     nodes = shape[0] * shape[1] * shape[2]
+    if values.shape[1] == 0:
+        return values.new_zeros(nodes, 0)
     order = torch.argsort(cell)
     count = torch.bincount(cell, minlength=nodes)
     begin = count.cumsum(0) - count

@@ -69,3 +69,15 @@ def test_no_points_at_all():
     nothing = stencil_of(random_points(0))
     assert gather(torch.ones(NODES, 3, dtype=torch.float64), nothing).shape == (0, 3)
     assert scatter(torch.ones(0, 3, dtype=torch.float64), nothing).abs().sum() == 0
+
+
+def test_no_channels_at_all_with_two_threads():
+    """A body without colours: torch's own kernel refuses it as soon as two threads share the work."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        points = stencil_of(random_points(50_000))
+        assert gather(torch.zeros(NODES, 0, dtype=torch.float64), points).shape == (50_000, 0)
+        assert scatter(torch.zeros(50_000, 0, dtype=torch.float64), points).shape == (NODES, 0)
+    finally:
+        torch.set_num_threads(threads)
