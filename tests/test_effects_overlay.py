@@ -39,7 +39,7 @@ DRAG, MODULUS = 1.5, 7e4
 def found_overlay(physics: Physics, effects: list[Effect], values: dict[str, float], path: Path) -> Path:
     """effects.yaml as a diagnosis writes it that accepted these effects one after another with these values at last."""
     known = {**physics.guess, **{name: null for effect in effects for name, null in effect.null.items()}, **values}
-    verdict = Verdict(True, 0.8, 9.0, (3, 3), [])
+    verdict = Verdict(True, 0.8, 9.0, [])
     accepted = [Refit(Candidate(name_of(e), e), known, [], np.zeros(0), 9.0, 1.0, None, verdict) for e in effects]
     path.write_text(overlay(SimpleNamespace(physics=physics), accepted))
     return path

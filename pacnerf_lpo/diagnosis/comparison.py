@@ -157,14 +157,29 @@ def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tu
     remainder = Remainder.of(noise, jacobian)
     dispersion = overdispersion(remainder.residual(residual), remainder.dof)
     model = problem.model(comparison.effects, comparison.known)
+    return laplace_in_si(model, comparison.free, noise, jacobian, dispersion)
+
+
+def laplace_in_si(
+    model: Model, free: np.ndarray, noise: NoiseModel, jacobian: np.ndarray, dispersion: float
+) -> tuple[list[Interval], list[str]]:
+    """Intervals of every unknown of a fitted model [SI], and what is not determined, in words.
+
+    Args:
+        model: whose unknowns they are.
+        free: coordinates at the fit [(K,)]
+        noise: of the fitted entries.
+        jacobian: sensitivities there, not whitened [(D, K)]
+        dispersion: factor on all variances.
+    """
     laplace = laplace_intervals(
         noise.whiten(jacobian),
-        list(comparison.free),
-        comparison.names,
+        list(free),
+        model.names,
         list(model.scales),
         CONFIDENCE,
         twin_inflation(noise, jacobian) * np.sqrt(dispersion),
-        len(comparison.twins) - 1,
+        len(noise.twins) - 1,
     )
     return [in_si(model, interval) for interval in laplace.intervals], [d.sentence for d in laplace.undetermined]
 

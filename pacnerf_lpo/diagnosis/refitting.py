@@ -9,10 +9,9 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import (
-    CONFIDENCE,
     Comparison,
     Progress,
-    in_si,
+    laplace_in_si,
     noise_of,
     noise_of_held_out,
     reporter,
@@ -22,7 +21,7 @@ from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out, survival
-from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
+from pacnerf_lpo.diagnosis.statistics.intervals import Interval, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Score
 from pacnerf_lpo.errors import SimulationError
@@ -120,7 +119,7 @@ def refit(
         return None
     found, model = best
     known = model.physical(found.free)
-    intervals = _intervals(found, model, comparison, noise, problem.residual_of(model, fitted))
+    intervals = _intervals(found, model, noise, problem.residual_of(model, fitted))
     after = problem.residual(model.predict(found.free))
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
@@ -217,19 +216,8 @@ def _masks(problem: Problem, candidate: Candidate) -> tuple[np.ndarray, np.ndarr
     return problem.usable & fitted[..., None], held
 
 
-def _intervals(
-    found: Fit, model: Model, comparison: Comparison, noise: NoiseModel, residual: Residual
-) -> list[Interval]:
-    """Of all unknowns, from the residual before it is whitened."""
+def _intervals(found: Fit, model: Model, noise: NoiseModel, residual: Residual) -> list[Interval]:
+    """Of all unknowns [SI], from the residual before it is whitened."""
     jacobian = sensitivities(residual, found.free, residual(found.free), model.scales, model.bounds)
     dispersion = overdispersion(found.residual, max(len(found.residual) - len(found.free), 1))
-    laplace = laplace_intervals(
-        noise.whiten(jacobian),
-        list(found.free),
-        model.names,
-        list(model.scales),
-        CONFIDENCE,
-        twin_inflation(noise, jacobian) * np.sqrt(dispersion),
-        len(comparison.twins) - 1,
-    )
-    return [in_si(model, interval) for interval in laplace.intervals]
+    return laplace_in_si(model, found.free, noise, jacobian, dispersion)[0]

@@ -23,14 +23,12 @@ class Verdict:
     accepted: all criteria passed
     removed: share of the held-out excess error that the effect removes
     z: how well it foretells the held-out residual, in standard errors
-    improved: views whose held-out error falls, of how many
     reasons: (criterion passed, sentence)
     """
 
     accepted: bool
     removed: float
     z: float
-    improved: tuple[int, int]
     reasons: list[tuple[bool, str]]
 
 
@@ -142,7 +140,7 @@ def acceptance(
         (2 * better > views, f"the error falls in {better} of {views} views"),
         _interval_reason(interval, null),
     ]
-    return Verdict(all(passed for passed, _ in reasons), held.removed, held.z, held.falls, reasons)
+    return Verdict(all(passed for passed, _ in reasons), held.removed, held.z, reasons)
 
 
 def survival(verdict: Verdict, coarse: float, fine: float) -> Verdict:
