@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor, nn
 
@@ -9,11 +11,16 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.types import ParticleState
 
+PARTICLES = ("positions", "density", "features")
+
 
 class LPOModule(DynamicPhase):
     """Optimises particles while physics, velocity and colour network stay frozen (supplement E.3).
 
     +LPO moves both; +LPO-F only the features (raw density and colour features), +LPO-P only the positions.
+
+    A step can tear a thin part off the body. So the particles with the lowest loss are remembered, and at the end they
+    and the last ones are compared in the same images, one for each frame; those that fit better are exported.
 
     Args:
         iterations: Adam steps.
@@ -24,6 +31,8 @@ class LPOModule(DynamicPhase):
         feature_rate: Adam rate of density and features.
         silhouette_weight: see :class:`DynamicPhase`.
     """
+
+    best_loss: Tensor
 
     def __init__(
         self,
@@ -51,6 +60,9 @@ class LPOModule(DynamicPhase):
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
         self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
         self.features = nn.Parameter(self.state.features.clone(), requires_grad=self.corrects_features)
+        for name in PARTICLES:
+            self.register_buffer(f"best_{name}", getattr(self, name).detach().clone())
+        self.register_buffer("best_loss", torch.tensor(math.inf))
         self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
@@ -64,28 +76,44 @@ class LPOModule(DynamicPhase):
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames, one random training view for each."""
-        frames = self.misfit.frames
-        driving = self.density if self.density_drives_mass else self.density.detach()
-        trajectory = self.physics.rollout(
-            self.positions, self.state.velocity, driving, self._values, self.spacings, frames
-        )
-        seen, observer = self.watch(trajectory, self.state.velocity, self._values)
-        views = self.one_view_per_frame(step, frames)
-        loss = self.misfit.loss(seen, self.density, self.features, views, observer=observer)
+        loss = self._loss(self.one_view_per_frame(step, self.misfit.frames))
+        if loss < self.best_loss:
+            self._keep(loss.detach())
         self.log("correction/loss", loss)
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)
         return loss
 
+    @torch.no_grad()
+    def on_train_end(self) -> None:
+        """Export the last particles, unless the remembered ones fit the same images better."""
+        images = self.one_view_per_frame(self.steps, self.misfit.frames)
+        last = [getattr(self, name).clone() for name in PARTICLES]
+        last_loss = self._loss(images)
+        for name in PARTICLES:
+            getattr(self, name).copy_(getattr(self, f"best_{name}"))
+        if last_loss <= self._loss(images):
+            for name, values in zip(PARTICLES, last, strict=True):
+                getattr(self, name).copy_(values)
+
     def export_state(self) -> ParticleState:
         """The state with corrected particles."""
-        return self.state.with_(
-            positions=self.positions.detach().cpu().clone(),
-            density=self.density.detach().cpu().clone(),
-            features=self.features.detach().cpu().clone(),
-        )
+        return self.state.with_(**{name: getattr(self, name).detach().cpu().clone() for name in PARTICLES})
 
     def progress_metrics(self) -> dict[str, str]:
         """How far the particles have moved."""
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean().item()
         return {"moved": f"{1000 * moved:.2f} mm"}
+
+    def _loss(self, views: list[list[int]]) -> Tensor:
+        driving = self.density if self.density_drives_mass else self.density.detach()
+        trajectory = self.physics.rollout(
+            self.positions, self.state.velocity, driving, self._values, self.spacings, self.misfit.frames
+        )
+        seen, observer = self.watch(trajectory, self.state.velocity, self._values)
+        return self.misfit.loss(seen, self.density, self.features, views, observer=observer)
+
+    def _keep(self, loss: Tensor) -> None:
+        self.best_loss.copy_(loss)
+        for name in PARTICLES:
+            getattr(self, f"best_{name}").copy_(getattr(self, name).detach())

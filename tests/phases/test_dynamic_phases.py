@@ -104,6 +104,12 @@ def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, f
     assert after < 0.9 * before
 
 
+def test_lpo_exports_what_fits_better_than_the_last_particles(data, state):
+    """A step of 40 cm throws the particles apart; what was there before it is kept."""
+    corrected = run(LPOModule(1, features=False, position_rate=0.4 / DX), data, physics(), state)
+    torch.testing.assert_close(corrected.positions, state.positions, rtol=0, atol=0)
+
+
 def test_views_rotate_and_cover_all(data, state):
     phase = VelocityModule(HIT)
     phase.attach(data, physics())
