@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -44,6 +45,10 @@ AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 ENOUGH = 0.5
 """An accepted effect that removes less of the held-out error than this leaves something unexplained."""
+
+
+DECISIVE = 0.9
+"""An accepted effect that removes more of the held-out error than this leaves nothing for those that no score names."""
 
 
 @dataclass
@@ -214,9 +219,12 @@ def _round(
     if options.until == "screen" or not _suspicious(found):
         return found
     for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
+        best = next(iter(ranked(found.refits)), None)
+        if best is not None and candidate.discrete and best.verdict.removed > DECISIVE:
+            continue
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
         score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-        trial = partial(refit, problem, comparison, candidate, score, told)
+        trial = partial(refit, problem, comparison, candidate, score, told, math.inf if best is None else best.misfit)
         again = store.once(f"{number}_refit_{candidate.name}", trial)
         if again is not None:
             found.refits.append(again)

@@ -31,7 +31,7 @@ REFINED_ITERATIONS = 3
 MOST_REFITS = 4
 MOST_ALIKE = 3
 GIVE_UP = 1.2
-"""A second start that is still so much worse than the first after a few iterations is given up."""
+"""A start that is still so much worse than another, or than another effect, after a few iterations is given up."""
 FINER = 0.85
 """Node spacing of the refinement check, beside that of the diagnosis."""
 
@@ -80,6 +80,7 @@ def refit(
     candidate: Candidate,
     score: Score | None,
     progress: Progress,
+    best_misfit: float = np.inf,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and judge it on held-out data.
 
@@ -90,6 +91,7 @@ def refit(
         candidate: the effect to add.
         score: what the score test says of it; None if it says nothing.
         progress: told what happens.
+        best_misfit: of another effect that was accepted; a fit that stays far above it is given up.
 
     Returns:
         None if the motion is unstable from every start.
@@ -98,6 +100,7 @@ def refit(
     noise = noise_of(problem, comparison.twins, fitted)
     before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
     best: tuple[Fit, Model] | None = None
+    hopeless = min(float(before @ before), GIVE_UP * best_misfit)
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
         residual = _whitened(noise, problem.residual_of(model, fitted))
@@ -109,12 +112,12 @@ def refit(
                 model.bounds,
                 ITERATIONS,
                 reporter(model, progress),
-                float(before @ before) if best is None else GIVE_UP * best[0].misfit,
+                hopeless,
             )
         except SimulationError:
             continue
         if best is None or found.misfit < best[0].misfit:
-            best = found, model
+            best, hopeless = (found, model), min(hopeless, GIVE_UP * found.misfit)
     if best is None:
         return None
     found, model = best
