@@ -101,8 +101,14 @@ SHARED_ONCE_3V = (
     ErrorLayout("identification_once_3v", "Physical identification (R = 1), error", corrected("3v", 1, {})),
 )
 SHARED_ROUNDS = (
-    ImageLayout("rounds", "Geometric (re)correction by number of rounds, test views", ROUNDS),
-    ErrorLayout("identification_rounds", "Physical identification by number of rounds, error", LATER_ROUNDS),
+    ImageLayout(
+        "rounds", "Geometric (re)correction by number of rounds, test views", by_round("3v_dagger", (1, 2, 3, 4))
+    ),
+    ErrorLayout(
+        "identification_rounds",
+        "Physical identification by number of rounds, error",
+        by_round("3v_dagger", (2, 3, 4)),
+    ),
 )
 SHARED_FULL_VIEW = (
     ValueLayout("full_view", "Identification from all views", (FULL,)),

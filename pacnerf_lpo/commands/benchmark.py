@@ -17,6 +17,7 @@ def run(
     suite: str = "quick",
     output: str = "runs/benchmark",
     data_root: str | None = None,
+    scenes: list[str] | None = None,
     overlay: list[str] | None = None,
     configs: str = "configs",
     jobs: int = 1,
@@ -27,8 +28,8 @@ def run(
     """Run what a suite's tables need and is not there yet, and write the tables as Markdown, CSV and LaTeX.
 
     A suite is one of the paper's tables, table4 to table16; quick, two small runs on the shipped scene; or shared, five
-    development videos, with its parts shared_once and shared_once_3v (R = 1), shared_rounds (+LPO, R = 1 to 4) and
-    shared_full_view. Stop it with Ctrl-C; the same command goes on.
+    development videos, with its parts shared_once and shared_once_3v (R = 1), shared_rounds (3v† + LPO, R = 1 to 4)
+    and shared_full_view. Stop it with Ctrl-C; the same command goes on.
 
     example: pacnerf-lpo benchmark --suite quick --output runs/quick
 
@@ -38,6 +39,7 @@ def run(
         suite: name of the suite.
         output: folder of the benchmark: runs/ with one folder per run, tables/ with the tables.
         data_root: folder with one folder per scene; quick needs none.
+        scenes: only these of the suite's scenes.
         overlay: configuration files put on top of scene and baseline of every run, such as configs/cpu.yaml.
         configs: the repository's folder of configurations.
         jobs: how many runs at the same time; each gets its share of the CPU cores.
@@ -48,21 +50,24 @@ def run(
     if suite not in SUITES:
         raise UserInputError(f"there is no suite {suite}; known are {', '.join(SUITES)}")
     chosen, folder = SUITES[suite], Path(output)
+    names = chosen.scenes if scenes is None else tuple(name for name in chosen.scenes if name in scenes)
+    for name in set(scenes or ()) - set(names):
+        raise UserInputError(f"--scenes {name}: no scene of the suite {suite}; it has {', '.join(chosen.scenes)}")
     resources = Resources(jobs, backend, None if memory is None else round(memory * 2**30))
     if chosen.asset:
-        scenes = [asset_scene(name) for name in chosen.scenes]
+        places = [asset_scene(name) for name in names]
     elif data_root is None:
         raise UserInputError(f"the suite {suite} wants --data-root, a folder with one folder per scene")
     else:
-        scenes = find_scenes(Path(data_root), chosen.scenes, Path(configs), folder / "truth")
-    runs = plan_runs(chosen, scenes, Path(configs), [Path(path) for path in overlay or []], folder)
+        places = find_scenes(Path(data_root), names, Path(configs), folder / "truth")
+    runs = plan_runs(chosen, places, Path(configs), [Path(path) for path in overlay or []], folder)
     if dry_run:
         print("\n".join(_line(one) for one in runs))
         return
     outcomes = run_all(runs, folder, resources)
     book = Book(runs, outcomes)
     for layout in chosen.layouts:
-        table = layout.build(book, scenes)
+        table = layout.build(book, places)
         write_table(table, folder / "tables")
         print(markdown(table))
     print(f"tables: {folder / 'tables'}")

@@ -31,6 +31,7 @@ def test_options_may_be_spelled_with_dashes_and_lists_as_words():
         (["--suite", "table3"], "there is no suite table3; known are table4"),
         (["--suite", "table5"], "wants --data-root"),
         (["--suite", "table5", "--data-root", "nowhere"], "nowhere: there is no such folder"),
+        (["--suite", "quick", "--scenes", "torus"], "--scenes torus: no scene of the suite quick; it has bird"),
         (["--suite", "quick", "--jobs", "0"], "--jobs 0: give 1 or more"),
         (["--suite", "quick", "--configs", "nowhere"], "nowhere/fit.yaml: no such file; --configs"),
         (["--suite", "quick", *CONFIGS, "--overlay", "mine.yaml"], "mine.yaml: no such file"),
