@@ -49,6 +49,11 @@ class Candidate:
         """Whether it is a fault of the cameras, and no physics."""
         return isinstance(self.effect, Observation)
 
+    @property
+    def view(self) -> int | None:
+        """File id of the one camera that it concerns."""
+        return getattr(self.effect, "view", None)
+
     def trials(self) -> list[dict[str, float]]:
         """Values at which the effect is tried [SI]: of each component alone, or the probes of the class."""
         probes = list(self.effect.probes)

@@ -127,13 +127,22 @@ def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> Noise
     return NoiseModel.from_twins(np.nan_to_num(residuals[:, mask]), problem.sensor[mask], problem.layout(mask))
 
 
-def noise_of_held_out(problem: Problem, comparison: Comparison, mask: np.ndarray) -> NoiseModel:
-    """The noise model in held-out entries [(V, F, 11), bool], where an error of the fit adds to the twins'."""
+def noise_of_held_out(
+    problem: Problem,
+    comparison: Comparison,
+    mask: np.ndarray,
+    seen_as: Callable[[np.ndarray], np.ndarray] = lambda residuals: residuals,
+) -> NoiseModel:
+    """The noise model in held-out entries [(V, F, 11), bool], where an error of the fit adds to the twins'.
+
+    ``seen_as`` is the linear change of residuals [(..., V, F, 11)] in which they are judged.
+    """
+    jacobian = np.moveaxis(seen_as(np.moveaxis(comparison.jacobian, -1, 0)), 0, -1)
     return held_out_noise(
         noise_of(problem, comparison.twins, problem.fitted),
         comparison.jacobian[problem.fitted],
-        np.nan_to_num(comparison.twins[:, mask]),
-        comparison.jacobian[mask],
+        np.nan_to_num(seen_as(comparison.twins)[:, mask]),
+        jacobian[mask],
         problem.sensor[mask],
         problem.layout(mask),
     )

@@ -11,10 +11,11 @@ import torch
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations, damped_step
 
-LONGEST_STEP = 5.0  # of a parameter's scale
+LONGEST_STEP = 5.0
+"""Of a parameter's scale, at first. Steps of that length that gain what they promise double it, failures quarter it."""
 ATTEMPTS = 5
 PROBE = 0.5  # of a parameter's scale
-CONVERGED = 0.02  # of the longest step
+CONVERGED = 0.1  # of a parameter's scale
 LEAST_GAIN = 2e-3
 PATIENCE = 2
 LIVELY = 0.15
@@ -70,11 +71,12 @@ def fit(
         SimulationError: the motion at ``start`` is unstable.
     """
     free, now, damping = start.copy(), residual(start), 1e-2
-    scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
+    scaled, age, longest = sensitivities(residual, free, now, scales, bounds) * scales, 0, LONGEST_STEP
     for iteration in range(iterations):
         report(iteration, float(now @ now), free)
         for _ in range(ATTEMPTS):
-            step = _step_within(scaled, now, damping, (bounds[0] - free) / scales, (bounds[1] - free) / scales)
+            low, high = (np.clip((bound - free) / scales, -longest, longest) for bound in bounds)
+            step = _step_within(scaled, now, damping, low, high)
             trial = np.clip(free + step * scales, *bounds)
             after = _or_infinite(residual, trial, now)
             if after @ after < now @ now:
@@ -82,13 +84,15 @@ def fit(
             if age > 0:
                 scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
             else:
-                damping *= 5
+                damping, longest = 5 * damping, max(longest / 4, LONGEST_STEP)
         else:
             break
         step = (trial - free) / scales
-        moved, change = np.abs(step).max() / LONGEST_STEP, after - now - scaled @ step
+        moved, change = np.abs(step).max(), after - now - scaled @ step
         gain, promised = 1 - (after @ after) / (now @ now), now @ now - np.sum((now + scaled @ step) ** 2)
         kept = now @ now - after @ after > TRUSTED * promised
+        if kept and moved > 0.99 * longest:
+            longest *= 2
         free, now, damping, age = trial, after, max(damping / 5, 1e-7), age + 1
         far = hopeless is not None and now @ now > hopeless
         lost = far and iteration + 1 >= PATIENCE and gain < LIVELY
@@ -101,12 +105,9 @@ def fit(
     return Fit(free, now)
 
 
-def _step_within(
-    scaled: np.ndarray, now: np.ndarray, damping: float, least: np.ndarray, most: np.ndarray
-) -> np.ndarray:
-    """The damped step [scales, (K,)] within the bounds of the unknowns [scales, (K,)] and the longest step of each."""
+def _step_within(scaled: np.ndarray, now: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The damped step between two ends [scales, (K,)]."""
     model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
-    low, high = np.maximum(least, -LONGEST_STEP), np.minimum(most, LONGEST_STEP)
     return damped_step(model, damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pacnerf_lpo.diagnosis.comparison import (
 )
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.problem import Problem, absolute
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, overdispersion
@@ -96,7 +97,7 @@ def refit(
     Returns:
         None if the motion is unstable from every start.
     """
-    fitted, held = _masks(problem, candidate)
+    fitted, _ = _masks(problem, candidate)
     noise = noise_of(problem, comparison.twins, fitted)
     before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
     best: tuple[Fit, Model] | None = None
@@ -127,7 +128,7 @@ def refit(
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
     verdict = acceptance(
-        _held_out(problem, comparison, after, held),
+        _held_out(problem, comparison, after, candidate),
         (float(before @ before), found.misfit),
         len(candidate.effect.null),
         (interval.low, interval.high),
@@ -155,10 +156,16 @@ def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Pro
     return replace(again, refined=fine, verdict=survival(again.verdict, again.known[leading] - null, fine - null))
 
 
-def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, held: np.ndarray) -> HeldOut:
-    mask = problem.usable & held[..., None]
-    noise = noise_of_held_out(problem, comparison, mask)
-    return judge_held_out(noise, np.nan_to_num(comparison.residual[mask]), np.nan_to_num(after[mask]))
+def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candidate: Candidate) -> HeldOut:
+    mask = problem.usable & _masks(problem, candidate)[1][..., None]
+    before = comparison.residual
+    if candidate.view is None:
+        noise = noise_of_held_out(problem, comparison, mask)
+    else:
+        view = problem.video.view_ids.index(candidate.view)
+        noise = noise_of_held_out(problem, comparison, mask, partial(absolute, view=view))
+        before, after = absolute(before, view), absolute(after, view)
+    return judge_held_out(noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]))
 
 
 def _whitened(noise: NoiseModel, residual: Residual) -> Residual:
@@ -209,10 +216,9 @@ def starts(candidate: Candidate, score: Score | None) -> list[dict[str, float]]:
 
 def _masks(problem: Problem, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Entries to fit [(V, F, 11)], and view x frame blocks to judge by [(V, F)]."""
-    view_id = getattr(candidate.effect, "view", None)
-    if view_id is None:
+    if candidate.view is None:
         return problem.fitted, problem.split.held
-    view = problem.video.view_ids.index(view_id)
+    view = problem.video.view_ids.index(candidate.view)
     fitted, held = problem.split.fitted.copy(), np.zeros_like(problem.split.fitted)
     fitted[view, 0::2], fitted[view, 1::2] = True, False
     held[view, 1::2] = True

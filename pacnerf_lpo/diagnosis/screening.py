@@ -114,7 +114,7 @@ def screen(
     the fitted frames of all views; half the error level goes to either family.
     """
     held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
-    outside = [c for c in candidates if c.observes and getattr(c.effect, "view", None) in held]
+    outside = [c for c in candidates if c.observes and c.view in held]
     inside = [candidate for candidate in candidates if candidate not in outside]
     families = [(inside, problem.fitted)]
     if outside:

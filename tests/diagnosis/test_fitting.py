@@ -49,6 +49,11 @@ def test_sensitivities_look_to_the_other_side_of_a_bound():
     assert found == pytest.approx(np.diag([2.0, 3.0]))
 
 
+def test_a_minimum_that_is_far_away_is_reached_by_longer_and_longer_steps():
+    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10)
+    assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
+
+
 def test_a_hopeless_start_is_given_up():
     calls = []
 
