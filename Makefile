@@ -4,19 +4,30 @@ RUN ?= runs/demo
 MISSING ?= $(RUN)_missing
 BIN := .venv/bin
 INSTALLED := .venv/installed
+THREADS := OMP_NUM_THREADS=$(shell expr \( $$(getconf _NPROCESSORS_ONLN) + 1 \) / 2)
 
-.PHONY: demo test lint clean
+.PHONY: demo bird torus test lint clean
 
-# two scenes, each going on where it was stopped: an elastic bird, and a torus that falls under a hidden effect
+# two scenes at the same time, each going on where it was stopped: an elastic bird, whose progress is shown, and a torus
+# that falls under a hidden effect, whose progress is kept in a file
 demo: $(INSTALLED)
-	@$(call fit,$(RUN),configs/demo.yaml)
-	@$(call fit,$(MISSING),configs/demo_missing.yaml)
-	@$(BIN)/pacnerf-lpo diagnose $(MISSING) --candidates configs/demo_candidates.yaml --particles 2500 --twins 8 --effects 1
+	@mkdir -p $(dir $(MISSING))
+	@$(MAKE) --no-print-directory --jobs 2 bird torus
+	@tail -n 4 $(MISSING).log
 	@echo "$(abspath $(RUN))/report.html"
 	@echo "$(abspath $(MISSING))/diagnosis/diagnosis.html"
 
-fit = if [ -f $(1)/manifest.json ]; then $(BIN)/pacnerf-lpo fit --resume $(1); else \
-	$(BIN)/pacnerf-lpo fit --config configs/fit.yaml --config $(2) --outer_loop.run_dir $(1); fi
+bird: $(INSTALLED)
+	@$(call fit,$(RUN),configs/demo.yaml)
+	@echo "The second scene is not far behind; its progress: $(MISSING).log"
+
+torus: $(INSTALLED)
+	@{ $(call fit,$(MISSING),configs/demo_missing.yaml) && $(THREADS) $(BIN)/pacnerf-lpo diagnose $(MISSING) \
+		--candidates configs/demo_candidates.yaml --particles 2500 --twins 8 --effects 1; } > $(MISSING).log 2>&1 \
+		|| { tail -n 20 $(MISSING).log; exit 1; }
+
+fit = if [ -f $(1)/manifest.json ]; then $(THREADS) $(BIN)/pacnerf-lpo fit --resume $(1); else \
+	$(THREADS) $(BIN)/pacnerf-lpo fit --config configs/fit.yaml --config $(2) --outer_loop.run_dir $(1); fi
 
 test: lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q --numprocesses 2
