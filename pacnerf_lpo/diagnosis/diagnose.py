@@ -43,8 +43,6 @@ Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
-CLEAR = 0.01
-"""Held-out data that are as bad with less chance than this need no confirmation."""
 ENOUGH = 0.5
 """An accepted effect that removes less of the held-out error than this leaves something unexplained."""
 
@@ -242,11 +240,8 @@ def _round(
 
 
 def beyond_noise(found: Round) -> bool:
-    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree, or
-    in the held-out data alone.
-    """
-    held = found.held.p_value
-    return held < CLEAR or (found.omnibus.p_value < FALSE_ALARMS and held < AGREEMENT)
+    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree."""
+    return found.omnibus.p_value < FALSE_ALARMS and found.held.p_value < AGREEMENT
 
 
 def _suspicious(found: Round) -> bool:
