@@ -294,6 +294,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
         "verdict": _verdict(problem, rounds),
+        "unit": problem.unit[0],
         "points": [] if problem.points is None else problem.points.names,
         "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
@@ -392,10 +393,10 @@ def _omnibus(test: Omnibus) -> dict:
 
 
 def _errors(problem: Problem, residual: np.ndarray, comparison: Comparison) -> dict:
-    """Excess error in the fitted and in the held-out views and frames [pixels]."""
+    """Excess error in the fitted and in the held-out views and frames [the problem's unit]."""
     square = localising.excess(residual, comparison)
     return {
-        name: localising.signed_root(float(np.nanmean(square[mask])))
+        name: problem.unit[1] * localising.signed_root(float(np.nanmean(square[mask])))
         for name, mask in (("fitted", problem.split.fitted), ("held", problem.split.held))
     }
 

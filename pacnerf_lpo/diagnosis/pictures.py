@@ -67,7 +67,7 @@ def stages_of(rounds: Sequence[Round]) -> list[Stage]:
 
 
 def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
-    """Errors of every stage, and of its twins, by view and frame [pixels].
+    """Errors of every stage, and of its twins, by view and frame [the problem's unit].
 
     Root mean squares over the numbers of the outlines and points, less the twins' mean. The floor is the median twin's;
     the band holds nine tenths of the twins. Errors of points by row, ``by_point``, are in millimetres.
@@ -78,13 +78,14 @@ def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
 def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     twins, count = stage.comparison.twins, len(stage.comparison.twins)
     bias = floor(stage.comparison)[0]
-    error = (stage.residual - bias)[..., : len(KINDS)]
-    alone = (twins - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
+    unit = problem.unit[1]
+    error = unit * (stage.residual - bias)[..., : len(KINDS)]
+    alone = unit * (twins - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
     twin_errors = np.where(np.isfinite(error), alone, np.nan)
     fitted, held = problem.split.fitted, problem.split.held
     band = np.quantile(root_mean_square(twin_errors, (1, 3)), BAND, axis=0)
     by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(twin_errors, (2, 3)), axis=0)
-    views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel
+    views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel / unit
     return {
         "added": None if stage.added is None else stage.added.name,
         "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added.name)}",

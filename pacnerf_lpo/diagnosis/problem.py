@@ -125,6 +125,13 @@ class Problem(ABC):
         """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
         return relative(difference, self.views)
 
+    @property
+    def unit(self) -> tuple[str, float]:
+        """Unit in which a report shows errors, and how many of it a pixel is: millimetres where only points count."""
+        if self.points is None or self.usable[: self.views].any():
+            return "px", 1.0
+        return "mm", 1000 * self.points.pixel
+
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
         return np.where(self.usable, self.relative(self.measured - predicted), np.nan)

@@ -59,7 +59,7 @@ def build_images(pictures: Mapping[str, np.ndarray]) -> dict[str, Any]:
 
 def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, Any]:
     """What the page's scripts read."""
-    shown = ("views", "frames", "times", "held_views", "held_frames", "stages", "residual_force")
+    shown = ("unit", "views", "frames", "times", "held_views", "held_frames", "stages", "residual_force")
     return {
         **{name: result.get(name) for name in shown},
         "phases": result["rounds"][0]["phases"],
@@ -80,6 +80,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         scripts="\n".join(_asset(name) for name in SCRIPTS),
         data=data,
         scene=html.escape(result["scene"]),
+        unit=words.unit_of(result),
         light=sections.traffic_light(light),
         sentence=html.escape(verdict["sentence"]),
         details=sections.bullets(verdict["details"]),
@@ -102,7 +103,8 @@ def _round(result: Mapping[str, Any], number: int) -> str:
     title = "The model as it was fitted" if not number else f"The model {html.escape(' '.join(installed))}"
     omnibus = done["omnibus"]["p_value"]
     head = f"What the model leaves over: {words.chance(omnibus)} (p = {omnibus:.2g})."
-    refits = f"<h3>Fitted again with one more effect, judged on the data kept aside</h3>{sections.refit_table(done)}"
+    table = sections.refit_table(done, result["unit"])
+    refits = f"<h3>Fitted again with one more effect, judged on the data kept aside</h3>{table}"
     return (
         f"<details{'' if number else ' open'}><summary>{title}</summary><p>{head}</p>"
         f'<div class="pair"><div class="card"><h3>How well each effect explains what is left over</h3>'
@@ -114,7 +116,7 @@ def _round(result: Mapping[str, Any], number: int) -> str:
 
 
 def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Error beyond the model's own, of fitted and held-out data, after every added effect [pixels]."""
+    """Error beyond the model's own, of fitted and held-out data, after every added effect [the unit of the result]."""
     rounds = result["rounds"]
     found = [done["error"] for done in rounds]
     found += [again["error"] for again in rounds[-1]["refits"] if again["name"] == rounds[-1]["accepted"]]

@@ -37,7 +37,7 @@ def distance_bars(result: Result) -> str:
     return "".join(
         f'<div class="distance"><span>{label}</span>'
         f'<div><i class="{kind}" style="width:{_share(value, most)}"></i></div>'
-        f"<b>{value:.2f} px</b></div>"
+        f"<b>{value:.2f} {result['unit']}</b></div>"
         for label, value, kind in bars
     )
 
@@ -108,12 +108,12 @@ def confounding(screen: Mapping[str, Any] | None) -> str:
     return f'<table class="matrix"><thead><tr><th></th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
 
 
-def refit_table(done: Mapping[str, Any]) -> str:
+def refit_table(done: Mapping[str, Any], unit: str) -> str:
     """Every effect that was fitted: removed share, and each criterion with a tick or a cross."""
     if not done["refits"]:
         return '<p class="muted">No effect was fitted.</p>'
     order = sorted(done["refits"], key=lambda again: (again["name"] != done["accepted"], -again["removed"]))
-    return "".join(_refit(again, again["name"] == done["accepted"]) for again in order)
+    return "".join(_refit(again, again["name"] == done["accepted"], unit) for again in order)
 
 
 def points_table(result: Result) -> str:
@@ -233,7 +233,7 @@ def _parameters_after(result: Result) -> dict[str, Mapping[str, Any]]:
     return next(again["values"] for again in last["refits"] if again["name"] == last["accepted"])
 
 
-def _refit(again: Mapping[str, Any], accepted: bool) -> str:
+def _refit(again: Mapping[str, Any], accepted: bool, unit: str) -> str:
     reasons = "".join(
         f'<li class="{"good" if passed else "poor"}"><b>{"✓" if passed else "✗"}</b> {text(sentence)}</li>'
         for passed, sentence in again["reasons"]
@@ -245,7 +245,7 @@ def _refit(again: Mapping[str, Any], accepted: bool) -> str:
         f'<div class="refit{kind}"><h4>{text(again["readable"])} <small>{outcome}</small></h4>'
         f'<div class="track"><i style="width:{_share(removed, 1.0)}"></i></div>'
         f"<p>{share} of the error in the data kept aside. Left beyond the model's own error: "
-        f"{again['error']['held']:.2f} px there, {again['error']['fitted']:.2f} px in the fitted data.</p>"
+        f"{again['error']['held']:.2f} {unit} there, {again['error']['fitted']:.2f} {unit} in the fitted data.</p>"
         f"<ul>{reasons}</ul></div>"
     )
 

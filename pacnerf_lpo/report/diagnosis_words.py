@@ -34,7 +34,7 @@ LIGHTS = {
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far the outlines of the model are from those of the video [pixels].
+    """How far the model is from what was measured [the unit of the result].
 
     before: the model as it was fitted.
     floor: what its own numerical error alone would give.
@@ -61,37 +61,48 @@ def misfit(result: Result) -> Misfit:
     return Misfit(first["error"]["held"], first["floor"]["held"], after, "in the data kept aside")
 
 
-def pixels(value: float) -> str:
+def unit_of(result: Result) -> str:
+    """``pixels``, or ``mm`` where points alone were compared."""
+    return "pixels" if result["unit"] == "px" else result["unit"]
+
+
+def length(value: float, result: Result) -> str:
     """``0.89 pixels``."""
-    return f"{value:.2f} pixels" if value < 10 else f"{value:.0f} pixels"
+    return f"{value:.2f} {unit_of(result)}" if value < 10 else f"{value:.0f} {unit_of(result)}"
 
 
 def compared(result: Result) -> str:
     """Which data were fitted, and which were kept aside."""
-    views, frames = len(result["views"]), len(result["frames"])
-    held_views, held_frames = result["held_views"], result["held_frames"]
+    frames, last = len(result["frames"]), _count(len(result["held_frames"]), "frame")
+    if result["unit"] == "px":
+        what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
+        aside = _some(result["held_views"], "camera")
+    else:
+        points = _count(len(result["points"]), "tracked point or cloud", "tracked points and clouds")
+        what, aside = f"The positions of {points} in {frames} frames, with those", "Every third tracked point"
     return (
-        f"The outline of the object in {views} cameras and {frames} frames, with the outline that the model predicts. "
-        f"{_some(held_views, 'camera')} and the last {_count(len(held_frames), 'frame')} were kept aside: the model "
-        "was never adjusted to them, so they tell whether a change is a real improvement."
+        f"{what} that the model predicts. {aside} and the last {last} were kept aside: the model was never adjusted to "
+        "them, so they tell whether a change is a real improvement."
     )
 
 
 def distance(result: Result) -> str:
     """How far off the model is, beside its own error."""
-    found = misfit(result)
+    found, outlines = misfit(result), result["unit"] == "px"
     times = found.before / max(found.floor, 1e-9)
+    what = "edges and centres of the outlines" if outlines else "the points"
+    measured = "the video" if outlines else "what was measured"
     sentence = (
-        f"{found.where[0].upper()}{found.where[1:]}, edges and centres of the outlines are typically "
-        f"{pixels(found.before)} from where they should be. Simulated copies of this model, computed a little "
-        f"differently, differ from it by {pixels(found.floor)}: "
+        f"{found.where[0].upper()}{found.where[1:]}, {what} are typically {length(found.before, result)} from where "
+        "they should be. Simulated copies of this model, computed a little differently, differ from it by "
+        f"{length(found.floor, result)}: "
     )
     more = result["rounds"][0]["omnibus"]["p_value"] < 0.05
     if more and times >= 1.1:
-        return sentence + f"the video is {times:.1f} times as far away as that, which is too far to be an accident."
+        return f"{sentence}{measured} is {times:.1f} times as far away as that, which is too far to be an accident."
     if more:
-        return sentence + "as a whole no more, but the differences have a pattern that accidents do not make."
-    return sentence + "the video is no farther away than that."
+        return f"{sentence}as a whole no more, but the differences have a pattern that accidents do not make."
+    return f"{sentence}{measured} is no farther away than that."
 
 
 def chance(p: float) -> str:
@@ -140,7 +151,7 @@ def changes(result: Result) -> str:
         return "Nothing was added to the model."
     before, after = (result["stages"][k]["error"]["fitted"] for k in (0, -1))
     sentence = f"{found.where[0].upper()}{found.where[1:]}, the distance falls from {found.before:.2f} to "
-    sentence += f"{pixels(found.after)}"
+    sentence += length(found.after, result)
     fitted = f" (where the model was adjusted, from {before:.2f} to {after:.2f})" if "aside" in found.where else ""
     return f"{sentence}{fitted}."
 
@@ -195,8 +206,8 @@ def _some(ids: Sequence[int], noun: str) -> str:
     return f"{noun.capitalize()}s {', '.join(map(str, ids[:-1]))} and {ids[-1]}" if ids else f"No {noun}"
 
 
-def _count(count: int, noun: str) -> str:
-    return noun if count == 1 else f"{count} {noun}s"
+def _count(count: int, noun: str, several: str | None = None) -> str:
+    return noun if count == 1 else f"{count} {several or f'{noun}s'}"
 
 
 def _round(value: float) -> str:

@@ -127,6 +127,7 @@ def missing() -> dict[str, Any]:
             "sentence": "Linear drag is missing (p < 0.0001); adding it removes 64% of the held-out error.",
             "details": ["Young's modulus moves from 34 kPa to 70 kPa."],
         },
+        "unit": "px",
         "stages": [stage(None, 1.0), stage("Linear drag", 0.4)],
         "rounds": [a_round(before, refits, "Linear drag")],
         "residual_force": None,

@@ -47,6 +47,16 @@ def test_first_screen_tells_distances_in_pixels():
     assert "falls from 1.00 to 0.40 pixels" in words.changes(example.missing())
 
 
+def test_points_alone_are_told_in_millimetres_and_by_no_camera(tmp_path: Path):
+    result = {**example.missing(), "unit": "mm", "points": ["point 1", "cloud"]}
+    for stage in result["stages"]:
+        stage["by_point"], stage["point_floor"] = [1.0, 2.0], [0.5, 0.5]
+    assert "2 tracked points and clouds" in words.compared(result) and "camera" not in words.compared(result)
+    assert "the points are typically 1.00 mm from where" in words.distance(result)
+    page = write_page(example.write(tmp_path, result)).read_text()
+    assert "Distance over time [mm]" in page and "1.00 mm</b>" in page and " px" not in sections.first_screen(result)
+
+
 def test_a_wrong_camera_is_judged_by_its_own_view():
     found = words.misfit(example.other("camera"))
     assert (found.before, found.floor, found.after, found.where) == (3.0, 0.25, 0.5, "in camera 5")
@@ -82,7 +92,7 @@ def test_ranking_marks_threshold_cameras_and_groups():
 
 
 def test_refits_show_ticks_and_crosses_and_the_accepted_one_first():
-    text = sections.refit_table(example.missing()["rounds"][0])
+    text = sections.refit_table(example.missing()["rounds"][0], "px")
     assert text.index("linear drag") < text.index("gravity")
     assert text.count("✓") == 3 and text.count("✗") == 1
     assert "removes 64%" in text and "removes nothing" in text

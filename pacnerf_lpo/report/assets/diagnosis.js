@@ -11,6 +11,8 @@
   });
   const onAxis = bands.map((band) => ({ ...band, from: band.from - 0.5, to: band.to - 0.5 }));
 
+  const byCamera = DATA.unit === "px";
+  document.querySelectorAll(".by-camera").forEach((part) => { part.hidden = !byCamera; });
   const hosts = maps.map(([label]) => {
     const card = byId("heatmaps").appendChild(document.createElement("div"));
     card.className = "card";
@@ -19,7 +21,7 @@
   });
 
   function drawHeatMaps() {
-    maps.forEach(([, values], i) => heatMap(hosts[i], {
+    if (byCamera) maps.forEach(([, values], i) => heatMap(hosts[i], {
       values, most, unit: "px", columns: DATA.frames, bands, marked: DATA.frames.map((id) => DATA.held_frames.includes(id)),
       rows: DATA.views.map((id) => ({ label: held(id) ? `aside ${id}` : `camera ${id}`, strong: held(id) })),
       selected: [shared.view, shared.frame], pick: (view, frame) => look({ view, frame }),
