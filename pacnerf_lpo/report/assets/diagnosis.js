@@ -12,7 +12,7 @@
   const onAxis = bands.map((band) => ({ ...band, from: band.from - 0.5, to: band.to - 0.5 }));
 
   const byCamera = DATA.unit === "px";
-  document.querySelectorAll(".by-camera").forEach((part) => { part.hidden = !byCamera; });
+  document.querySelectorAll(".by-camera").forEach((part) => { if (!byCamera) part.style.display = "none"; });
   const hosts = maps.map(([label]) => {
     const card = byId("heatmaps").appendChild(document.createElement("div"));
     card.className = "card";
