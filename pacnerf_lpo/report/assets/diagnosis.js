@@ -13,7 +13,7 @@
 
   const byCamera = DATA.unit === "px";
   document.querySelectorAll(".by-camera").forEach((part) => { if (!byCamera) part.style.display = "none"; });
-  const hosts = maps.map(([label]) => {
+  const hosts = (byCamera ? maps : []).map(([label]) => {
     const card = byId("heatmaps").appendChild(document.createElement("div"));
     card.className = "card";
     card.appendChild(document.createElement("h3")).textContent = `${changed ? label : "the model"}, by camera and frame [pixels]`;
@@ -21,8 +21,8 @@
   });
 
   function drawHeatMaps() {
-    if (byCamera) maps.forEach(([, values], i) => heatMap(hosts[i], {
-      values, most, unit: "px", columns: DATA.frames, bands, marked: DATA.frames.map((id) => DATA.held_frames.includes(id)),
+    hosts.forEach((host, i) => heatMap(host, {
+      values: maps[i][1], most, unit: "px", columns: DATA.frames, bands, marked: DATA.frames.map((id) => DATA.held_frames.includes(id)),
       rows: DATA.views.map((id) => ({ label: held(id) ? `aside ${id}` : `camera ${id}`, strong: held(id) })),
       selected: [shared.view, shared.frame], pick: (view, frame) => look({ view, frame }),
     }));
