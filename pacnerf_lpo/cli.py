@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import cast
 
 import pytorch_lightning as pl
+import torch
 from jsonargparse import ArgumentError
 from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
@@ -24,8 +25,10 @@ from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, config_files, explain
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.dynamic import DynamicPhase
 
 CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
@@ -101,6 +104,7 @@ class PhaseCLI(LightningCLI):
     def run(self) -> Path:
         """Run all phases that are not done yet; returns the run directory."""
         check_truth(self.config.truth)
+        self._choose_device()
         self.datamodule.prepare()
         for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
@@ -140,8 +144,16 @@ class PhaseCLI(LightningCLI):
             *(options["callbacks"] or []),
         ]
         logger = PhaseLogger(loop.run_dir, step.role, loop.first_step())
+        if isinstance(module, DynamicPhase):  # few numbers; what takes time is simulated and rendered on the device
+            options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _choose_device(self) -> None:
+        """Simulate and render where the trainer computes."""
+        wanted = self.trainer_config["accelerator"]
+        if wanted in ("gpu", "cuda") or (wanted == "auto" and torch.cuda.is_available()):
+            runtime.start("cuda")
 
     def dump(self) -> str:
         """The configuration as run, complete, as YAML."""

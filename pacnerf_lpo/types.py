@@ -31,6 +31,10 @@ class Rays:
     origins: Tensor
     directions: Tensor
 
+    def to(self, device: torch.device) -> Rays:
+        """The same rays on a device."""
+        return Rays(self.origins.to(device), self.directions.to(device))
+
 
 @dataclass(frozen=True)
 class Video:

@@ -16,6 +16,7 @@ from numpy.lib.format import open_memmap
 from torch import Tensor
 
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
@@ -109,27 +110,33 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
 
 
 class StateRenderer:
-    """Renders the particles of a state at any positions, with the state's appearance and colour network."""
+    """Renders the particles of a state at any positions, with the state's appearance and colour network.
+
+    It renders on the device of the process; images are on the CPU.
+    """
 
     def __init__(self, state: ParticleState):
-        self.state = state
+        self.state, self.device = state, runtime.device()
         self.colour = ColourNetwork()
         self.colour.load_state_dict(state.colour_network)
+        self.colour.to(self.device)
 
     @torch.no_grad()
     def grid(self, positions: Tensor):
         """The field of the particles at these positions [m, (N, 3)]."""
-        return particles_to_grid(positions, self.state.density, self.state.features, self.state.spacing)
+        density, features = self.state.density.to(self.device), self.state.features.to(self.device)
+        return particles_to_grid(positions.to(self.device), density, features, self.state.spacing)
 
     def image(self, grid, rays: Rays, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
         """Image [0..1, (H, W, 3)] and opacity [(H, W)] of a field."""
-        return render_view(grid, self.colour, rays, size, self.state.base_spacing)
+        image, opacity = render_view(grid, self.colour, rays.to(self.device), size, self.state.base_spacing)
+        return image.cpu(), opacity.cpu()
 
     @torch.no_grad()
     def particle_colours(self, direction: tuple[float, float, float] = (0.0, -0.6, -0.8)) -> Tensor:
         """RGB of every particle seen along one unit direction [0..1, (N, 3)]."""
-        directions = torch.tensor(direction).expand(len(self.state.features), 3)
-        return self.colour(self.state.features, directions)
+        directions = torch.tensor(direction, device=self.device).expand(len(self.state.features), 3)
+        return self.colour(self.state.features.to(self.device), directions).cpu()
 
 
 def to_bytes(image: Tensor) -> np.ndarray:

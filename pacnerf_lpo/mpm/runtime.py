@@ -55,6 +55,11 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
     return _started["threads"]
 
 
+def device() -> torch.device:
+    """Where this process simulates and renders: what :func:`start` was given, else the CPU."""
+    return torch.device(_started.get("kind", "cpu"))
+
+
 def keep(value: Any) -> Any:
     """While a kernel is compiled: store an expression in a local variable, so that using it twice computes it once."""
     return impl.expr_init(value)

@@ -33,7 +33,7 @@ class Simulator:
         frame_dt: time between frames [s].
         gravity: [m/s^2].
         effects: further physics; those on the cameras change nothing here.
-        device: ``"cpu"`` or ``"cuda"``.
+        device: ``"cpu"`` or ``"cuda"``; None: that of the process, see :func:`runtime.device`. Tensors may be anywhere.
         dtype: precision inside the engine, ``"f32"`` or ``"f64"``.
         memory: for keeping substeps from forward to backward instead of recomputing them [bytes].
 
@@ -68,7 +68,7 @@ class Simulator:
         frame_dt: float = 1 / 24,
         gravity: Sequence[float] = (0.0, -9.8, 0.0),
         effects: Sequence[Effect] = (),
-        device: str = "cpu",
+        device: str | None = None,
         dtype: str = "f32",
         memory: float = 768e6,
     ):
@@ -80,12 +80,13 @@ class Simulator:
         if dtype not in runtime.REAL:
             raise UserInputError(f"Simulator: dtype {dtype!r}; choose from {', '.join(runtime.REAL)}")
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
-        self._device, self._real = torch.device(device), runtime.TORCH_REAL[dtype]
+        self._device = runtime.device() if device is None else torch.device(device)
+        self._real = runtime.TORCH_REAL[dtype]
         check_model("Simulator", material, self.ground, self.effects)
         laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
         moving = [effect for effect in self.effects if not isinstance(effect, Observation)]
         self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
-        slices = runtime.start(device)
+        slices = runtime.start(self._device.type)
         self._engine = Engine(
             laws, dx, substeps, frame_dt, tuple(gravity), dtype, slices, self._device.type == "cuda", memory
         )

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.render.ray_march import render_rays
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 
 class VideoMisfit:
-    """Renders particles into the cameras of a video and compares.
+    """Renders particles into the cameras of a video, on the device of the process, and compares.
+
+    Everything it is given and returns is on the CPU.
 
     Args:
         data: the video with its cached rays.
@@ -34,7 +37,8 @@ class VideoMisfit:
         self.spacing, self.base_spacing = state.spacing, state.base_spacing
         self.colour = ColourNetwork()
         self.colour.load_state_dict(state.colour_network)
-        self.colour.requires_grad_(False)
+        self.device = runtime.device()
+        self.colour.requires_grad_(False).to(self.device)
         self.frames = data.video.images.shape[1]
 
     def residual(
@@ -60,12 +64,15 @@ class VideoMisfit:
         """
         video = self.data.video
         height, width = video.images.shape[2:4]
-        grid = particles_to_grid(positions, density, features, self.spacing)
-        rendering = render_rays(grid, self.colour, observer.rays(self.data, view, frame), self.base_spacing)
-        colour = observer.colour(rendering.colour, rendering.transmittance, video, view, frame)
+        there = self.device
+        grid = particles_to_grid(positions.to(there), density.to(there), features.to(there), self.spacing)
+        rays = observer.rays(self.data, view, frame).to(there)
+        rendering = render_rays(grid, self.colour, rays, self.base_spacing)
+        light, transmittance = rendering.colour.cpu(), rendering.transmittance.cpu()
+        colour = observer.colour(light, transmittance, video, view, frame)
         difference = colour.reshape(height, width, 3) - video.images[view, frame]
         if self.silhouette_weight > 0:
-            opacity = 1 - rendering.transmittance.reshape(height, width, 1)
+            opacity = 1 - transmittance.reshape(height, width, 1)
             outline = opacity - video.silhouettes[view, frame].unsqueeze(-1)
             difference = torch.cat((difference, self.silhouette_weight**0.5 * outline), dim=-1)
         difference = difference * video.valid[view].unsqueeze(-1)
