@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -76,44 +77,34 @@ class LPOModule(DynamicPhase):
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames, one random training view for each."""
-        loss = self._loss(self.one_view_per_frame(step, self.misfit.frames))
+        particles = {name: getattr(self, name) for name in PARTICLES}
+        loss = self._loss(self.one_view_per_frame(step, self.misfit.frames), **particles)
         if loss < self.best_loss:
-            self._keep(loss.detach())
+            self.best_loss.copy_(loss.detach())
+            for name, values in particles.items():
+                getattr(self, f"best_{name}").copy_(values.detach())
         self.log("correction/loss", loss)
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)
         return loss
 
     @torch.no_grad()
-    def on_train_end(self) -> None:
-        """Export the last particles, unless the remembered ones fit the same images better."""
-        images = self.one_view_per_frame(self.steps, self.misfit.frames)
-        last = [getattr(self, name).clone() for name in PARTICLES]
-        last_loss = self._loss(images)
-        for name in PARTICLES:
-            getattr(self, name).copy_(getattr(self, f"best_{name}"))
-        if last_loss <= self._loss(images):
-            for name, values in zip(PARTICLES, last, strict=True):
-                getattr(self, name).copy_(values)
-
     def export_state(self) -> ParticleState:
-        """The state with corrected particles."""
-        return self.state.with_(**{name: getattr(self, name).detach().cpu().clone() for name in PARTICLES})
+        """The state with the last particles, or the remembered ones where these fit better."""
+        images = self.one_view_per_frame(self.steps, self.misfit.frames)
+        last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
+        chosen = min(last, best, key=lambda particles: finite_loss(lambda: self._loss(images, **particles).item()))
+        return self.state.with_(**{name: values.detach().cpu().clone() for name, values in chosen.items()})
 
     def progress_metrics(self) -> dict[str, str]:
         """How far the particles have moved."""
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean().item()
         return {"moved": f"{1000 * moved:.2f} mm"}
 
-    def _loss(self, views: list[list[int]]) -> Tensor:
-        driving = self.density if self.density_drives_mass else self.density.detach()
+    def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
+        driving = density if self.density_drives_mass else density.detach()
         trajectory = self.physics.rollout(
-            self.positions, self.state.velocity, driving, self._values, self.spacings, self.misfit.frames
+            positions, self.state.velocity, driving, self._values, self.spacings, self.misfit.frames
         )
         seen, observer = self.watch(trajectory, self.state.velocity, self._values)
-        return self.misfit.loss(seen, self.density, self.features, views, observer=observer)
-
-    def _keep(self, loss: Tensor) -> None:
-        self.best_loss.copy_(loss)
-        for name in PARTICLES:
-            getattr(self, f"best_{name}").copy_(getattr(self, name).detach())
+        return self.misfit.loss(seen, density, features, views, observer=observer)
