@@ -30,7 +30,7 @@ CYCLE: tuple[tuple[Family, float], ...] = (
     ("single", 7.0),
     ("single", 3.0),
 )
-"""Family and projected signal-to-noise of each hidden effect; 200 seeds hold 60 nulls and 60 single effects at 20."""
+"""Family and signal-to-noise ratio of each hidden effect; 200 seeds hold 60 nulls and 60 single effects at 20."""
 PHYSICS = (
     "LinearDrag",
     "GroundFriction",
@@ -59,7 +59,7 @@ class Plan:
 
     seed: of all its random choices.
     family: what kind of scene it is.
-    snr: projected signal-to-noise ratio of each hidden effect.
+    snr: signal-to-noise ratio of each hidden effect, as strength.py measures it.
     effects: names of the classes to take; more than one in pairs.
     """
 

@@ -45,8 +45,6 @@ AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 ENOUGH = 0.5
 """An accepted effect that removes less of the held-out error than this leaves something unexplained."""
-
-
 DECISIVE = 0.9
 """An accepted effect that removes more of the held-out error than this leaves nothing for those that no score names."""
 
@@ -219,7 +217,7 @@ def _round(
     if options.until == "screen" or not _suspicious(found):
         return found
     for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
-        best = next(iter(ranked(found.refits)), None)
+        best = rival(found.refits, candidate)
         if best is not None and candidate.discrete and best.verdict.removed > DECISIVE:
             continue
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
@@ -256,6 +254,13 @@ def ranked(refits: list[Refit]) -> list[Refit]:
     """
     accepted = [again for again in refits if again.verdict.accepted]
     return sorted(accepted, key=lambda again: (again.candidate.observes, -again.verdict.removed))
+
+
+def rival(refits: list[Refit], candidate: Candidate) -> Refit | None:
+    """The best accepted refit whose misfit can be compared with that of a candidate: a fault of one camera is fitted to
+    other frames than everything else.
+    """
+    return next((again for again in ranked(refits) if again.candidate.view is None is candidate.view), None)
 
 
 def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:

@@ -325,7 +325,7 @@ def absolute(values: np.ndarray, view: int) -> np.ndarray:
     with its camera in every frame shows in every frame.
     """
     found = values.copy()
-    found[..., view, 1:, :-1] += values[..., view, :1, :-1]
+    found[..., view, 1:, :-1] += np.nan_to_num(values[..., view, :1, :-1])  # NaN where unseen
     return found
 
 

@@ -41,7 +41,9 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
         if kind not in ("cpu", "cuda"):
             raise UserInputError(f"simulator device {device!r}: choose 'cpu' or 'cuda'")
         if kind == "cuda" and not torch.cuda.is_available():
-            raise UserInputError("simulator device 'cuda': no CUDA device is visible to torch; choose 'cpu'")
+            raise UserInputError(
+                "simulator device 'cuda': no CUDA device is visible to torch; choose 'cpu' (--trainer.accelerator=cpu)"
+            )
         count = threads or int(os.environ.get("PACNERF_LPO_THREADS", 0)) or torch.get_num_threads()
         arch = ti.cuda if kind == "cuda" else ti.cpu
         with contextlib.redirect_stdout(io.StringIO()):

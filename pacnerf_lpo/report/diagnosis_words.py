@@ -76,13 +76,15 @@ def compared(result: Result) -> str:
     frames, last = len(result["frames"]), _count(len(result["held_frames"]), "frame")
     if result["unit"] == "px":
         what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
-        aside = _some(result["held_views"], "camera")
+        aside = f"{_some(result['held_views'], 'camera')} and the"
     else:
-        points = _count(len(result["points"]), "tracked point or cloud", "tracked points and clouds")
-        what, aside = f"The positions of {points} in {frames} frames, with those", "Every third tracked point"
+        tracked = sum(name.startswith("point ") for name in result["points"])
+        points = [f"{tracked} tracked points"] * (tracked > 0) + ["point clouds"] * (tracked < len(result["points"]))
+        what = f"The positions of {' and '.join(points)} in {frames} frames, with those"
+        aside = "Every third tracked point and the" if tracked else "The"
     return (
-        f"{what} that the model predicts. {aside} and the last {last} were kept aside: the model was never adjusted to "
-        "them, so they tell whether a change is a real improvement."
+        f"{what} that the model predicts. {aside} last {last} were kept aside: the model was never adjusted to them, "
+        "so they tell whether a change is a real improvement."
     )
 
 
@@ -206,8 +208,8 @@ def _some(ids: Sequence[int], noun: str) -> str:
     return f"{noun.capitalize()}s {', '.join(map(str, ids[:-1]))} and {ids[-1]}" if ids else f"No {noun}"
 
 
-def _count(count: int, noun: str, several: str | None = None) -> str:
-    return noun if count == 1 else f"{count} {several or f'{noun}s'}"
+def _count(count: int, noun: str) -> str:
+    return noun if count == 1 else f"{count} {noun}s"
 
 
 def _round(value: float) -> str:

@@ -49,10 +49,13 @@ def test_first_screen_tells_distances_in_pixels():
 
 
 def test_points_alone_are_told_in_millimetres_and_by_no_camera(tmp_path: Path):
-    result = {**example.missing(), "unit": "mm", "points": ["point 1", "cloud"]}
+    result = {**example.missing(), "unit": "mm", "points": ["point 7", "point 9", "clouds 1", "clouds 2"]}
     for stage in result["stages"]:
-        stage["by_point"], stage["point_floor"] = [1.0, 2.0], [0.5, 0.5]
-    assert "2 tracked points and clouds" in words.compared(result) and "camera" not in words.compared(result)
+        stage["by_point"], stage["point_floor"] = 4 * [1.0], 4 * [0.5]
+    told = words.compared(result)
+    assert "2 tracked points and point clouds in" in told and "Every third" in told and "camera" not in told
+    told = words.compared({**result, "points": ["clouds 1", "clouds 2"]})
+    assert "of point clouds in" in told and "Every third" not in told
     assert "the points are typically 1.00 mm from where" in words.distance(result)
     page = write_page(example.write(tmp_path, result)).read_text()
     assert "Distance over time [mm]" in page and "1.00 mm</b>" in page and " px" not in sections.first_screen(result)

@@ -1,0 +1,43 @@
+"""What a round compares with what, and residuals in which a fault of one camera is judged."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.diagnose import rival
+from pacnerf_lpo.diagnosis.problem import absolute, relative
+from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
+from pacnerf_lpo.mpm.effects.base import Effect
+
+
+def refitted(effect: Effect, removed: float, accepted: bool = True) -> SimpleNamespace:
+    verdict = SimpleNamespace(accepted=accepted, removed=removed)
+    return SimpleNamespace(candidate=Candidate(name_of(effect), effect), verdict=verdict)
+
+
+def test_only_misfits_of_the_same_data_are_compared():
+    camera, wind = refitted(CameraShift(view=2), 0.95), refitted(UniformForce(), 0.6)
+    drag, rejected = refitted(LinearDrag(), 0.8), refitted(LinearDrag(), 0.99, accepted=False)
+    assert rival([camera, wind, drag, rejected], wind.candidate) is drag
+    assert rival([camera, rejected], drag.candidate) is None
+    assert rival([camera, drag], camera.candidate) is None
+
+
+def test_a_constant_shift_of_one_camera_shows_in_every_frame():
+    """Relative to frame 0 it shows there alone; beside it, what moves the same in all views stays as it is."""
+    random = np.random.default_rng(0)
+    moved = np.cumsum(random.standard_normal((1, 6, 11)), axis=1) * np.ones((4, 1, 1))
+    moved -= moved[:, :1]
+    shifted = moved.copy()
+    shifted[2, :, 0] += 1.5
+    seen = relative(shifted)
+    assert seen[2, 1:, 0] == pytest.approx(moved[2, 1:, 0]) and seen[2, 0, 0] == pytest.approx(1.5)
+    found = absolute(seen, 2)
+    assert found[2, 1:, 0] == pytest.approx(moved[2, 1:, 0] + 1.5)
+    assert found[[0, 1, 3]] == pytest.approx(seen[[0, 1, 3]])
+    seen[2, 0] = np.nan
+    assert np.isfinite(absolute(seen, 2)[2, 1:]).all()
