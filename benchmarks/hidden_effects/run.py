@@ -26,7 +26,7 @@ from pacnerf_lpo.errors import RunError, SimulationError
 from pacnerf_lpo.manifest import write_atomically
 
 EFFORT, FAILURE = "effort.json", "failure.txt"
-FAST = Options(twins=10, effects=2)
+FAST = Options(effects=2)
 
 
 def diagnose_scene(scene: Path, options: Options = FAST) -> str:

@@ -15,7 +15,7 @@ def run(
     run_dir: str,
     phase: str | None = None,
     candidates: str | None = None,
-    twins: int = 12,
+    twins: int = 20,
     effects: int = 3,
     until: Literal["compare", "localise", "screen", "refit"] = "refit",
     seed: int = 1,

@@ -66,7 +66,7 @@ class Options:
     """
 
     candidates: str | None = None
-    twins: int = 12
+    twins: int = 20
     effects: int = 3
     until: Step = "refit"
     seed: int = 1
