@@ -28,7 +28,7 @@ class Outcome:
     seed, family, snr: as planned;  full: whether the scene was reconstructed first.
     truth: names of the hidden effects.
     kind: of the verdict: nothing, missing, camera, unknown; ``failed`` where there is none.
-    accepted: names of the effects that were accepted, in order.
+    accepted: names of the effects that were accepted, in order; none where they explain too little.
     ranking: names, best first: the accepted effect, the other refits by misfit, the rest by score.
     groups: names that the diagnosis says it cannot tell apart.
     removed: share of the held-out excess error that the accepted effects removed together; None if none.
@@ -88,7 +88,7 @@ def outcome(scene: Path) -> Outcome | None:
         return Outcome(*head, "failed") if (scene / FAILURE).is_file() else None
     result = json.loads((scene / FOLDER / RESULT).read_text())
     rounds, screen = result["rounds"], result["rounds"][0]["screen"] or {"candidates": [], "groups": []}
-    taken = [_accepted(found) for found in rounds if found["accepted"]]
+    taken = [_accepted(found) for found in rounds if found["accepted"] and result["verdict"]["kind"] != "unknown"]
     coefficients, error = _coefficients(truth, rounds[0]["refits"])
     before = {entry["name"]: entry for entry in rounds[0]["parameters"]}
     after = taken[-1]["values"] if taken else before

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -27,10 +27,12 @@ from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
+from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
+from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import write_atomically
@@ -41,10 +43,6 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
-AGREEMENT = 0.2
-"""Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
-ENOUGH = 0.5
-"""An accepted effect that removes less of the held-out error than this leaves something unexplained."""
 DECISIVE = 0.9
 """An accepted effect that removes more of the held-out error than this leaves nothing for those that no score names."""
 
@@ -75,38 +73,6 @@ class Options:
     tracks: str | None = None
     clouds: str | None = None
     images: bool = True
-
-
-@dataclass
-class Round:
-    """One pass of the steps.
-
-    comparison: the model as it stood.
-    omnibus: whether its residual is more than noise in the fitted data.
-    held: the same in the held-out data.
-    parameters: intervals of all unknowns.
-    undetermined: what the recording does not determine, in words.
-    phases: of the motion, by frame.
-    candidates: effects that were screened.
-    screening: the ranking; None if the diagnosis stopped before.
-    refits: with one more effect each.
-    accepted: the refit that was taken over.
-    force: the smooth force that would remove the residual; None where it was not asked for.
-    profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
-    """
-
-    comparison: Comparison
-    omnibus: Omnibus
-    held: Omnibus
-    parameters: list[Interval]
-    undetermined: list[str]
-    phases: list[str]
-    candidates: list[Candidate] = field(default_factory=list)
-    screening: Screening | None = None
-    refits: list[Refit] = field(default_factory=list)
-    accepted: Refit | None = None
-    force: ResidualForce | None = None
-    profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: Callable[[str], None]) -> Path:
@@ -152,7 +118,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if options.until == "refit" and last.screening is not None and last.accepted is None and beyond_noise(last):
+    left_over = beyond_noise(last) or unexplained(rounds)
+    if options.until == "refit" and last.screening is not None and last.accepted is None and left_over:
         last.force = store.once("force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
     if options.profile is not None:
@@ -237,11 +204,6 @@ def _round(
     return found
 
 
-def beyond_noise(found: Round) -> bool:
-    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree."""
-    return found.omnibus.p_value < FALSE_ALARMS and found.held.p_value < AGREEMENT
-
-
 def _suspicious(found: Round) -> bool:
     """Whether the residual is more than noise, or an effect stands out."""
     assert found.screening is not None
@@ -264,12 +226,14 @@ def rival(refits: list[Refit], candidate: Candidate) -> Refit | None:
 
 
 def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
-    """Write diagnosis.json and, when effects were accepted, the overlay effects.yaml."""
+    """Write diagnosis.json and, when effects were accepted and explain enough, the overlay effects.yaml."""
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / RESULT, json.dumps(summary(problem, rounds), indent=1).encode())
     accepted = [found.accepted for found in rounds if found.accepted is not None]
-    if accepted:
+    if accepted and not unexplained(rounds):
         write_atomically(folder / OVERLAY, overlay(problem, accepted).encode())
+    else:
+        (folder / OVERLAY).unlink(missing_ok=True)
 
 
 def overlay(problem: Problem, accepted: list[Refit]) -> str:
@@ -298,79 +262,13 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "times": video.times.tolist(),
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
-        "verdict": _verdict(problem, rounds),
+        "verdict": verdict(problem, rounds),
         "unit": problem.unit[0],
         "points": [] if problem.points is None else problem.points.names,
         "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
         "residual_force": None if rounds[-1].force is None else _force(rounds[-1].force),
     }
-
-
-def _verdict(problem: Problem, rounds: list[Round]) -> dict:
-    sentences: list[str] = []
-    names: list[str] = []
-    kind = "nothing"
-    for number, found in enumerate(rounds, 1):
-        if found.accepted is not None and found.screening is not None:
-            again = found.accepted
-            after = rounds[number].comparison.known if number < len(rounds) else again.known
-            alike = _not_told_apart(found)
-            p = min(found.screening.p_value(again.candidate.name), 1.0)
-            p = found.omnibus.p_value if again.candidate.discrete else p
-            sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
-            described = problem.physics.parameters
-            changes = [
-                wording.moved(described[i.name], i.value, after[i.name])
-                for i in found.parameters
-                if i.name in problem.physics.material.free_names
-            ]
-            sentences.append(f"{'; '.join(changes)}.")
-            separation = wording.separation(again.candidate, alike)
-            sentences += [separation] if separation else []
-            names.append(again.candidate.name)
-            kind = "camera" if again.candidate.observes else "missing"
-    last = rounds[-1]
-    if not names and last.screening is not None and not _not_refitted(last):
-        kind = "unknown" if beyond_noise(last) else "nothing"
-        sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
-    elif not names:
-        kind = "unfinished"
-        noise = "more than" if beyond_noise(last) else "no more than"
-        sentences.append(
-            f"The residual is {noise} the model's own numerical error ({wording.probability(last.omnibus.p_value)})."
-        )
-    elif rounds[0].accepted is not None and _removed(rounds) < ENOUGH:
-        sentences.append("More than half of the held-out error remains: something else is missing, too.")
-    if last.force is not None:
-        sentences += wording.force(last.force.explained, last.force.law)
-    return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
-
-
-def _not_refitted(found: Round) -> bool:
-    """Whether effects passed the threshold and the diagnosis stopped before they were refitted."""
-    return (
-        found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
-    )
-
-
-def _not_told_apart(found: Round) -> list[str]:
-    """The accepted effect, and those of its class that were accepted as well or not refitted."""
-    assert found.accepted is not None and found.screening is not None
-    name = found.accepted.candidate.name
-    if name not in [score.name for score in found.screening.scores]:
-        return [name]
-    rejected = {again.candidate.name for again in found.refits if not again.verdict.accepted}
-    return [other for other in found.screening.group(name) if other not in rejected]
-
-
-def _removed(rounds: list[Round]) -> float:
-    """Share of the held-out error of the first model that all accepted effects remove together."""
-    kept = 1.0
-    for found in rounds:
-        if found.accepted is not None:
-            kept *= 1 - found.accepted.verdict.removed
-    return 1 - kept
 
 
 def _round_summary(problem: Problem, found: Round) -> dict:

@@ -24,7 +24,7 @@ from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 
 if TYPE_CHECKING:
-    from pacnerf_lpo.diagnosis.diagnose import Round
+    from pacnerf_lpo.diagnosis.rounds import Round
 
 PICTURES = "pictures.npz"
 LONGEST = 128

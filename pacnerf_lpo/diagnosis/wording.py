@@ -47,6 +47,12 @@ def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float
     return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {removed:.0%} of the held-out error."
 
 
+def nearest(names: Sequence[str], removed: float) -> str:
+    """What the effects do that were accepted and do not explain enough."""
+    tried = " and ".join(readable(name) for name in names)
+    return f"Nearest comes {tried}, which removes {removed:.0%} of the held-out error; more than half remains."
+
+
 def moved(parameter: Parameter, before: float, after: float) -> str:
     """How a parameter changes when the effect is added."""
     values = quantity(before, parameter.unit), quantity(after, parameter.unit)

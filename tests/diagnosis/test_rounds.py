@@ -10,6 +10,7 @@ import pytest
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
+from pacnerf_lpo.diagnosis.verdict import unexplained
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -25,6 +26,22 @@ def test_only_misfits_of_the_same_data_are_compared():
     assert rival([camera, wind, drag, rejected], wind.candidate) is drag
     assert rival([camera, rejected], drag.candidate) is None
     assert rival([camera, drag], camera.candidate) is None
+
+
+def passed(accepted: SimpleNamespace | None, p_fitted: float, p_held: float) -> SimpleNamespace:
+    omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held)
+    return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held)
+
+
+def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise():
+    spin, wind = refitted(LinearDrag(), 0.34), refitted(UniformForce(), 0.3)
+    first, noisy, quiet = passed(spin, 1e-5, 1e-5), passed(None, 0.3, 0.01), passed(None, 0.3, 0.3)
+    assert unexplained([first, noisy])
+    assert not unexplained([first, quiet])
+    assert not unexplained([first, passed(wind, 0.3, 0.01), noisy])  # both remove 54 % together
+    assert not unexplained([passed(refitted(LinearDrag(), 0.6), 1e-5, 1e-5), noisy])
+    assert unexplained([passed(None, 0.01, 0.1)])
+    assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
 
 
 def test_a_constant_shift_of_one_camera_shows_in_every_frame():

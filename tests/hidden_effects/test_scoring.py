@@ -91,6 +91,13 @@ def test_classes_count_once_in_the_ranking(tmp_path):
     assert found.removed is None and not found.found("LinearDrag")
 
 
+def test_an_effect_that_explains_too_little_is_not_a_finding(tmp_path):
+    first = round_of([refit("LinearDrag", 1.0, 0.3, drag=interval(0.5, 1.0, 1.5))], "LinearDrag", [], [], 0.01)
+    found = write(tmp_path / "1001", DRAG, [first, round_of([], None, [], [], 0.01)], "unknown")
+    assert found.accepted == () and found.removed is None and not found.found("LinearDrag")
+    assert found.within(1)
+
+
 def test_two_effects_remove_together_and_what_is_left_is_noticed(tmp_path):
     first = round_of([refit("LinearDrag", 1.0, 0.5, drag=interval(0.5, 1.0, 1.5))], "LinearDrag", [], [], 0.01)
     second = round_of([refit("InitialSpin", 1.0, 0.4)], "InitialSpin", [], [], 0.01)

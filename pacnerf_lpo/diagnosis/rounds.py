@@ -1,0 +1,53 @@
+"""What one pass of a diagnosis has found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.refitting import Refit
+from pacnerf_lpo.diagnosis.residual_force import ResidualForce
+from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening
+from pacnerf_lpo.diagnosis.statistics.intervals import Interval
+from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
+
+AGREEMENT = 0.2
+"""Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
+
+
+@dataclass
+class Round:
+    """One pass of the steps.
+
+    comparison: the model as it stood.
+    omnibus: whether its residual is more than noise in the fitted data.
+    held: the same in the held-out data.
+    parameters: intervals of all unknowns.
+    undetermined: what the recording does not determine, in words.
+    phases: of the motion, by frame.
+    candidates: effects that were screened.
+    screening: the ranking; None if the diagnosis stopped before.
+    refits: with one more effect each.
+    accepted: the refit that was taken over.
+    force: the smooth force that would remove the residual; None where it was not asked for.
+    profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
+    """
+
+    comparison: Comparison
+    omnibus: Omnibus
+    held: Omnibus
+    parameters: list[Interval]
+    undetermined: list[str]
+    phases: list[str]
+    candidates: list[Candidate] = field(default_factory=list)
+    screening: Screening | None = None
+    refits: list[Refit] = field(default_factory=list)
+    accepted: Refit | None = None
+    force: ResidualForce | None = None
+    profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def beyond_noise(found: Round) -> bool:
+    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree."""
+    return found.omnibus.p_value < FALSE_ALARMS and found.held.p_value < AGREEMENT

@@ -1,0 +1,90 @@
+"""The verdict of a diagnosis, in one word and in sentences."""
+
+from __future__ import annotations
+
+from pacnerf_lpo.diagnosis import wording
+from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise
+from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
+
+ENOUGH = 0.5
+"""Accepted effects that remove less of the held-out error than this do not explain it."""
+
+
+def verdict(problem: Problem, rounds: list[Round]) -> dict:
+    """Its kind (nothing, missing, camera, unknown or unfinished), the effects named, and sentences."""
+    sentences: list[str] = []
+    names: list[str] = []
+    kind = "nothing"
+    for number, found in enumerate(rounds, 1):
+        if found.accepted is not None and found.screening is not None:
+            again = found.accepted
+            after = rounds[number].comparison.known if number < len(rounds) else again.known
+            alike = _not_told_apart(found)
+            p = min(found.screening.p_value(again.candidate.name), 1.0)
+            p = found.omnibus.p_value if again.candidate.discrete else p
+            sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
+            described = problem.physics.parameters
+            changes = [
+                wording.moved(described[i.name], i.value, after[i.name])
+                for i in found.parameters
+                if i.name in problem.physics.material.free_names
+            ]
+            sentences.append(f"{'; '.join(changes)}.")
+            separation = wording.separation(again.candidate, alike)
+            sentences += [separation] if separation else []
+            names.append(again.candidate.name)
+            kind = "camera" if again.candidate.observes else "missing"
+    last = rounds[-1]
+    if not names and last.screening is not None and not _not_refitted(last):
+        kind = "unknown" if unexplained(rounds) else "nothing"
+        sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
+    elif not names:
+        kind = "unfinished"
+        noise = "more than" if beyond_noise(last) else "no more than"
+        sentences.append(
+            f"The residual is {noise} the model's own numerical error ({wording.probability(last.omnibus.p_value)})."
+        )
+    elif unexplained(rounds):
+        kind = "unknown"
+        sentences = [wording.UNKNOWN, wording.nearest(names, _removed(rounds))]
+        names = []
+    if last.force is not None:
+        sentences += wording.force(last.force.explained, last.force.law)
+    return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
+
+
+def unexplained(rounds: list[Round]) -> bool:
+    """Whether more than noise is left, and what was accepted, if anything, removes less than half of the held-out
+    error.
+    """
+    last = rounds[-1]
+    if all(found.accepted is None for found in rounds):
+        return beyond_noise(last)
+    return _removed(rounds) < ENOUGH and min(last.omnibus.p_value, last.held.p_value) < FALSE_ALARMS
+
+
+def _not_refitted(found: Round) -> bool:
+    """Whether effects passed the threshold and the diagnosis stopped before they were refitted."""
+    return (
+        found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
+    )
+
+
+def _not_told_apart(found: Round) -> list[str]:
+    """The accepted effect, and those of its class that were accepted as well or not refitted."""
+    assert found.accepted is not None and found.screening is not None
+    name = found.accepted.candidate.name
+    if name not in [score.name for score in found.screening.scores]:
+        return [name]
+    rejected = {again.candidate.name for again in found.refits if not again.verdict.accepted}
+    return [other for other in found.screening.group(name) if other not in rejected]
+
+
+def _removed(rounds: list[Round]) -> float:
+    """Share of the held-out error of the first model that all accepted effects remove together."""
+    kept = 1.0
+    for found in rounds:
+        if found.accepted is not None:
+            kept *= 1 - found.accepted.verdict.removed
+    return 1 - kept
