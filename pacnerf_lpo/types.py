@@ -89,6 +89,9 @@ class ParticleState:
     spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
     base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
     colour_network: weights of the colour MLP, frozen after the static phase
+    erosion: raw density above that of the visible surface at which matter begins, see :class:`~pacnerf_lpo.mpm.physics.
+        Physics`; None where nobody asked
+    corrected: the particles were changed until their own motion fits the video; another sampling would not move so
     """
 
     positions: Tensor
@@ -99,6 +102,17 @@ class ParticleState:
     spacing: float
     base_spacing: float
     colour_network: dict[str, Tensor] = field(default_factory=dict)
+    erosion: float | None = None
+    corrected: bool = False
+
+    @property
+    def spacings(self) -> tuple[float, float]:
+        """Node spacing and base spacing [m]."""
+        return self.spacing, self.base_spacing
+
+    def massive(self, density: Tensor) -> Tensor:
+        """Raw densities of the particles [(N,)] as far as they make mass and stiffness."""
+        return density if self.erosion is None else density - self.erosion
 
     def with_(self, **changes) -> ParticleState:
         """A copy with the named fields replaced."""

@@ -36,7 +36,7 @@ def run(
 
     Args:
         run_dir: folder that fit wrote.
-        phase: stem of a finished phase, such as 01_velocity; the last one when not given.
+        phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it; all known effects when not given.
         twins: simulated nulls that calibrate the statistics, 8 to 24.
         effects: at most so many effects are added.

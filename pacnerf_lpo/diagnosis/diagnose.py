@@ -91,7 +91,7 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     what = {k: v for k, v in asdict(options).items() if k in ("twins", "seed", "particles")}
     what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
-    if problem.run.stage(stem).record.phase in ("static", "velocity"):  # nothing was identified yet
+    if problem.stage.record.phase in ("static", "velocity"):  # nothing was identified yet
         known = store.once("search", partial(searched, problem, problem.physics.effects, problem.first_guess, progress))
         problem.first_guess = known
     rounds = investigate(problem, store, options, progress)

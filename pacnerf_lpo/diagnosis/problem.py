@@ -200,9 +200,11 @@ class StateProblem(Problem):
 
     @cached_property
     def erosion(self) -> float:
-        """Raw density above that of the visible surface at which matter begins: found by the areas of the outlines at
-        frame 0 in the fitted views.
+        """Raw density above that of the visible surface at which matter begins: that of the state, or found by the
+        areas of the outlines at frame 0 in the fitted views.
         """
+        if self.state.erosion is not None:
+            return self.state.erosion
         low, high = -4.0, LARGEST_EROSION
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
@@ -245,7 +247,7 @@ class RunProblem(StateProblem):
     """A run: its video and its model.
 
     Args:
-        run: the run; its last phase supplies the body and the first guess of the motion.
+        run: the run; its last phase before a correction supplies the body and the first guess of the motion.
         stem: another phase, such as ``01_velocity``.
         particles: the body is sampled by about so many.
         tracks, clouds: measured beside the video, in place of the run's own; None: as the run has them.
@@ -264,14 +266,14 @@ class RunProblem(StateProblem):
         clouds: str | None = None,
         images: bool = True,
     ):
-        self.run, self.stem, self.images = run, stem, images
+        self.run, self.stage, self.images = run, run.stage(stem) if stem else run.uncorrected, images
         data = run.data
         if tracks is not None or clouds is not None:
             data.measure(data.video, tracks or data.tracks, clouds or data.clouds)
         if not images and data.tracked_points is None and data.point_clouds is None:
             raise UserInputError("diagnose: --images false leaves nothing to compare; give --tracks or --clouds")
-        state, held = run.stage(stem).state, split(data)
-        super().__init__(run.scene, data, state, run.physics, held, images, particles, images)
+        held = split(data)
+        super().__init__(run.scene, data, self.stage.state, run.physics, held, images, particles, images)
         if self.points is not None:
             self.split = replace(self.split, points=self.points.fitted)
         if not images:
@@ -290,7 +292,7 @@ class RunProblem(StateProblem):
         """Differs for runs whose diagnosis may differ."""
         config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
         points = b"" if self.points is None else self.points.fingerprint + bytes([self.images])
-        return self.run.stage(self.stem).state_path.read_bytes() + config.encode() + points
+        return self.stage.state_path.read_bytes() + config.encode() + points
 
 
 def shading(brightness: np.ndarray) -> np.ndarray:

@@ -77,8 +77,8 @@ def observer_of(run: Run, stage: Stage) -> Observer:
 def velocity_of(run: Run, stage: Stage) -> Tensor:
     """Velocity of every particle at frame 0, the effects on it included [m/s, (N, 3)]."""
     state = stage.state
-    spacings = state.spacing, state.base_spacing
-    return run.physics.initial_velocity(state.positions, state.velocity, state.density, _values(run, stage), spacings)
+    density, values = state.massive(state.density), _values(run, stage)
+    return run.physics.initial_velocity(state.positions, state.velocity, density, values, state.spacings)
 
 
 def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Tensor]]:

@@ -103,6 +103,11 @@ class Run:
         measured = [stage for stage in self.stages if stage.record.held_out_error is not None]
         return measured[self.manifest.chosen_round - 1] if self.manifest.chosen_round else self.stages[-1]
 
+    @property
+    def uncorrected(self) -> Stage:
+        """The last phase with particles as they were sampled. Corrections bend a body until a wrong model fits."""
+        return next(stage for stage in reversed(self.stages) if not stage.state.corrected)
+
     def stage(self, stem: str | None) -> Stage:
         """The finished phase with this stem, such as ``02_r1_physics``; the last one when None."""
         if stem is None:

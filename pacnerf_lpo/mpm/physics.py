@@ -40,7 +40,9 @@ class Physics:
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
         matter: ``alpha``: mass and stiffness of a particle follow its alpha over unit length (PAC-NeRF); ``visible``:
-            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids.
+            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids;
+            ``outlined``: the same after an erosion that makes the body as large as the mattes of the training views at
+            frame 0 are, for images so coarse that a visible surface is uncertain by a good part of a voxel.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Physics:
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
         ground_height: float = 0.0,
         fit_ground_height: bool = False,
-        matter: Literal["alpha", "visible"] = "alpha",
+        matter: Literal["alpha", "visible", "outlined"] = "alpha",
     ):
         for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
             if not (value > 0 and math.isfinite(value)):
@@ -127,7 +129,7 @@ class Physics:
         Args:
             positions: at frame 0 [m, (N, 3)]
             velocity: at frame 0 [m/s, (N, 3)]
-            density: raw volume density of the particles [(N,)]
+            density: raw volume density of the particles, less the erosion of their state [(N,)]
             parameters: every parameter by name [SI, scalars]
             spacings: grid spacing of the particles, and the coarsest one dx0 [m]
             frames: number of frames, the first included.
@@ -192,8 +194,8 @@ class Physics:
         """
         values = {name: torch.tensor(value) for name, value in {**self.guess, **state.physics}.items()}
         with torch.no_grad():
-            spacings = state.spacing, state.base_spacing
-            return self.rollout(state.positions, state.velocity, state.density, values, spacings, frames)
+            density = state.massive(state.density)
+            return self.rollout(state.positions, state.velocity, density, values, state.spacings, frames)
 
     def _simulator(self, spacing: float) -> Simulator:
         key = (spacing, self.substeps)

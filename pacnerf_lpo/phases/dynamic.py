@@ -75,7 +75,8 @@ class DynamicPhase(AbstractPhase):
         """Trajectory of the imported particles with one global velocity [m/s, (3,)] -> [m, (frames, N, 3)]."""
         state = self.state
         everywhere = velocity.expand_as(state.positions)
-        return self.physics.rollout(state.positions, everywhere, state.density, parameters, self.spacings, frames)
+        density = state.massive(state.density)
+        return self.physics.rollout(state.positions, everywhere, density, parameters, state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
         """A motion from frame 0 on as the cameras see it, to be compared by :class:`VideoMisfit`.
@@ -91,17 +92,16 @@ class DynamicPhase(AbstractPhase):
         if not self.physics.observations:
             return trajectory[None], AS_BELIEVED
         start = self.physics.initial_velocity(
-            trajectory[0], velocity.expand_as(trajectory[0]), self.state.density, parameters, self.spacings
+            trajectory[0],
+            velocity.expand_as(trajectory[0]),
+            self.state.massive(self.state.density),
+            parameters,
+            self.state.spacings,
         )
         names = [name for effect in self.physics.observations for name in effect.parameters]
         now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
         observer = Observer(self.physics.observations, now)
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
-
-    @property
-    def spacings(self) -> tuple[float, float]:
-        """Grid spacing of the particles, and the coarsest one dx0 [m]."""
-        return self.state.spacing, self.state.base_spacing
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep how often the time step was halved."""

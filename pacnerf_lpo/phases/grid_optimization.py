@@ -64,7 +64,12 @@ class GridOptimizationModule(DynamicPhase):
         driving = density if self.density_drives_mass else density.detach()
         velocity = self.state.velocity.mean(0)
         trajectory = self.physics.rollout(
-            positions, velocity.expand_as(positions), driving, self._values, self.spacings, frames
+            positions,
+            velocity.expand_as(positions),
+            self.state.massive(driving),
+            self._values,
+            self.state.spacings,
+            frames,
         )
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.misfit.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
@@ -89,6 +94,5 @@ class GridOptimizationModule(DynamicPhase):
         """The state with particles sampled from the trained grid."""
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed))
         velocity = self.state.velocity.mean(0).expand_as(positions).clone()
-        return self.state.with_(
-            positions=positions.cpu(), velocity=velocity, density=density.cpu(), features=features.cpu()
-        )
+        found = {"positions": positions.cpu(), "density": density.cpu(), "features": features.cpu()}
+        return self.state.with_(velocity=velocity, corrected=True, **found)

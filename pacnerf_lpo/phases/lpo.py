@@ -94,7 +94,8 @@ class LPOModule(DynamicPhase):
         images = self.one_view_per_frame(self.steps, self.misfit.frames)
         last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
         chosen = min(last, best, key=lambda particles: finite_loss(lambda: self._loss(images, **particles).item()))
-        return self.state.with_(**{name: values.detach().cpu().clone() for name, values in chosen.items()})
+        found = {name: values.detach().cpu().clone() for name, values in chosen.items()}
+        return self.state.with_(**found, corrected=True)
 
     def progress_metrics(self) -> dict[str, str]:
         """How far the particles have moved."""
@@ -103,8 +104,9 @@ class LPOModule(DynamicPhase):
 
     def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
         driving = density if self.density_drives_mass else density.detach()
+        state, massive = self.state, self.state.massive(driving)
         trajectory = self.physics.rollout(
-            positions, self.state.velocity, driving, self._values, self.spacings, self.misfit.frames
+            positions, state.velocity, massive, self._values, state.spacings, self.misfit.frames
         )
-        seen, observer = self.watch(trajectory, self.state.velocity, self._values)
+        seen, observer = self.watch(trajectory, state.velocity, self._values)
         return self.misfit.loss(seen, density, features, views, observer=observer)

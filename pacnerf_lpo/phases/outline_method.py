@@ -39,6 +39,8 @@ class OutlineGaussNewton(GaussNewton):
 
     A body's plastic flow converges slowly with its resolution, its sensitivities do not need to: the residual is that
     of a fine body, the Jacobian that of a coarser one (space mapping with an additive correction, Bandler et al. 2004).
+    A corrected body is compared pixel by pixel, moved by its own particles: the correction has made those agree with
+    the images, and neither its outlines by splats nor another sampling of it do.
 
     Args:
         iterations: at most, at full resolution.
@@ -116,17 +118,23 @@ class OutlineGaussNewton(GaussNewton):
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration, then back into the bounds."""
         loss = super().iterate(module, optimiser, step)
+        if module.state.corrected:
+            return loss
         fine, _ = self._fine_and_probe(module)
         self._set(module, fine.model, np.clip(fine.free(module), *fine.model.bounds))
         return loss
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         """By the coarser body and the difference of the two where the step began."""
+        if module.state.corrected:
+            return super()._trial_loss(module)
         _, probe = self._fine_and_probe(module)
         return finite_loss(lambda: float(np.mean((probe.residual(probe.free(module)) + self._correction) ** 2)))
 
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """In the order of ``module.unknowns``."""
+        if module.state.corrected:
+            return super()._normal_equations(module)
         fine, probe = self._fine_and_probe(module)
         free, model = fine.free(module), fine.model
         now, there = fine.residual(free), probe.residual(free)

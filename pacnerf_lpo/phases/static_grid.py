@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from pacnerf_lpo.diagnosis.split import Split
+from pacnerf_lpo.diagnosis.summaries import summarise
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
@@ -24,6 +27,7 @@ from pacnerf_lpo.types import ParticleState, Rays
 
 if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
+    from pacnerf_lpo.mpm.physics import Physics
 
 
 class StaticGridModule(AbstractPhase):
@@ -89,6 +93,20 @@ class StaticGridModule(AbstractPhase):
         self.silhouette_weight, self.relative_alpha = silhouette_weight, relative_alpha
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
+
+    def attach(self, data: VideoData, physics: Physics) -> None:
+        """See :meth:`AbstractPhase.attach`; whole outlines must be seen where they decide what is matter.
+
+        Raises:
+            UserInputError: every training view cuts the outline at frame 0.
+        """
+        super().attach(data, physics)
+        outlines = summarise(data.video.silhouettes[data.train, 0])
+        if physics.matter == "outlined" and not np.isfinite(outlines).any():
+            raise UserInputError(
+                f"{data.video.source}: physics.matter = outlined needs a training view that shows the whole outline at "
+                "frame 0, but in all of them it touches the border of the image; set physics.matter to visible"
+            )
 
     def import_state(self, state: ParticleState | None) -> None:
         """Start from an empty field in the video's box.
@@ -179,7 +197,7 @@ class StaticGridModule(AbstractPhase):
             density, features = interpolate(grid, positions)
         velocity = torch.zeros(3) if self.previous is None else self.previous.velocity.mean(0)
         weights = {name: value.detach().cpu().clone() for name, value in self.colour.state_dict().items()}
-        return ParticleState(
+        state = ParticleState(
             positions=positions.cpu(),
             velocity=velocity.expand_as(positions).cpu().clone(),
             density=density.cpu(),
@@ -189,6 +207,18 @@ class StaticGridModule(AbstractPhase):
             base_spacing=self.base_spacing,
             colour_network=weights,
         )
+        return state.with_(erosion=self._erosion(state)) if self.physics.matter == "outlined" else state
+
+    def _erosion(self, state: ParticleState) -> float:
+        """Raw density above that of the visible surface where the body is as large as in the mattes of the training
+        views.
+        """
+        from pacnerf_lpo.diagnosis.problem import StateProblem  # it looks at states of phases
+
+        video = self.data.video
+        views = np.isin(np.arange(len(video.images)), self.data.train)
+        first = Split(views, np.arange(len(video.times)) == 0)
+        return StateProblem("", self.data, state, self.physics, first, bright=False).erosion
 
     def progress_metrics(self) -> dict[str, str]:
         """Batch PSNR and voxel size."""

@@ -12,7 +12,7 @@ from pacnerf_lpo.diagnosis.search import points, span
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.phases import OutlineGaussNewton, PhysicsIDModule
+from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
 from pacnerf_lpo.phases.outline_method import Misfit
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
@@ -52,6 +52,19 @@ def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
     module.method.prepare(module)
     assert module.velocity.tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.1)
     assert module.export_values() == pytest.approx(before)
+
+
+def test_a_corrected_body_is_compared_in_pixels_by_its_own_particles(data, state):
+    losses = []
+    for chosen in (method(), GaussNewton(coarse_iterations=0, pool=1)):
+        module = PhysicsIDModule(HIT, chosen)
+        module.attach(data, physics())
+        module.import_state(state.with_(corrected=True, physics={**state.physics, "E": 4e4}))
+        losses.append(chosen.iterate(module, chosen.optimiser(module), 0))
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
+    every_image = module.fixed_views(FRAMES, None)
+    module.import_state(state.with_(physics={**state.physics, "E": 4e4}))
+    assert losses[0] == pytest.approx(module.loss(FRAMES, every_image).item(), rel=1e-3)
 
 
 def test_without_search_it_starts_from_the_guess(data, state):

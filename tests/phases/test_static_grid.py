@@ -9,6 +9,8 @@ import torch
 from torch.nn.functional import normalize
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.schedules import Constant, Doubling, DoublingThenHalving, TrainingLength
 from pacnerf_lpo.phases.static_grid import StaticGridModule
@@ -71,7 +73,7 @@ def static_phase(data: BallData, steps: int, scaling_steps: list[int], **options
         rays_per_step=256,
         **{"surface_weight": 1e-3, "surface_schedule": Constant(), **options},
     )
-    phase.attach(data, None)
+    phase.attach(data, Physics(NeoHookean(E=1e5, nu=0.3)))
     phase.import_state(None)
     return phase
 
