@@ -95,6 +95,7 @@ def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, f
     wrong = state.with_(positions=state.positions + 0.015 * noise, features=state.features + 0.5)
     model = physics()
     corrected = run(LPOModule(12, positions, features), data, model, wrong)
+    assert corrected.corrected and not wrong.corrected
     assert (corrected.positions != wrong.positions).any() == positions
     assert (corrected.features != wrong.features).any() == features
     before, after = (
