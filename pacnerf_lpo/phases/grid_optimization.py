@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -9,6 +11,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState
@@ -27,6 +30,7 @@ class GridOptimizationModule(DynamicPhase):
         feature_rate: Adam rate of density and features.
         relative_alpha: particles are kept whose alpha is at least this fraction of the largest.
         silhouette_weight: see :class:`DynamicPhase`.
+        warm_up: part of the iterations over which the rates rise linearly to their values (0 in the paper).
         seed: seed of the exported particles and of the random choice of views.
     """
 
@@ -39,9 +43,11 @@ class GridOptimizationModule(DynamicPhase):
         feature_rate: float = 0.1,
         relative_alpha: float = RELATIVE_ALPHA,
         silhouette_weight: float = 0.0,
+        warm_up: float = 0.0,
         seed: int = 0,
     ):
         super().__init__(iterations, silhouette_weight, seed)
+        self.warm_up = check_warm_up(warm_up)
         self.density_drives_mass, self.feature_rate = density_drives_mass, feature_rate
         self.relative_alpha = relative_alpha
 
@@ -53,9 +59,10 @@ class GridOptimizationModule(DynamicPhase):
         self.register_buffer("lower", grid.lower)
         self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
+    def configure_optimizers(self) -> Any:
         """Adam on the grid."""
-        return torch.optim.Adam([self.density, self.features], lr=self.feature_rate, betas=(0.9, 0.999))
+        groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]
+        return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames of freshly sampled particles, one random training view for each frame."""
@@ -74,6 +81,7 @@ class GridOptimizationModule(DynamicPhase):
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.misfit.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
         self.log("correction/loss", loss)
+        self.log("correction/Adam rate", self.trainer.optimizers[0].param_groups[0]["lr"])
         self.log("correction/particles", float(len(positions)))
         return loss
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import finite_loss
+from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -31,6 +33,7 @@ class LPOModule(DynamicPhase):
         position_rate: Adam rate of the positions, in units of the coarsest grid spacing dx0.
         feature_rate: Adam rate of density and features.
         silhouette_weight: see :class:`DynamicPhase`.
+        warm_up: part of the iterations over which the rates rise linearly to their values (0 in the paper).
     """
 
     best_loss: Tensor
@@ -44,6 +47,7 @@ class LPOModule(DynamicPhase):
         position_rate: float = 1 / 32,
         feature_rate: float = 0.1,
         silhouette_weight: float = 0.0,
+        warm_up: float = 0.0,
     ):
         super().__init__(iterations, silhouette_weight)
         if not (positions or features):
@@ -54,6 +58,7 @@ class LPOModule(DynamicPhase):
         self.corrects_positions, self.corrects_features = positions, features
         self.density_drives_mass = density_drives_mass
         self.position_rate, self.feature_rate = position_rate, feature_rate
+        self.warm_up = check_warm_up(warm_up)
 
     def import_state(self, state: ParticleState | None) -> None:
         """Make the particles trainable."""
@@ -66,14 +71,14 @@ class LPOModule(DynamicPhase):
         self.register_buffer("best_loss", torch.tensor(math.inf))
         self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
+    def configure_optimizers(self) -> Any:
         """Adam with one group for positions and one for density and features."""
         groups = []
         if self.corrects_positions:
             groups.append({"params": [self.positions], "lr": self.position_rate * self.state.base_spacing})
         if self.corrects_features:
             groups.append({"params": [self.density, self.features], "lr": self.feature_rate})
-        return torch.optim.Adam(groups, betas=(0.9, 0.999))
+        return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames, one random training view for each."""
@@ -84,6 +89,7 @@ class LPOModule(DynamicPhase):
             for name, values in particles.items():
                 getattr(self, f"best_{name}").copy_(values.detach())
         self.log("correction/loss", loss)
+        self.log("correction/Adam rate", self.trainer.optimizers[0].param_groups[0]["lr"])
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)
         return loss

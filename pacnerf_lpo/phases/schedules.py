@@ -1,9 +1,15 @@
-"""How weights and resolution of the static phase change over its steps: small objects, chosen by class_path in YAML."""
+"""How weights and resolution of the static phase change over its steps: small objects, chosen by class_path in YAML.
+And how the rate of the corrections does.
+"""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from typing import Any
+
+import torch
+from torch.optim.lr_scheduler import LinearLR
 
 from pacnerf_lpo.errors import UserInputError
 
@@ -100,6 +106,26 @@ class TrainingLength:
     def refines_before(self, step: int) -> bool:
         """Whether the voxels are halved just before a step (counted from 0)."""
         return step in self.scaling_steps[: self.halvings]
+
+
+def rising_adam(groups: list[dict[str, Any]], steps: int, warm_up: float) -> Any:
+    """Adam whose rates rise linearly over a part ``warm_up`` of the steps, as Lightning wants it configured.
+
+    Adam's first steps are as long for a vanishing gradient as for a large one, so a correction that starts near its
+    goal, as that of a later round does, is thrown back by them.
+    """
+    adam, rise = torch.optim.Adam(groups, betas=(0.9, 0.999)), round(warm_up * steps)
+    if rise == 0:
+        return adam
+    rising = LinearLR(adam, 1 / (rise + 1), total_iters=rise)
+    return {"optimizer": adam, "lr_scheduler": {"scheduler": rising, "interval": "step"}}
+
+
+def check_warm_up(warm_up: float) -> float:
+    """The part itself; raises UserInputError unless it is at least 0 and below 1."""
+    if not 0 <= warm_up < 1:
+        raise UserInputError(f"phases.correction: warm_up = {warm_up:g} is a part of the iterations; give 0 to 0.9")
+    return warm_up
 
 
 def _check_positive(name: str, value: float) -> None:

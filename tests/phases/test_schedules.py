@@ -1,9 +1,11 @@
-"""Schedules of the static phase."""
+"""Schedules of the static phase, and of the rate of corrections."""
 
 import pytest
+import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.phases.schedules import Constant, Doubling, DoublingThenHalving, TrainingLength
+from pacnerf_lpo.phases import GridOptimizationModule, LPOModule
+from pacnerf_lpo.phases.schedules import Constant, Doubling, DoublingThenHalving, TrainingLength, rising_adam
 
 DAGGER = TrainingLength(2000, [333, 667, 1333])
 
@@ -47,3 +49,23 @@ def test_impossible_period(schedule):
 def test_a_shortened_training_keeps_its_proportions():
     short = TrainingLength(2000, [333, 667, 1333], shorten=2)
     assert (short.steps, short.scaling_steps) == (1000, [166, 333, 666])
+
+
+def test_rates_rise_linearly_over_their_part_of_the_steps_and_stay():
+    unknown = torch.nn.Parameter(torch.zeros(1))
+    configured = rising_adam([{"params": [unknown], "lr": 0.4}], steps=10, warm_up=0.3)
+    adam, schedule = configured["optimizer"], configured["lr_scheduler"]["scheduler"]
+    rates = []
+    for _ in range(6):
+        rates.append(adam.param_groups[0]["lr"])
+        adam.step()
+        schedule.step()
+    assert rates == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
+    assert isinstance(rising_adam([{"params": [unknown], "lr": 0.4}], steps=10, warm_up=0.0), torch.optim.Adam)
+
+
+@pytest.mark.parametrize("correction", [LPOModule, GridOptimizationModule])
+@pytest.mark.parametrize("warm_up", [-0.1, 1.0, 8])
+def test_a_warm_up_is_a_part_of_the_iterations(correction, warm_up):
+    with pytest.raises(UserInputError, match=r"warm_up = .* part of the iterations"):
+        correction(warm_up=warm_up)
