@@ -32,7 +32,7 @@ from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
-from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
+from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import write_atomically
@@ -44,7 +44,7 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
 DECISIVE = 0.9
-"""An accepted effect that removes more of the held-out error than this leaves nothing for those that no score names."""
+"""Accepted effects that remove more of the held-out error than this leave nothing for those that no score names."""
 
 
 @dataclass
@@ -111,7 +111,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
     rounds: list[Round] = []
     for number in range(1, options.effects + 2):
         told = _prefixed(progress, f"round {number}, ")
-        found = _round(problem, store, options, number, effects, known, told)
+        settled = removed_by(rounds) > DECISIVE
+        found = _round(problem, store, options, number, effects, known, settled, told)
         rounds.append(found)
         write(problem, store.folder, rounds)
         if found.accepted is None or number > options.effects:
@@ -159,6 +160,7 @@ def _round(
     number: int,
     effects: tuple[Effect, ...],
     known: dict[str, float],
+    settled: bool,
     progress: Callable[[str], None],
 ) -> Round:
     told = _prefixed(progress, "compare: ")
@@ -185,7 +187,7 @@ def _round(
         return found
     for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
         best = rival(found.refits, candidate)
-        if best is not None and candidate.discrete and best.verdict.removed > DECISIVE:
+        if candidate.discrete and (settled or (best is not None and best.verdict.removed > DECISIVE)):
             continue
         told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
         score = next((s for s in found.screening.scores if s.name == candidate.name), None)

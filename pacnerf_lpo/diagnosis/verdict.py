@@ -47,7 +47,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         )
     elif unexplained(rounds):
         kind = "unknown"
-        sentences = [wording.UNKNOWN, wording.nearest(names, _removed(rounds))]
+        sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds))]
         names = []
     if last.force is not None:
         sentences += wording.force(last.force.explained, last.force.law)
@@ -61,7 +61,7 @@ def unexplained(rounds: list[Round]) -> bool:
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
         return beyond_noise(last)
-    return _removed(rounds) < ENOUGH and min(last.omnibus.p_value, last.held.p_value) < FALSE_ALARMS
+    return removed_by(rounds) < ENOUGH and min(last.omnibus.p_value, last.held.p_value) < FALSE_ALARMS
 
 
 def _not_refitted(found: Round) -> bool:
@@ -81,7 +81,7 @@ def _not_told_apart(found: Round) -> list[str]:
     return [other for other in found.screening.group(name) if other not in rejected]
 
 
-def _removed(rounds: list[Round]) -> float:
+def removed_by(rounds: list[Round]) -> float:
     """Share of the held-out error of the first model that all accepted effects remove together."""
     kept = 1.0
     for found in rounds:
