@@ -158,6 +158,7 @@ def test_every_criterion_can_refuse():
         (survival(judged(5.8), 1.3, 1.2), "rises by 20%"),
         (judged(2.0, falls=2), "in 2 of 4 views"),
         (judged(5.8), "rises by 20%"),
+        (judged(4.2), "falls by 20%, less than 25%"),
         (judged(0.5, before=0.9), "not above the noise floor"),
         (judged(2.0, z=1.0), "does not foretell"),
         (judged(2.0, misfits=(600.0, 597.0)), "no better"),

@@ -12,6 +12,10 @@ from pacnerf_lpo.diagnosis.layout import Layout
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 
 STANDARD_ERRORS = 2.0
+LEAST_REMOVED = 0.25
+"""Share of the held-out excess error that an effect has to remove: a reconstruction has errors that twins do not know,
+and some effect or other always imitates a part of them significantly.
+"""
 LARGEST_DRIFT = 0.5
 """Change of the coefficient under grid refinement that still counts as survival, as part of the coefficient."""
 
@@ -135,7 +139,7 @@ def acceptance(
     worth = misfits[0] - misfits[1] > 2 * coefficients
     reasons = [
         (worth, f"the fit gets {'better' if worth else 'no better'} ({misfits[0]:.0f} to {misfits[1]:.0f})"),
-        (held.removed > 0, _fall_sentence(held)),
+        (held.removed >= LEAST_REMOVED, _fall_sentence(held)),
         (held.z > held.needed, _foretold_sentence(held)),
         (2 * better > views, f"the error falls in {better} of {views} views"),
         _interval_reason(interval, null),
@@ -159,7 +163,8 @@ def _fall_sentence(held: HeldOut) -> str:
     if held.before <= held.floor:
         return "the held-out error was not above the noise floor before"
     verb = "falls" if held.removed > 0 else "rises"
-    return f"the held-out excess error {verb} by {abs(held.removed):.0%}"
+    enough = "" if held.removed >= LEAST_REMOVED or held.removed <= 0 else f", less than {LEAST_REMOVED:.0%}"
+    return f"the held-out excess error {verb} by {abs(held.removed):.0%}{enough}"
 
 
 def _foretold_sentence(held: HeldOut) -> str:
