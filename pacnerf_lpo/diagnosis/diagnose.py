@@ -285,7 +285,7 @@ def _round_summary(problem: Problem, found: Round) -> dict:
         "omnibus_held": _omnibus(found.held),
         "phases": found.phases,
         "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
-        "floor": _matrix(np.nanmean(localising.floor(comparison)[1][: problem.views, :, :-1], axis=-1)),
+        "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
         "error": _errors(problem, comparison.residual, comparison),
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
         "refits": [_refit(problem, again, comparison) for again in found.refits],

@@ -50,8 +50,12 @@ def excess(residual: np.ndarray, comparison: Comparison) -> np.ndarray:
     nothing was seen.
     """
     bias, variance = floor(comparison)
-    beyond = (residual - bias) ** 2 - variance
-    outlines = beyond[..., : len(KINDS)]
+    return mean_of_outlines((residual - bias) ** 2 - variance)
+
+
+def mean_of_outlines(values: np.ndarray) -> np.ndarray:
+    """Mean over the summaries of each outline [(V, F, 11)] that were seen [(V, F)]; NaN where none was."""
+    outlines = values[..., : len(KINDS)]
     seen = np.isfinite(outlines)
     counts = seen.sum(-1)
     return np.where(counts > 0, np.where(seen, outlines, 0.0).sum(-1) / np.maximum(counts, 1), np.nan)
