@@ -13,7 +13,7 @@ from benchmarks.hidden_effects.full import is_full
 from benchmarks.hidden_effects.known_shape import TRUTH
 from benchmarks.hidden_effects.run import EFFORT, FAILURE
 from pacnerf_lpo.diagnosis.diagnose import RESULT
-from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
+from pacnerf_lpo.diagnosis.rounds import MORE_THAN_NOISE
 from pacnerf_lpo.diagnosis.store import FOLDER
 
 DRAGS = frozenset({"LinearDrag", "QuadraticDrag"})
@@ -99,7 +99,7 @@ def outcome(scene: Path) -> Outcome | None:
         ranking=_ranking(rounds[0], screen),
         groups=tuple(tuple(group) for group in screen["groups"]),
         removed=1 - float(np.prod([1 - again["removed"] for again in taken])) if taken else None,
-        unexplained=rounds[-1]["omnibus"]["p_value"] < FALSE_ALARMS,
+        unexplained=rounds[-1]["omnibus"]["p_value"] < MORE_THAN_NOISE,
         coefficients=coefficients,
         coefficient_error=error,
         bias=_bias(truth["values"], before, after),

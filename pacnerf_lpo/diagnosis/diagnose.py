@@ -172,6 +172,7 @@ def _round(
     found = Round(
         comparison,
         *more_than_noise(problem, comparison),
+        localising.mean_excess(problem, comparison.residual, comparison),
         parameters,
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, comparison)),
@@ -299,11 +300,8 @@ def _omnibus(test: Omnibus) -> dict:
 
 def _errors(problem: Problem, residual: np.ndarray, comparison: Comparison) -> dict:
     """Excess error in the fitted and in the held-out views and frames [the problem's unit]."""
-    square = localising.excess(residual, comparison)
-    return {
-        name: problem.unit[1] * localising.signed_root(float(np.nanmean(square[mask])))
-        for name, mask in (("fitted", problem.split.fitted), ("held", problem.split.held))
-    }
+    squares = localising.mean_excess(problem, residual, comparison)
+    return {name: problem.unit[1] * localising.signed_root(square) for name, square in squares.items()}
 
 
 def _screen(screening: Screening, candidates: list[Candidate]) -> dict:

@@ -53,6 +53,12 @@ def excess(residual: np.ndarray, comparison: Comparison) -> np.ndarray:
     return mean_of_outlines((residual - bias) ** 2 - variance)
 
 
+def mean_excess(problem: Problem, residual: np.ndarray, comparison: Comparison) -> dict[str, float]:
+    """:func:`excess` averaged over what was ``fitted`` and what was ``held`` out [pixels^2]; negative below floor."""
+    square, split = excess(residual, comparison), problem.split
+    return {name: float(np.nanmean(square[mask])) for name, mask in (("fitted", split.fitted), ("held", split.held))}
+
+
 def mean_of_outlines(values: np.ndarray) -> np.ndarray:
     """Mean over the summaries of each outline [(V, F, 11)] that were seen [(V, F)]; NaN where none was."""
     outlines = values[..., : len(KINDS)]

@@ -8,10 +8,12 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
-from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening
+from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
+MORE_THAN_NOISE = 0.05
+"""Chance at which the test for more than noise in the fitted data may err."""
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 
@@ -23,6 +25,7 @@ class Round:
     comparison: the model as it stood.
     omnibus: whether its residual is more than noise in the fitted data.
     held: the same in the held-out data.
+    excess: mean square error above the twins' in the fitted and in the held-out data [pixels^2]
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
     phases: of the motion, by frame.
@@ -37,6 +40,7 @@ class Round:
     comparison: Comparison
     omnibus: Omnibus
     held: Omnibus
+    excess: dict[str, float]
     parameters: list[Interval]
     undetermined: list[str]
     phases: list[str]
@@ -49,5 +53,12 @@ class Round:
 
 
 def beyond_noise(found: Round) -> bool:
-    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree."""
-    return found.omnibus.p_value < FALSE_ALARMS and found.held.p_value < AGREEMENT
+    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree; and
+    is so in pixels, too: the errors of a reconstruction are structured otherwise than the twins', but no larger.
+    """
+    return above_floor(found) and found.omnibus.p_value < MORE_THAN_NOISE and found.held.p_value < AGREEMENT
+
+
+def above_floor(found: Round) -> bool:
+    """Whether the error is larger than the twins' in the fitted or in the held-out data."""
+    return max(found.excess.values()) > 0

@@ -18,7 +18,7 @@ from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, scor
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
-FALSE_ALARMS = 0.05
+FALSE_ALARMS = 0.01
 """Probability of a false alarm, over the whole catalogue."""
 MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise
+from pacnerf_lpo.diagnosis.rounds import MORE_THAN_NOISE, Round, above_floor, beyond_noise
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 
 ENOUGH = 0.5
@@ -61,7 +61,8 @@ def unexplained(rounds: list[Round]) -> bool:
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
         return beyond_noise(last)
-    return removed_by(rounds) < ENOUGH and min(last.omnibus.p_value, last.held.p_value) < FALSE_ALARMS
+    noisy = above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
+    return noisy and removed_by(rounds) < ENOUGH
 
 
 def _not_refitted(found: Round) -> bool:

@@ -28,9 +28,10 @@ def test_only_misfits_of_the_same_data_are_compared():
     assert rival([camera, drag], camera.candidate) is None
 
 
-def passed(accepted: SimpleNamespace | None, p_fitted: float, p_held: float) -> SimpleNamespace:
+def passed(accepted: SimpleNamespace | None, p_fitted: float, p_held: float, above: float = 0.1) -> SimpleNamespace:
     omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held)
-    return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held)
+    excess = {"fitted": -0.01, "held": above}
+    return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held, excess=excess)
 
 
 def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise():
@@ -41,6 +42,7 @@ def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise()
     assert not unexplained([first, passed(wind, 0.3, 0.01), noisy])  # both remove 54 % together
     assert not unexplained([passed(refitted(LinearDrag(), 0.6), 1e-5, 1e-5), noisy])
     assert unexplained([passed(None, 0.01, 0.1)])
+    assert not unexplained([passed(None, 0.01, 0.1, above=-0.1)])  # no larger than the errors of twins
     assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
 
 
