@@ -308,6 +308,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict:
     by_name = {candidate.name: candidate for candidate in candidates}
     return {
         "threshold": screening.threshold,
+        "false_alarms": FALSE_ALARMS,
         "groups": [list(group) for group in screening.groups if len(group) > 1],
         "correlations": np.round(screening.correlations[:30, :30], 3).tolist(),
         "candidates": [

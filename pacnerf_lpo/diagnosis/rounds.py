@@ -61,4 +61,4 @@ def beyond_noise(found: Round) -> bool:
 
 def above_floor(found: Round) -> bool:
     """Whether the error is larger than the twins' in the fitted or in the held-out data."""
-    return max(found.excess.values()) > 0
+    return any(square > 0 for square in found.excess.values())

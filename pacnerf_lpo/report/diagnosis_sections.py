@@ -79,7 +79,8 @@ def ranking(screen: Mapping[str, Any] | None) -> str:
         '<p class="legend"><span><span class="key physics"></span>physics</span>'
         '<span><span class="key camera"></span>camera fault</span>'
         "<span>thin line: 90 % interval</span>"
-        f"<span>dashed: {screen['threshold']:.1f}, which accidents pass in 1 of 20 recordings</span></p>"
+        f"<span>dashed: {screen['threshold']:.1f}, which accidents pass in 1 of {1 / screen['false_alarms']:.0f} "
+        "recordings</span></p>"
     )
     return f'<div class="ranking">{"".join(rows)}</div>{note}{_group_note(screen, letters)}'
 

@@ -56,6 +56,7 @@ def screen() -> dict[str, Any]:
     likeness[0, 1] = likeness[1, 0] = 0.98
     return {
         "threshold": 5.0,
+        "false_alarms": 0.01,
         "groups": [["Linear drag", "Gravity"]],
         "correlations": likeness.tolist(),
         "candidates": [
