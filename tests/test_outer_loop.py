@@ -152,7 +152,7 @@ def test_a_run_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, number: int, status: int):
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
     assert fake_run.main(fake_run.arguments(whole, velocity="steps=40")) == 0
-    slow = fake_run.arguments(stopped, velocity="steps=40,seconds=0.05")
+    slow = fake_run.arguments(stopped, velocity="steps=40,seconds=0.15")  # six seconds to be stopped in
     process = start([*slow, "--outer_loop.checkpoint_seconds=0"])
     wait_for(stopped / "checkpoints" / "01_velocity" / "last.ckpt", process)
     process.send_signal(number)

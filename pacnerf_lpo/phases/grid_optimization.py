@@ -64,6 +64,10 @@ class GridOptimizationModule(DynamicPhase):
         groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]
         return rising_adam(groups, self.steps, self.warm_up)
 
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        """Log the rate of the first group."""
+        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
+
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames of freshly sampled particles, one random training view for each frame."""
         frames = self.misfit.frames
@@ -81,7 +85,6 @@ class GridOptimizationModule(DynamicPhase):
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.misfit.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
         self.log("correction/loss", loss)
-        self.log("correction/Adam rate", self.trainer.optimizers[0].param_groups[0]["lr"])
         self.log("correction/particles", float(len(positions)))
         return loss
 

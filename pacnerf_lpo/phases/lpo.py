@@ -80,6 +80,10 @@ class LPOModule(DynamicPhase):
             groups.append({"params": [self.density, self.features], "lr": self.feature_rate})
         return rising_adam(groups, self.steps, self.warm_up)
 
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        """Log the rate of the first group."""
+        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
+
     def training_step(self, step: int, _: int) -> Tensor:
         """Misfit over all frames, one random training view for each."""
         particles = {name: getattr(self, name) for name in PARTICLES}
@@ -89,7 +93,6 @@ class LPOModule(DynamicPhase):
             for name, values in particles.items():
                 getattr(self, f"best_{name}").copy_(values.detach())
         self.log("correction/loss", loss)
-        self.log("correction/Adam rate", self.trainer.optimizers[0].param_groups[0]["lr"])
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)
         return loss
