@@ -10,12 +10,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo import cli, manifest, outer_loop
+from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
 from tests import fake_run
@@ -169,6 +171,23 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, num
     assert (stopped / "states" / "00_static.pt").stat().st_mtime_ns == finished_before
     assert torch.equal(final_positions(stopped), final_positions(whole))
     assert [phase["steps"] for phase in read_manifest(stopped)["phases"]] == [6, 40, 6, 6]
+
+
+def test_a_wish_to_stop_between_two_batches_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """It arrives after this batch was looked at and before Lightning asks whether it has seen a signal itself."""
+    batch_end, sent = PhaseCheckpoint.on_train_batch_end, []
+
+    def then_terminate(self: PhaseCheckpoint, *arguments: Any) -> None:
+        batch_end(self, *arguments)
+        if not sent:
+            sent.append(os.kill(os.getpid(), signal.SIGTERM))
+
+    monkeypatch.setattr(PhaseCheckpoint, "on_train_batch_end", then_terminate)
+    assert fake_run.main(fake_run.arguments(tmp_path / "run")) == 130
+    assert f"pacnerf-lpo fit --resume {tmp_path / 'run'}" in capsys.readouterr().err
+    assert read_manifest(tmp_path / "run")["status"] == "interrupted"
 
 
 def test_full_disk_keeps_the_last_checkpoint(

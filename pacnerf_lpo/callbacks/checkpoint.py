@@ -32,8 +32,9 @@ class PhaseCheckpoint(Checkpoint):
         self._restored_generator: torch.Tensor | None = None
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Begin to count, and put the random generator where the checkpoint left it."""
+        """Begin to count and to listen, and put the random generator where the checkpoint left it."""
         self._written = time.monotonic()
+        self.stop.listen()
         self.stop.deferred = True
         if self._restored_generator is not None:
             torch.set_rng_state(self._restored_generator)
