@@ -89,8 +89,8 @@ class ParticleState:
     spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
     base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
     colour_network: weights of the colour MLP, frozen after the static phase
-    erosion: raw density above that of the visible surface at which matter begins, see :class:`~pacnerf_lpo.mpm.physics.
-        Physics`; None where nobody asked
+    erosion: raw density above that of the visible surface at which matter begins, with ``physics.matter: outlined``;
+        None otherwise
     corrected: the particles were changed until their own motion fits the video; another sampling would not move so
     """
 
