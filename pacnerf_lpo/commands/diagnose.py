@@ -24,6 +24,7 @@ def run(
     tracks: str | None = None,
     clouds: str | None = None,
     images: bool = True,
+    jobs: int | None = None,
 ) -> None:
     """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
 
@@ -48,13 +49,15 @@ def run(
             when not given.
         clouds: folder of point clouds, cloud_<frame>.ply, in metres; those of data.clouds when not given.
         images: compare the outlines in the video, too.
+        jobs: simulations at the same time, each in a process of its own; as many as torch may use threads, at most 8,
+            when not given.
     """
     began = time.monotonic()
     step: Step = until
     folder = find(
         run_dir,
         phase,
-        Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images),
+        Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images, jobs),
         lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
     )
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

@@ -24,6 +24,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
 )
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of, searched
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
+from pacnerf_lpo.diagnosis.processes import processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
@@ -61,6 +62,7 @@ class Options:
     tracks: CSV of tracked points, and
     clouds: folder of point clouds, in place of the run's own; None: as the run has them.
     images: False: only points are compared.
+    jobs: processes at once; None: as many as torch may use threads, at most 8.
     """
 
     candidates: str | None = None
@@ -73,6 +75,7 @@ class Options:
     tracks: str | None = None
     clouds: str | None = None
     images: bool = True
+    jobs: int | None = None
 
 
 def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: Callable[[str], None]) -> Path:
@@ -84,6 +87,8 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     """
     if not 4 <= options.twins <= 200:
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
+    if options.jobs is not None and options.jobs < 1:
+        raise UserInputError(f"diagnose: jobs = {options.jobs}; give 1 or more processes")
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
     problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)
@@ -91,10 +96,11 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     what = {k: v for k, v in asdict(options).items() if k in ("twins", "seed", "particles")}
     what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
     store = Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
-    if problem.stage.record.phase in ("static", "velocity"):  # nothing was identified yet
-        known = store.once("search", partial(searched, problem, problem.physics.effects, problem.first_guess, progress))
-        problem.first_guess = known
-    rounds = investigate(problem, store, options, progress)
+    with processes(options.jobs):
+        if problem.stage.record.phase in ("static", "velocity"):  # nothing was identified yet
+            step = partial(searched, problem, problem.physics.effects, problem.first_guess, progress)
+            problem.first_guess = store.once("search", step)
+        rounds = investigate(problem, store, options, progress)
     pictures.write_pictures(problem, rounds, store.folder)
     write_page(store.folder)
     log_diagnosis(problem.run.run_dir)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations, damped_step
 
@@ -115,19 +116,22 @@ def sensitivities(
     residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Derivative of the residual [(D, K)]; each unknown is moved by half its scale, away from a bound."""
-    columns = []
-    for index, scale in enumerate(scales):
-        for sign in (1.0, -1.0) if free[index] + PROBE * scale < bounds[1][index] else (-1.0, 1.0):
-            moved = free.copy()
-            moved[index] += sign * PROBE * scale
-            try:
-                columns.append((residual(moved) - now) / (sign * PROBE * scale))
-                break
-            except SimulationError:
-                continue
-        else:
-            columns.append(np.zeros_like(now))
-    return np.stack(columns, axis=1)
+    columns = each(_column, ((residual, free, now, k, scale, bounds[1][k]) for k, scale in enumerate(scales)))
+    return np.stack(list(columns), axis=1)
+
+
+def _column(
+    residual: Residual, free: np.ndarray, now: np.ndarray, index: int, scale: float, highest: float
+) -> np.ndarray:
+    """Derivative of the residual by one unknown [(D,)]; 0 where the motion is unstable to either side."""
+    for sign in (1.0, -1.0) if free[index] + PROBE * scale < highest else (-1.0, 1.0):
+        moved = free.copy()
+        moved[index] += sign * PROBE * scale
+        try:
+            return (residual(moved) - now) / (sign * PROBE * scale)
+        except SimulationError:
+            continue
+    return np.zeros_like(now)
 
 
 def _or_infinite(residual: Residual, free: np.ndarray, like: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.outlines import splat
 from pacnerf_lpo.diagnosis.points import Points
 from pacnerf_lpo.diagnosis.summaries import KINDS, summarise
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
@@ -201,3 +202,11 @@ class Model:
                 else:
                     high[index] = min(high[index], end)
         return low, high
+
+
+def outcome(model: Model) -> np.ndarray | SimulationError:
+    """What a model predicts at its start [(V + R, F, 11)], or what went wrong."""
+    try:
+        return model.predict(model.start)
+    except SimulationError as error:
+        return error

@@ -97,11 +97,22 @@ class Problem(ABC):
         """The body at the resolution of the diagnosis."""
         return self.sample(self.spacing, seed=0)
 
+    @cached_property
+    def _cameras(self) -> Video:
+        """The video without its pictures, small enough to be copied with every model."""
+        one, video = torch.zeros(()), self.video
+        return replace(
+            video,
+            images=one.expand(video.images.shape),
+            silhouettes=one.expand(video.silhouettes.shape),
+            valid=one.expand(video.valid.shape),
+        )
+
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
         """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
         body = body or self.body
         physics = with_effects(self.physics, effects, body.spacing, self.voxel)
-        return Model(body, physics, self.video, known, self.points)
+        return Model(body, physics, self._cameras, known, self.points)
 
     @property
     def views(self) -> int:
@@ -139,8 +150,10 @@ class Problem(ABC):
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
 
+        usable, measured, views = self.usable, self.measured, self.views  # not self: other processes get a copy
+
         def residual(free: np.ndarray) -> np.ndarray:
-            return np.nan_to_num(self.residual(model.predict(free))[mask])
+            return np.nan_to_num(np.where(usable, relative(measured - model.predict(free), views), np.nan)[mask])
 
         return residual
 

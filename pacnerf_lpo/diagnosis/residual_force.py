@@ -12,7 +12,9 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
+from pacnerf_lpo.diagnosis.model import outcome
 from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.statistics.residual_force import Law, name_force
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.errors import SimulationError
@@ -112,14 +114,13 @@ def residual_force(problem: Problem, comparison: Comparison, progress: Callable[
     model = problem.model([*comparison.effects, effect], comparison.known)
     base = problem.residual(model.predict(model.start))[mask]
     columns = []
-    for number, name in enumerate(SmoothForce.parameters):
-        progress(f"residual force: {number + 1} of {len(SmoothForce.parameters)}")
-        moved = problem.model([*comparison.effects, effect], {**comparison.known, name: PROBE})
-        try:
-            change = (base - problem.residual(moved.predict(moved.start))[mask]) / PROBE
-        except SimulationError:
-            change = np.zeros_like(base)
-        columns.append(np.nan_to_num(change))
+    pushed = ((problem.model([*comparison.effects, effect], {**comparison.known, name: PROBE}),) for name in _names())
+    for number, predicted in enumerate(each(outcome, pushed), 1):
+        progress(f"residual force: {number} of {len(SmoothForce.parameters)}")
+        if isinstance(predicted, SimulationError):
+            columns.append(np.zeros_like(base))
+        else:
+            columns.append(np.nan_to_num((base - problem.residual(predicted)[mask]) / PROBE))
     design = remainder.change(np.stack(columns, 1))
     solution = ridge(design, left)
     field = solution.reshape(KNOTS, len(PARTS), len(AXES))

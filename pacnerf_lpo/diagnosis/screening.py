@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
 from pacnerf_lpo.diagnosis.statistics.intervals import overdispersion
@@ -50,15 +52,21 @@ def probe_all(
     """
     path, known = null.path(free), null.physical(free)
     before = null.observe(path, free)
+    trials = [list(candidate.trials()) for candidate in candidates]
+    models = (
+        [problem.model([*installed, candidate.effect], {**known, **trial}) for trial in tried]
+        for candidate, tried in zip(candidates, trials, strict=True)
+    )
+    seen = each(
+        _seen,
+        ((tried, (path, before) if c.observes else None) for c, tried in zip(candidates, models, strict=True)),
+    )
     found = []
-    for candidate in candidates:
+    for candidate, tried, predicted in zip(candidates, trials, seen, strict=True):
         progress(candidate.name)
         columns, sizes = [], []
-        for trial in candidate.trials():
-            model = problem.model([*installed, candidate.effect], {**known, **trial})
-            try:
-                after = model.observe(path, model.start, before) if candidate.observes else model.predict(model.start)
-            except SimulationError:
+        for trial, after in zip(tried, predicted, strict=True):
+            if after is None:
                 continue
             change = np.nan_to_num(problem.relative(after - before)[mask])
             if np.abs(change).max() > LEAST_CHANGE:
@@ -67,6 +75,22 @@ def probe_all(
         if columns:
             stacked = np.stack(columns, axis=1)
             found.append(Probe(candidate.name, stacked, tuple(sizes), candidate.effect.one_sided, candidate.joint))
+    return found
+
+
+def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> list[np.ndarray | None]:
+    """What models predict at their start [(V, F, 11)]; None where the motion is unstable.
+
+    Args:
+        models: one for each trial.
+        motion: known already, and its summaries, where the models differ in their cameras only.
+    """
+    found: list[np.ndarray | None] = []
+    for model in models:
+        try:
+            found.append(model.observe(motion[0], model.start, motion[1]) if motion else model.predict(model.start))
+        except SimulationError:
+            found.append(None)
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from pacnerf_lpo.diagnosis.fitting import Residual, fit
 from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
@@ -51,8 +52,16 @@ def points(model: Model, spans: Mapping[str, tuple[float, float]], samples: int)
     return found
 
 
+Watch = Callable[[Iterator[float], int], Iterable[float]]
+
+
 def promising(
-    model: Model, residual: Residual, tried: Iterable[np.ndarray], spans: Mapping[str, tuple[float, float]], starts: int
+    model: Model,
+    residual: Residual,
+    tried: Sequence[np.ndarray],
+    spans: Mapping[str, tuple[float, float]],
+    starts: int,
+    watch: Watch = lambda losses, _: losses,
 ) -> list[np.ndarray]:
     """The best few points, and where a short local fit leads from each; none if the motion is unstable at all of them.
 
@@ -65,9 +74,10 @@ def promising(
         tried: points to try [(K,) each]
         spans: of the coordinates that are searched.
         starts: how many of the best are improved.
+        watch: passes losses on as they come; told how many, such as tqdm.
     """
     model.physics.most_halvings = HALVINGS
-    known = _ranked((loss(model, residual, point), point) for point in tried)
+    known = _ranked(_losses(model, residual, tried, watch))
     random = np.random.default_rng(0)
     reach = np.zeros(len(model.start))
     for name, (low, high) in spans.items():
@@ -80,15 +90,19 @@ def promising(
             if elite
         ]
         inside = [np.clip(point, *model.bounds) for point in around]
-        known = _ranked([*known, *((loss(model, residual, point), point) for point in inside)])
+        known = _ranked([*known, *_losses(model, residual, inside, watch)])
         reach = reach / 2
     best = _apart(known, starts, reach)
-    for point in list(best):
-        try:
-            best.append(fit(residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free)
-        except SimulationError:
-            continue
-    return best
+    improved = each(_improved, ((model, residual, point) for point in best))
+    return [*best, *(point for point in improved if point is not None)]
+
+
+def _improved(model: Model, residual: Residual, point: np.ndarray) -> np.ndarray | None:
+    """Where a short local fit leads from a point [(K,)]; None where its motion is unstable."""
+    try:
+        return fit(residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free
+    except SimulationError:
+        return None
 
 
 def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.ndarray:
@@ -100,7 +114,16 @@ def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.
     inside = [np.clip(point, *model.bounds) for point in found]
     for point in inside:
         point[ground] = model.start[ground]
-    return min(inside, key=lambda point: loss(model, residual, point))
+    losses = list(each(loss, ((model, residual, point) for point in inside)))
+    return inside[int(np.argmin(losses))]
+
+
+def _losses(
+    model: Model, residual: Residual, tried: Sequence[np.ndarray], watch: Watch
+) -> Iterator[tuple[float, np.ndarray]]:
+    """The loss at every point [(K,) each], and the point."""
+    losses = each(loss, ((model, residual, point) for point in tried))
+    return zip(watch(losses, len(tried)), tried, strict=True)
 
 
 def loss(model: Model, residual: Residual, point: np.ndarray) -> float:

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.model import Model
+from pacnerf_lpo.diagnosis.model import Model, outcome
 from pacnerf_lpo.diagnosis.problem import Problem, beside_median
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -53,23 +54,24 @@ def twins(
     reference, known = model.predict(free), model.physical(free)
     sigma = distortion(problem, reference)
     found: list[np.ndarray] = []
-    attempt = 0
-    while len(found) < count:
-        random = np.random.default_rng((seed, attempt))
-        attempt += 1
-        spacing = model.body.spacing * random.uniform(*FINENESS)
-        body = distorted(problem.sample(spacing, seed=1000 * seed + attempt), sigma, random)
-        twin = problem.model(effects, known, body)
-        try:
-            predicted = twin.predict(twin.start)
-        except SimulationError:
-            if attempt > 2 * count:
-                raise
-            continue
-        difference = predicted - reference
-        difference = difference + problem.sensor * random.standard_normal(difference.shape)
-        found.append(problem.relative(difference))
-        progress(len(found))
+    attempts = range(count)
+    while attempts:
+        draws = [np.random.default_rng((seed, attempt)) for attempt in attempts]
+        others = []
+        for attempt, random in zip(attempts, draws, strict=True):
+            body = problem.sample(model.body.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
+            others.append(problem.model(effects, known, distorted(body, sigma, random)))
+        for random, predicted in zip(draws, each(outcome, ((twin,) for twin in others)), strict=True):
+            if isinstance(predicted, SimulationError):
+                unstable = predicted
+                continue
+            difference = predicted - reference
+            difference = difference + problem.sensor * random.standard_normal(difference.shape)
+            found.append(problem.relative(difference))
+            progress(len(found))
+        attempts = range(attempts.stop, attempts.stop + count - len(found))
+        if attempts and attempts.start > 2 * count:
+            raise unstable
     return np.stack(found)
 
 

@@ -35,16 +35,19 @@ from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, LocalLaws
 from pacnerf_lpo.mpm.runtime import REAL, Launcher, entries, ti
 from pacnerf_lpo.mpm.transfer import column, gather, gather_adjoint, scatter, stencil, with_fourth
 
+LEAST_SHARE = 512
+"""Taichi gives a CPU thread at least so many iterations of a loop, whatever block_dim says: how far apart slices lie."""
+
 
 @functools.cache
-def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launcher, Launcher]:
+def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Launcher, Launcher]:
     """Forward and adjoint kernel for these laws, compiled at their first launch.
 
     Args:
         laws: local laws to compile in.
         dtype: ``"f32"`` or ``"f64"``.
         cuda: atomic sums, one particle per thread.
-        threads: CPU threads.
+        parallel: on the CPU, one thread per slice; else one slice in the calling thread, which saves handing it over.
     """
     real = REAL[dtype]
     Reals = ti.types.ndarray(dtype=real, ndim=1)
@@ -52,6 +55,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
     Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
     Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
     P, H = len(laws.names), laws.history
+    apart = LEAST_SHARE if parallel else 1
     width = STATE + H
 
     @ti.func
@@ -177,59 +181,61 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         if ti.static(cuda):
             ti.loop_config(block_dim=128)
         else:
-            ti.loop_config(parallelize=threads, block_dim=1)
-        for t in range(slices):
-            dx, inv_dx, dt = numbers[0], numbers[1], numbers[2]
-            row, plane = dims[3], dims[2] * dims[3]
-            coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-            low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
-            mine = 0
-            if ti.static(not cuda):
-                mine = t * plane * dims[1]
-            for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
-                o = width * p
-                x = vector(before, o)
-                v, C = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
-                if finish == 1:
-                    first, f, w, _dw = stencil(x, inv_dx)
-                    cell = inside(first, dims, status, substep - 1)
-                    m, mi, mj, mk = gather(velocity_in, cell[0] * plane + cell[1] * row + cell[2], row, plane, w)
-                    v = ti.Vector([m[0], m[1], m[2]])
+            ti.loop_config(serialize=not parallel)
+        for n in range(slices * apart):
+            if n % apart == 0:
+                t = n // apart
+                dx, inv_dx, dt = numbers[0], numbers[1], numbers[2]
+                row, plane = dims[3], dims[2] * dims[3]
+                coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
+                low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
+                mine = 0
+                if ti.static(not cuda):
+                    mine = t * plane * dims[1]
+                for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
+                    o = width * p
+                    x = vector(before, o)
+                    v, C = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
+                    if finish == 1:
+                        first, f, w, _dw = stencil(x, inv_dx)
+                        cell = inside(first, dims, status, substep - 1)
+                        m, mi, mj, mk = gather(velocity_in, cell[0] * plane + cell[1] * row + cell[2], row, plane, w)
+                        v = ti.Vector([m[0], m[1], m[2]])
+                        for a in ti.static(range(3)):
+                            C[a, 0] = 4.0 * inv_dx * (mi[a] - v[a] * f[0])
+                            C[a, 1] = 4.0 * inv_dx * (mj[a] - v[a] * f[1])
+                            C[a, 2] = 4.0 * inv_dx * (mk[a] - v[a] * f[2])
+                        x += dt * v
+                        check_velocity(v, dt, dx, status, substep - 1)
+                        store(now, o, x)
+                        if keep_all == 1:
+                            store(now, o + 3, v)
+                            store_matrix(now, o + 6, C)
+                    else:
+                        v, C = vector(now, o + 3), matrix(now, o + 6)
+                    if begin == 1:
+                        cell = begin_substep(
+                            now,
+                            ahead,
+                            momentum,
+                            constants,
+                            coefficients,
+                            numbers,
+                            dims,
+                            status,
+                            p,
+                            x,
+                            v,
+                            C,
+                            matrix(now, o + 15),
+                            mine,
+                            substep,
+                        )
+                        low, high = ti.min(low, cell), ti.max(high, cell)
+                if ti.static(not cuda):
                     for a in ti.static(range(3)):
-                        C[a, 0] = 4.0 * inv_dx * (mi[a] - v[a] * f[0])
-                        C[a, 1] = 4.0 * inv_dx * (mj[a] - v[a] * f[1])
-                        C[a, 2] = 4.0 * inv_dx * (mk[a] - v[a] * f[2])
-                    x += dt * v
-                    check_velocity(v, dt, dx, status, substep - 1)
-                    store(now, o, x)
-                    if keep_all == 1:
-                        store(now, o + 3, v)
-                        store_matrix(now, o + 6, C)
-                else:
-                    v, C = vector(now, o + 3), matrix(now, o + 6)
-                if begin == 1:
-                    cell = begin_substep(
-                        now,
-                        ahead,
-                        momentum,
-                        constants,
-                        coefficients,
-                        numbers,
-                        dims,
-                        status,
-                        p,
-                        x,
-                        v,
-                        C,
-                        matrix(now, o + 15),
-                        mine,
-                        substep,
-                    )
-                    low, high = ti.min(low, cell), ti.max(high, cell)
-            if ti.static(not cuda):
-                for a in ti.static(range(3)):
-                    spans[6 * t + a] = low[a]
-                    spans[6 * t + 3 + a] = high[a]
+                        spans[6 * t + a] = low[a]
+                        spans[6 * t + 3 + a] = high[a]
         if ti.static(cuda):
             for n in range(begin * dims[1] * dims[2] * dims[3]):
                 coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
@@ -247,17 +253,19 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                     slices,
                 )
         else:
-            ti.loop_config(parallelize=threads, block_dim=1)
-            for t in range(slices):
-                coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-                low, high = reach(spans, slices)
-                count = begin * (high[0] + 1 - low[0])
-                for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
-                    for j in range(low[1], high[1] + 1):
-                        for k in range(low[2], high[2] + 1):
-                            update_node(
-                                momentum, velocity_out, contact, coefficients, numbers, dims, spans, i, j, k, slices
-                            )
+            ti.loop_config(serialize=not parallel)
+            for n in range(slices * apart):
+                if n % apart == 0:
+                    t = n // apart
+                    coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
+                    low, high = reach(spans, slices)
+                    count = begin * (high[0] + 1 - low[0])
+                    for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
+                        for j in range(low[1], high[1] + 1):
+                            for k in range(low[2], high[2] + 1):
+                                update_node(
+                                    momentum, velocity_out, contact, coefficients, numbers, dims, spans, i, j, k, slices
+                                )
 
     @ti.func
     def end_substep_adjoint(
@@ -349,85 +357,87 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
         if ti.static(cuda):
             ti.loop_config(block_dim=128)
         else:
-            ti.loop_config(parallelize=threads, block_dim=1)
-        for t in range(slices):
-            dx, inv_dx, dt, volume = numbers[0], numbers[1], numbers[2], numbers[3]
-            row, plane = dims[3], dims[2] * dims[3]
-            coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-            low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
-            mine = 0
-            if ti.static(not cuda):
-                mine = t * plane * dims[1]
-            of_mine = ti.Vector.zero(ti.f64, P)
-            for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
-                o, oc = width * p, CONSTANTS * p
-                gx, gv = vector(gradient, o), vector(gradient, o + 3)
-                gC, gF = matrix(gradient, o + 6), matrix(gradient, o + 15)
-                if begun == 1:
-                    x, v, C, F, mass = (
-                        vector(now, o),
-                        vector(now, o + 3),
-                        matrix(now, o + 6),
-                        matrix(now, o + 15),
-                        constants[oc],
-                    )
-                    first, f, w, dw = stencil(x, inv_dx)
-                    cell = inside(first, dims, status, substep)
-                    e = evaluated(now, constants, coefficients, numbers, p, x, v, C, F, substep)
-                    A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
-                    m, mi, mj, mk, slope = gather_adjoint(
-                        node,
-                        cell[0] * plane + cell[1] * row + cell[2],
-                        row,
-                        plane,
-                        w,
-                        dw,
-                        with_fourth(mass * u - A @ (f * dx), mass),
-                        column(A, 0, dx),
-                        column(A, 1, dx),
-                        column(A, 2, dx),
-                    )
-                    h = ti.Vector([m[0], m[1], m[2]])
-                    gA = ti.Matrix.zero(float, 3, 3)
-                    for a in ti.static(range(3)):
-                        gA[a, 0] = dx * (mi[a] - h[a] * f[0])
-                        gA[a, 1] = dx * (mj[a] - h[a] * f[1])
-                        gA[a, 2] = dx * (mk[a] - h[a] * f[2])
-                    gtau, gu = (-4.0 * dt * volume * inv_dx * inv_dx) * gA, mass * h
-                    gh = [gradient[o + STATE + h] for h in ti.static(range(H))]
-                    back = e.pull_back(entries(gF), entries(gtau), [gu[0], gu[1], gu[2]], gh)
-                    gF = ti.Matrix(back.F)
-                    gC = mass * gA + dt * (gF @ F.transpose()) + ti.Matrix(back.C)
-                    gF += dt * (C.transpose() @ gF)
-                    gv = ti.Vector(back.v)
-                    gx += inv_dx * slope - A.transpose() @ h + ti.Vector(back.x)
-                    of_constants[oc] = of_constants[oc] + m[3] + h.dot(u) + (gA * C).sum() + back.mass
-                    of_constants[oc + 1] = of_constants[oc + 1] + back.stiffness
-                    for a in ti.static(range(3)):
-                        of_constants[oc + 2 + a] = of_constants[oc + 2 + a] + back.X[a]
-                    for h in ti.static(range(H)):
-                        gradient[o + STATE + h] = back.history[h]
+            ti.loop_config(serialize=not parallel)
+        for n in range(slices * apart):
+            if n % apart == 0:
+                t = n // apart
+                dx, inv_dx, dt, volume = numbers[0], numbers[1], numbers[2], numbers[3]
+                row, plane = dims[3], dims[2] * dims[3]
+                coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
+                low, high = ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
+                mine = 0
+                if ti.static(not cuda):
+                    mine = t * plane * dims[1]
+                of_mine = ti.Vector.zero(ti.f64, P)
+                for p in range(t * chunk, ti.min((t + 1) * chunk, dims[0])):
+                    o, oc = width * p, CONSTANTS * p
+                    gx, gv = vector(gradient, o), vector(gradient, o + 3)
+                    gC, gF = matrix(gradient, o + 6), matrix(gradient, o + 15)
+                    if begun == 1:
+                        x, v, C, F, mass = (
+                            vector(now, o),
+                            vector(now, o + 3),
+                            matrix(now, o + 6),
+                            matrix(now, o + 15),
+                            constants[oc],
+                        )
+                        first, f, w, dw = stencil(x, inv_dx)
+                        cell = inside(first, dims, status, substep)
+                        e = evaluated(now, constants, coefficients, numbers, p, x, v, C, F, substep)
+                        A, u = affine_momentum(ti.Matrix(e.tau), C, mass, dt, volume, inv_dx), ti.Vector(e.velocity)
+                        m, mi, mj, mk, slope = gather_adjoint(
+                            node,
+                            cell[0] * plane + cell[1] * row + cell[2],
+                            row,
+                            plane,
+                            w,
+                            dw,
+                            with_fourth(mass * u - A @ (f * dx), mass),
+                            column(A, 0, dx),
+                            column(A, 1, dx),
+                            column(A, 2, dx),
+                        )
+                        h = ti.Vector([m[0], m[1], m[2]])
+                        gA = ti.Matrix.zero(float, 3, 3)
+                        for a in ti.static(range(3)):
+                            gA[a, 0] = dx * (mi[a] - h[a] * f[0])
+                            gA[a, 1] = dx * (mj[a] - h[a] * f[1])
+                            gA[a, 2] = dx * (mk[a] - h[a] * f[2])
+                        gtau, gu = (-4.0 * dt * volume * inv_dx * inv_dx) * gA, mass * h
+                        gh = [gradient[o + STATE + h] for h in ti.static(range(H))]
+                        back = e.pull_back(entries(gF), entries(gtau), [gu[0], gu[1], gu[2]], gh)
+                        gF = ti.Matrix(back.F)
+                        gC = mass * gA + dt * (gF @ F.transpose()) + ti.Matrix(back.C)
+                        gF += dt * (C.transpose() @ gF)
+                        gv = ti.Vector(back.v)
+                        gx += inv_dx * slope - A.transpose() @ h + ti.Vector(back.x)
+                        of_constants[oc] = of_constants[oc] + m[3] + h.dot(u) + (gA * C).sum() + back.mass
+                        of_constants[oc + 1] = of_constants[oc + 1] + back.stiffness
+                        for a in ti.static(range(3)):
+                            of_constants[oc + 2 + a] = of_constants[oc + 2 + a] + back.X[a]
+                        for h in ti.static(range(H)):
+                            gradient[o + STATE + h] = back.history[h]
+                        for c in ti.static(range(P)):
+                            of_mine[c] += back.coefficients[c]
+                    if finished == 1:
+                        gx, cell = end_substep_adjoint(
+                            now, p, gx, gv, gC, velocity, before, momentum, numbers, dims, status, mine, substep
+                        )
+                        low, high = ti.min(low, cell), ti.max(high, cell)
+                    else:
+                        store(gradient, o + 3, gv)
+                        store_matrix(gradient, o + 6, gC)
+                    store(gradient, o, gx)
+                    store_matrix(gradient, o + 15, gF)
+                if ti.static(cuda):
                     for c in ti.static(range(P)):
-                        of_mine[c] += back.coefficients[c]
-                if finished == 1:
-                    gx, cell = end_substep_adjoint(
-                        now, p, gx, gv, gC, velocity, before, momentum, numbers, dims, status, mine, substep
-                    )
-                    low, high = ti.min(low, cell), ti.max(high, cell)
+                        ti.atomic_add(of_coefficients[c], of_mine[c])
                 else:
-                    store(gradient, o + 3, gv)
-                    store_matrix(gradient, o + 6, gC)
-                store(gradient, o, gx)
-                store_matrix(gradient, o + 15, gF)
-            if ti.static(cuda):
-                for c in ti.static(range(P)):
-                    ti.atomic_add(of_coefficients[c], of_mine[c])
-            else:
-                for c in ti.static(range(P)):
-                    of_coefficients[P * t + c] = of_coefficients[P * t + c] + of_mine[c]
-                for a in ti.static(range(3)):
-                    spans[6 * t + a] = low[a]
-                    spans[6 * t + 3 + a] = high[a]
+                    for c in ti.static(range(P)):
+                        of_coefficients[P * t + c] = of_coefficients[P * t + c] + of_mine[c]
+                    for a in ti.static(range(3)):
+                        spans[6 * t + a] = low[a]
+                        spans[6 * t + 3 + a] = high[a]
         if ti.static(cuda):
             for n in range(finished * dims[1] * dims[2] * dims[3]):
                 coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
@@ -449,19 +459,32 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, threads: int) -> tuple[Launch
                     if of_node[c] != 0.0:
                         ti.atomic_add(of_coefficients[c], of_node[c])
         else:
-            ti.loop_config(parallelize=threads, block_dim=1)
-            for t in range(slices):
-                coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
-                of_mine = ti.Vector.zero(ti.f64, P)
-                low, high = reach(spans, slices)
-                count = finished * (high[0] + 1 - low[0])
-                for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
-                    for j in range(low[1], high[1] + 1):
-                        for k in range(low[2], high[2] + 1):
-                            of_mine += update_node_adjoint(
-                                momentum, velocity, contact, node, coefficients, numbers, dims, spans, i, j, k, slices
-                            )
-                for c in ti.static(range(P)):
-                    of_coefficients[P * t + c] = of_coefficients[P * t + c] + of_mine[c]
+            ti.loop_config(serialize=not parallel)
+            for n in range(slices * apart):
+                if n % apart == 0:
+                    t = n // apart
+                    coefficients = [numbers[NUMBERS + c] for c in ti.static(range(P))]
+                    of_mine = ti.Vector.zero(ti.f64, P)
+                    low, high = reach(spans, slices)
+                    count = finished * (high[0] + 1 - low[0])
+                    for i in range(low[0] + t * count // slices, low[0] + (t + 1) * count // slices):
+                        for j in range(low[1], high[1] + 1):
+                            for k in range(low[2], high[2] + 1):
+                                of_mine += update_node_adjoint(
+                                    momentum,
+                                    velocity,
+                                    contact,
+                                    node,
+                                    coefficients,
+                                    numbers,
+                                    dims,
+                                    spans,
+                                    i,
+                                    j,
+                                    k,
+                                    slices,
+                                )
+                    for c in ti.static(range(P)):
+                        of_coefficients[P * t + c] = of_coefficients[P * t + c] + of_mine[c]
 
     return Launcher(forward, dtype), Launcher(adjoint, dtype)

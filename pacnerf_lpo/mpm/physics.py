@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -73,6 +73,10 @@ class Physics:
         check_model("physics", material, self.ground, self.effects)
         self.halvings, self.most_halvings = 0, MAX_HALVINGS
         self._simulators: dict[tuple, Simulator] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Simulators belong to the process that made them."""
+        return {**vars(self), "_simulators": {}}
 
     @property
     def parameters(self) -> dict[str, Parameter]:

@@ -12,10 +12,13 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
 from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET
 from pacnerf_lpo.mpm.point import LocalLaws
+from pacnerf_lpo.mpm.runtime import Launcher
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
 MOST_NODES = 1 << 25
 """A grid of 2^25 nodes is half a gigabyte; particles spread wider than that have left the scene."""
+LEAST_PARTICLES = 2500
+"""Fewer are not worth a thread of their own."""
 MASS_FLOOR = 1e-10
 """A node lighter than this fraction of the mean particle mass stays at rest."""
 
@@ -30,7 +33,7 @@ class Engine:
         frame_dt: [s].
         gravity: [m/s^2].
         dtype: ``"f32"`` or ``"f64"``.
-        slices: CPU threads; 1 on CUDA.
+        threads: on the CPU.
         cuda: run on CUDA.
         memory: for the substeps of whole frames kept from forward to backward [bytes].
     """
@@ -43,13 +46,13 @@ class Engine:
         frame_dt: float,
         gravity: tuple[float, ...],
         dtype: str,
-        slices: int,
+        threads: int,
         cuda: bool,
         memory: float,
     ):
-        self._forward, self._adjoint = kernels.build(laws, dtype, cuda, slices)
+        self._laws, self._dtype = laws, dtype
         self.dx, self.substeps, self.frame_dt, self.gravity = dx, substeps, frame_dt, gravity
-        self._slices, self._cuda, self._memory = slices, cuda, memory
+        self.cuda, self._threads, self._memory = cuda, threads, memory
         self._spare: list[Tape] = []
 
     def prepare(self, state: Tensor, constants: Tensor, coefficients: Tensor) -> "Run":
@@ -59,6 +62,14 @@ class Engine:
         head = [self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, *self.gravity, lightest, 0.0]
         numbers = torch.cat([state.new_tensor(head), coefficients.to(state)])
         return Run(self, state.contiguous(), constants.contiguous(), numbers, len(coefficients))
+
+    def slices(self, particles: int) -> int:
+        """How many slices so many particles are worth; on CUDA a slice is one particle."""
+        return particles if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
+
+    def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
+        """Forward and adjoint kernel for so many particles."""
+        return kernels.build(self._laws, self._dtype, self.cuda, not self.cuda and self.slices(particles) > 1)
 
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
@@ -81,9 +92,11 @@ class Run:
     def __init__(self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int):
         self._engine, self.state, self._constants, self._numbers = engine, state, constants, numbers
         self.particles, self._coefficients = len(state), coefficients
-        self._slices = self.particles if engine._cuda else engine._slices
+        self._forward, self._adjoint = engine.kernels(self.particles)
+        self._slices = engine.slices(self.particles)
         self._chunk = -(-self.particles // self._slices)
-        self._spans = torch.zeros(6 * engine._slices, dtype=torch.int32, device=state.device)
+        self._rows = 1 if engine.cuda else self._slices
+        self._spans = torch.zeros(6 * self._rows, dtype=torch.int32, device=state.device)
         self._momentum = state.new_zeros(0, 4)
 
     def grid(self, state: Tensor, margin: int) -> Grid:
@@ -117,7 +130,7 @@ class Run:
         tape.fit(grid)
         common, status = self._common(index, grid)
         S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
-        step = self._engine._forward
+        step = self._forward
         step.bind(
             before=x[0],
             now=x[0],
@@ -150,15 +163,16 @@ class Run:
         """Set the adjoints of state, constants and coefficients to zero."""
         self.of_state = torch.zeros_like(self.state)
         self.of_constants = torch.zeros_like(self._constants)
-        rows = 1 if self._engine._cuda else self._slices
-        self.of_coefficients = torch.zeros(rows, self._coefficients, dtype=torch.float64, device=self.state.device)
+        self.of_coefficients = torch.zeros(
+            self._rows, self._coefficients, dtype=torch.float64, device=self.state.device
+        )
 
     def frame_adjoint(self, index: int, tape: Tape) -> None:
         """Pull the adjoint of the state back over frame interval ``index``."""
         common, _ = self._common(index, tape.grid)
         S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
         node = torch.empty_like(u[0])
-        step = self._engine._adjoint
+        step = self._adjoint
         step.bind(
             now=x[S],
             before=x[S - 1],
@@ -179,7 +193,7 @@ class Run:
         step(now=x[0], substep=0, begun=1, finished=0)
 
     def _common(self, index: int, grid: Grid) -> tuple[dict, Tensor]:
-        wanted = grid.nodes * self._engine._slices
+        wanted = grid.nodes * self._rows
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
         self._numbers[8] = index * self._engine.frame_dt

@@ -28,7 +28,7 @@ _started: dict[str, Any] = {}
 
 
 def start(device: str = "cpu", threads: int | None = None) -> int:
-    """Initialise Taichi once per process; return the number of particle slices (CPU threads, or 1 on CUDA).
+    """Initialise Taichi once per process; return the number of CPU threads (1 on CUDA).
 
     Args:
         device: ``"cpu"`` or ``"cuda"``.

@@ -86,9 +86,9 @@ class Simulator:
         laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
         moving = [effect for effect in self.effects if not isinstance(effect, Observation)]
         self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
-        slices = runtime.start(self._device.type)
+        threads = runtime.start(self._device.type)
         self._engine = Engine(
-            laws, dx, substeps, frame_dt, tuple(gravity), dtype, slices, self._device.type == "cuda", memory
+            laws, dx, substeps, frame_dt, tuple(gravity), dtype, threads, self._device.type == "cuda", memory
         )
 
     def __call__(

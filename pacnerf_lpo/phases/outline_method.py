@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from copy import copy
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from tqdm import tqdm
 from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
+from pacnerf_lpo.diagnosis.processes import processes
 from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -49,6 +51,8 @@ class OutlineGaussNewton(GaussNewton):
         starts: how many of the best points are improved.
         particles, probe_particles, scan_particles: number of particles of the body for the residual, for its
             sensitivities and in the search.
+        jobs: simulations at the same time, each in a process of its own; None: as many as torch may use threads, at
+            most 8, and one on a GPU.
     """
 
     def __init__(
@@ -60,6 +64,7 @@ class OutlineGaussNewton(GaussNewton):
         particles: int = 14000,
         probe_particles: int = 4000,
         scan_particles: int = 1500,
+        jobs: int | None = None,
     ):
         super().__init__(0, iterations, scan_decades, pool=1)
         bodies = (particles, probe_particles, scan_particles)
@@ -69,21 +74,24 @@ class OutlineGaussNewton(GaussNewton):
                 f"probe_particles = {probe_particles}, scan_particles = {scan_particles}; give at least 0, 1, and 100 "
                 "particles"
             )
-        self.samples, self.starts = samples, starts
+        self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.probe_particles, self.scan_particles = bodies
         self._misfits: tuple[Misfit, Misfit] | None = None
         self._correction: np.ndarray | float = 0.0
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space; both on a coarse body."""
-        if self.samples == 0:
-            return
-        self._fit_fall(module)
+        if self.samples > 0:
+            with processes(self.jobs):
+                self._fit_fall(module)
+                self._search(module)
+
+    def _search(self, module: PhysicsIDModule) -> None:
         coarse = Misfit(module, self.scan_particles)
         spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
         wide = {name: ends for name, ends in spans.items() if ends}
-        tried = tqdm(points(coarse.model, wide, self.samples), "physics: search", leave=False)
-        found = promising(coarse.model, coarse.residual, tried, wide, self.starts)
+        tried = points(coarse.model, wide, self.samples)
+        found = promising(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
         if found:
             fine, _ = self._fine_and_probe(module)
             self._set(module, fine.model, lowest(fine.model, fine.residual, found))
@@ -140,7 +148,8 @@ class OutlineGaussNewton(GaussNewton):
         now, there = fine.residual(free), probe.residual(free)
         self._correction = now - there
         order = [model.names.index(name) for name in (*module.free, *(parameter.name for parameter in VELOCITY))]
-        jacobian = sensitivities(probe.residual, free, there, model.scales, model.bounds)[:, order]
+        with processes(self.jobs):
+            jacobian = sensitivities(probe.residual, free, there, model.scales, model.bounds)[:, order]
         gradient, hessian = jacobian.T @ now / len(now), jacobian.T @ jacobian / len(now)
         return NormalEquations(float(np.mean(now**2)), torch.as_tensor(gradient), torch.as_tensor(hessian))
 
@@ -152,6 +161,10 @@ class OutlineGaussNewton(GaussNewton):
         for name, unknown in module.free.items():
             unknown.fill_(values[name])
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
+
+
+def _bar(losses: Iterator[float], count: int) -> Iterable[float]:
+    return tqdm(losses, "physics: search", count, leave=False)
 
 
 class Misfit:

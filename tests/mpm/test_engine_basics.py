@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.mpm import rollout, runtime
 from pacnerf_lpo.mpm import simulator as simulator_module
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.ground import Separate, Sticky
@@ -47,6 +47,13 @@ def test_documented_example_runs():
 def test_recomputed_frames_give_the_very_same_gradient():
     """With memory for one frame the others are recomputed from checkpoints: the same operations, the same bits."""
     assert torch.equal(gradient_of(1.0), gradient_of(1e9))
+
+
+def test_one_slice_and_several_agree(monkeypatch):
+    """In the calling thread or in two others: the same sums in another order."""
+    several = gradient_of(1e9)
+    monkeypatch.setattr(rollout, "LEAST_PARTICLES", 64)
+    assert torch.allclose(gradient_of(1e9), several, rtol=1e-9)
 
 
 def test_shortened_deviator():

@@ -1,0 +1,45 @@
+"""Independent simulations in several processes at once: threads share one simulator, so they gain nothing."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
+
+import torch
+from joblib import Parallel, delayed, parallel_config
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import runtime
+
+MOST = 8
+"""Processes to use where nobody says how many: each takes about half a gigabyte."""
+Result = TypeVar("Result")
+
+
+@contextlib.contextmanager
+def processes(count: int | None) -> Iterator[None]:
+    """Let :func:`each` use so many processes, one thread each; None: as many as torch may use threads, at most 8, and
+    one where simulations run on a GPU.
+
+    Raises:
+        UserInputError: less than one.
+    """
+    if count is not None and count < 1:
+        raise UserInputError(f"jobs = {count}: give 1 or more processes")
+    if count is None:
+        count = 1 if runtime.device().type == "cuda" else min(torch.get_num_threads(), MOST)
+    if count == 1:
+        yield
+        return
+    with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, max_nbytes=None):
+        yield
+
+
+def each(function: Callable[..., Result], arguments: Iterable[tuple]) -> Iterator[Result]:
+    """Results of a function for every tuple of arguments, in their order, each as soon as it is there.
+
+    One after the other in this process, unless :func:`processes` is in force. Function and arguments are pickled then;
+    what the function changes in its arguments is not seen here.
+    """
+    return iter(Parallel(batch_size=1, return_as="generator")(delayed(function)(*given) for given in arguments))
