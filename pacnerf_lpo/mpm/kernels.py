@@ -36,7 +36,7 @@ from pacnerf_lpo.mpm.runtime import REAL, Launcher, entries, ti
 from pacnerf_lpo.mpm.transfer import column, gather, gather_adjoint, scatter, stencil, with_fourth
 
 LEAST_SHARE = 512
-"""Taichi gives a CPU thread at least so many iterations of a loop, whatever block_dim says: how far apart slices lie."""
+"""Taichi gives a CPU thread at least so many iterations of a loop, whatever block_dim says: so far apart slices lie."""
 
 
 @functools.cache
