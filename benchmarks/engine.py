@@ -153,6 +153,16 @@ def comparison(run: dict[str, float], trial: dict[str, float], kind: str) -> str
     )
 
 
+def scaling(particles: int, rounds: int) -> tuple[float, float]:
+    """Forward + backward of elastic particles with one thread and with two, by the clock [ms per substep]."""
+    clocks: tuple[list[float], list[float]] = ([], [])
+    for _ in range(rounds):
+        for threads, found in zip((1, 2), clocks, strict=True):
+            run = json.loads(child([__file__, "--only", "NeoHookean", "--particles", str(particles)], threads, True))
+            found.append(run["recording_ms"] + run["backward_ms"])
+    return median(clocks[0]), median(clocks[1])
+
+
 def report(results: dict) -> str:
     """The results as a markdown page."""
     lines = [
@@ -182,6 +192,12 @@ def report(results: dict) -> str:
     for title, key, kind in (("One thread, processor time", "one", "cpu_ms"), ("Two threads, clock", "two", "ms")):
         for run, trial in zip(results[f"{key}_rounds"], results[f"{key}_yardstick"], strict=True):
             lines.append(f"- {title}: {comparison(run, trial, kind)}")
+    for particles, clocks in results["scaling"].items():
+        alone, together = clocks
+        lines.append(
+            f"- {int(particles):,} elastic particles, forward + backward by the clock: {alone:.2f} ms with one thread, "
+            f"{together:.2f} ms with two: **{alone / together:.2f} x faster** (medians)."
+        )
     m = results["memory"]
     lines += [
         "",
@@ -201,9 +217,10 @@ def main() -> None:
         "--rounds", type=int, default=3, help="processes for each material, and alternations with the yardstick"
     )
     parser.add_argument("--only", help=argparse.SUPPRESS)
+    parser.add_argument("--particles", type=int, default=8000, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.only:
-        print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, 8000)))
+        print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, options.particles)))
         return
     results: dict = {"machine": f"{platform.machine()}, {os.cpu_count()} cores", "date": time.strftime("%Y-%m-%d")}
     results["load"], results["rounds"] = os.getloadavg()[0], options.rounds
@@ -220,6 +237,7 @@ def main() -> None:
         for _ in range(options.rounds if options.yardstick.exists() else 0):
             results[f"{key}_rounds"].append(json.loads(child([*own, "NeoHookean"], threads, cache=True)))
             results[f"{key}_yardstick"].append(yardstick(options.yardstick, threads, processor_time=key == "one"))
+    results["scaling"] = {particles: scaling(particles, options.rounds) for particles in (8000, 29**3)}
     results["memory"] = json.loads(child([*own, "memory"], 2, cache=True))
     page = report(results)
     print(page)
