@@ -6,6 +6,7 @@ import json
 import time
 from typing import Literal
 
+from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
 from pacnerf_lpo.diagnosis.diagnose import diagnose as find
 from pacnerf_lpo.diagnosis.problem import PARTICLES
@@ -54,12 +55,11 @@ def run(
     """
     began = time.monotonic()
     step: Step = until
-    folder = find(
-        run_dir,
-        phase,
-        Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images, jobs),
-        lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True),
-    )
+    options = Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images, jobs)
+    with StopRequest():  # SIGTERM, too, ends the processes that simulate
+        folder = find(
+            run_dir, phase, options, lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
+        )
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     print("\n".join([verdict["sentence"], *verdict["details"]]))
     print(f"results: {folder}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,9 +115,14 @@ def searched(
         for parameter, value in zip(coarse.unknowns, coarse.start, strict=True)
         if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
     }
-    progress(f"searching {', '.join(spans)}")
+
+    def watched(losses: Iterator[float], count: int) -> Iterator[float]:
+        for number, loss in enumerate(losses, 1):
+            progress(f"search of {', '.join(spans)}: {number} of {count}")
+            yield loss
+
     tried = points(coarse, spans, SAMPLES * len(spans))
-    found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS)
+    found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS, watched)
     fine = problem.model(effects, known)
     return fine.physical(lowest(fine, problem.weighted_residual_of(fine), [fine.start, *found]))
 

@@ -16,6 +16,7 @@ from pacnerf_lpo.optimisation.levenberg_marquardt import LevenbergMarquardt, Nor
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
     from pacnerf_lpo.render.observation import Observer
+    from pacnerf_lpo.types import ParticleState
 
 PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well above the sampling noise of images
 LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
@@ -45,6 +46,10 @@ class IdentificationMethod(ABC):
     def iterations(self) -> int:
         """Iterations in all."""
         return self.warm_up_iterations + self.main_iterations
+
+    def suited_to(self, state: ParticleState) -> IdentificationMethod:
+        """The method to use for this state: itself, unless a method knows better."""
+        return self
 
     @abstractmethod
     def check(self, names: Sequence[str]) -> None:

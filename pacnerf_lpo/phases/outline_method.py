@@ -21,10 +21,11 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
-from pacnerf_lpo.phases.identification_methods import GaussNewton, finite_loss
+from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, finite_loss
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+    from pacnerf_lpo.types import ParticleState
 
 FALL_ITERATIONS = 4
 SUNK = 1.0
@@ -79,6 +80,10 @@ class OutlineGaussNewton(GaussNewton):
         self._misfits: tuple[Misfit, Misfit] | None = None
         self._correction: np.ndarray | float = 0.0
 
+    def suited_to(self, state: ParticleState) -> IdentificationMethod:
+        """Pixel by pixel for a corrected state."""
+        return GaussNewton(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
+
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space; both on a coarse body."""
         if self.samples > 0:
@@ -126,23 +131,17 @@ class OutlineGaussNewton(GaussNewton):
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration, then back into the bounds."""
         loss = super().iterate(module, optimiser, step)
-        if module.state.corrected:
-            return loss
         fine, _ = self._fine_and_probe(module)
         self._set(module, fine.model, np.clip(fine.free(module), *fine.model.bounds))
         return loss
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
         """By the coarser body and the difference of the two where the step began."""
-        if module.state.corrected:
-            return super()._trial_loss(module)
         _, probe = self._fine_and_probe(module)
         return finite_loss(lambda: float(np.mean((probe.residual(probe.free(module)) + self._correction) ** 2)))
 
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """In the order of ``module.unknowns``."""
-        if module.state.corrected:
-            return super()._normal_equations(module)
         fine, probe = self._fine_and_probe(module)
         free, model = fine.free(module), fine.model
         now, there = fine.residual(free), probe.residual(free)

@@ -31,7 +31,8 @@ class PhysicsIDModule(DynamicPhase):
     ):
         super().__init__(method.iterations, silhouette_weight)
         self.automatic_optimization = False
-        self.hit_frame, self.method, self.warm_up_frames = hit_frame, method, warm_up_frames
+        self.hit_frame, self.warm_up_frames = hit_frame, warm_up_frames
+        self.method = self._configured = method
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
 
     def attach(self, data: VideoData, physics: Physics) -> None:
@@ -53,6 +54,7 @@ class PhysicsIDModule(DynamicPhase):
     def import_state(self, state: ParticleState | None) -> None:
         """Start from the parameters of the state, else from the material's guess."""
         super().import_state(state)
+        self.method = self._configured.suited_to(self.state)
         known = known_values(self.physics, self.state)
         described = self.physics.parameters
         free = {name: described[name].transform.to_free(known[name]) for name in self.physics.free_names}

@@ -60,7 +60,7 @@ def test_a_corrected_body_is_compared_in_pixels_by_its_own_particles(data, state
         module = PhysicsIDModule(HIT, chosen)
         module.attach(data, physics())
         module.import_state(state.with_(corrected=True, physics={**state.physics, "E": 4e4}))
-        losses.append(chosen.iterate(module, chosen.optimiser(module), 0))
+        losses.append(module.method.iterate(module, module.configure_optimizers(), 0))
     assert losses[0] == pytest.approx(losses[1], rel=1e-6)
     every_image = module.fixed_views(FRAMES, None)
     module.import_state(state.with_(physics={**state.physics, "E": 4e4}))
