@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -24,7 +25,12 @@ COMMANDS = {
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status: 0, 1 run stopped, 2 wrong input, 130 interrupted."""
+    """Run a command; returns the exit status: 0, 1 run stopped, 2 wrong input, 130 interrupted.
+
+    Materials and effects of the user's own are found in the folder where the command is run.
+    """
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     words = list(sys.argv[1:] if args is None else args)
     return guarded(lambda: _dispatch(words))
 

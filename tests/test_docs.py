@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import re
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -45,6 +46,18 @@ def recipes(tmp_path_factory: pytest.TempPathFactory):
     sys.path.insert(0, str(folder))
     yield folder
     sys.path.remove(str(folder))
+
+
+def test_a_file_in_the_working_folder_is_found_by_the_command(tmp_path: Path):
+    """By the installed command, which starts in no folder of the user's."""
+    (tmp_path / "my_material.py").write_text("from pacnerf_lpo.mpm.materials import NeoHookean as Mine\n")
+    config = {"physics": {"material": {"class_path": "my_material.Mine", "init_args": {"E": 1e4, "nu": 0.3}}}}
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(config))
+    words = [word for name in ("fit", "scenes/torus") for word in ("--config", str(ROOT / "configs" / f"{name}.yaml"))]
+    words += ["--config", "mine.yaml", "--data.root", "nowhere", "--print_config"]
+    command = [Path(sys.executable).with_name("pacnerf-lpo"), "fit", *words]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_readme_snippet(small_threads: None):

@@ -74,7 +74,7 @@ def force(explained: float, law: Law) -> list[str]:
         terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
         found.append(f"It looks like {terms}, which explains {law.explained:.0%} of it.")
     else:
-        found.append("It looks like no term of the library.")
+        found.append("No simple law describes that force: it follows neither place nor velocity.")
     return found
 
 
