@@ -21,6 +21,10 @@ class SimulationError(RuntimeError):
         super().__init__(f"simulation stopped in frame {frame}, substep {substep}: {cause}")
         self.frame, self.substep, self.cause = frame, substep, cause
 
+    def __reduce__(self) -> tuple[type["SimulationError"], tuple[int, int, str]]:
+        """It may happen in another process."""
+        return type(self), (self.frame, self.substep, self.cause)
+
 
 class RunError(RuntimeError):
     """A run stopped for a reason the message explains; what was computed before is kept.

@@ -1,4 +1,4 @@
-"""Independent simulations in several processes at once: threads share one simulator, so they gain nothing."""
+"""Independent simulations in several processes at once: to a few thousand particles more threads bring little."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ FIRST_REACH = 0.12
 """Standard deviation of the first generation's steps, as a part of the span."""
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
+Watch = Callable[[Iterator[float], int], Iterable[float]]
 
 
 def span(parameter: Parameter, start: float, decades: float) -> tuple[float, float] | None:
@@ -50,9 +51,6 @@ def points(model: Model, spans: Mapping[str, tuple[float, float]], samples: int)
                 point[model.names.index(name)] = low + share * (high - low)
             found.append(point)
     return found
-
-
-Watch = Callable[[Iterator[float], int], Iterable[float]]
 
 
 def promising(

@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import compare
 from pacnerf_lpo.diagnosis.processes import each, processes
 from pacnerf_lpo.diagnosis.screening import screen
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from tests.diagnosis.test_points import GUESS, Ball, points, tracked
 
 FORCES = ("LinearDrag", "UniformForce", "GravityMagnitude")
@@ -29,6 +29,16 @@ def test_order_is_kept_and_other_processes_do_the_work():
         found = list(each(doubled, given))
     assert [result for result, _ in found] == [0, 2, 4, 6, 8]
     assert os.getpid() not in {process for _, process in found}
+
+
+def unstable(frame: int) -> SimulationError:
+    return SimulationError(frame, 7, "NaN")
+
+
+def test_what_went_wrong_is_told_across_processes():
+    with processes(2):
+        (found,) = each(unstable, [(3,)])
+    assert (found.frame, found.substep, str(found)) == (3, 7, str(unstable(3)))
 
 
 def test_fewer_than_one_is_refused():
