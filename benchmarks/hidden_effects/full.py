@@ -26,7 +26,7 @@ CAMERA_NOISE = 0.01
 MARGIN = 0.08
 """Of the box that the object is said to be in at frame 0, around it [m]."""
 SEEN = 0.02
-"""A body touches the ground when it looks as if it were so near [m]."""
+"""A body touches the ground when it looks as if it were so near [m], beside half a cell by which a grid lifts it."""
 
 
 def write(folder: Path, setting: Setting, recorded: Film, random: np.random.Generator) -> None:
@@ -36,7 +36,7 @@ def write(folder: Path, setting: Setting, recorded: Film, random: np.random.Gene
     colours, radius = patches(recorded.path[0]), recorded.model.body.spacing / 2
     seed = int(random.integers(1 << 31))
     write_scene(folder / PICTURES, path, colours, rig, setting.image_size, radius, CAMERA_NOISE, seed=seed)
-    touches = path[..., 1].min(1) < SEEN
+    hit = first_touch(path[..., 1].min(1), recorded.model.body.spacing)
     lower, upper = path[0].min(0) - MARGIN, path[0].max(0) + MARGIN
     material = {"class_path": setting.material, "init_args": setting.law.guess}
     told = {
@@ -47,10 +47,21 @@ def write(folder: Path, setting: Setting, recorded: Film, random: np.random.Gene
             "box_upper": [float(f"{x:.3f}") for x in upper],
         },
         "physics": {"material": material},
-        "phases": {"velocity": {"init_args": {"hit_frame": int(np.argmax(touches)) if touches.any() else len(path)}}},
+        "phases": {"velocity": {"init_args": {"hit_frame": hit}}},
         "outer_loop": {"rounds": 0},
     }
     (folder / CONFIG).write_text(yaml.safe_dump(told, sort_keys=False))
+
+
+def first_touch(heights: np.ndarray, spacing: float) -> int:
+    """First frame in which a body touches the ground, the last one where it never does.
+
+    Args:
+        heights: of its lowest particle [m, (F,)]
+        spacing: of the nodes [m]
+    """
+    touches = heights < SEEN + spacing / 2
+    return int(np.argmax(touches)) if touches.any() else len(heights) - 1
 
 
 def is_full(scene: Path) -> bool:
