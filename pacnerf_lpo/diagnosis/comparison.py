@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
@@ -17,17 +18,39 @@ from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.parameters import Log10
 
 FIRST_ITERATIONS = 10
 WHITENED_ITERATIONS = 5
 CONFIDENCE = 0.9
 """Of all intervals."""
+VALLEYS = 2
+NEXT_VALLEY = 0.2
+"""Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
+MUCH_LOWER = 0.9
+"""Of the misfit: a fit from another start that is so much better has found a better valley."""
 DECADES = 3.0
 SAMPLES, STARTS = 16, 2  # samples for each parameter
 COARSER = 1.4
 """Node spacing of a search beside that of the diagnosis."""
 Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """A residual in units of its noise.
+
+    noise: of its entries.
+    residual: of free coordinates [(K,)]
+    """
+
+    noise: NoiseModel
+    residual: Residual
+
+    def __call__(self, free: np.ndarray) -> np.ndarray:
+        return self.noise.whiten_residual(self.residual(free))
 
 
 @dataclass(frozen=True)
@@ -62,7 +85,9 @@ def compare(
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate twins at the best fit.
 
-    First with the same weight for all summaries, then whitened by the noise that the twins show.
+    First with the same weight for all summaries, then whitened by the noise that the twins show. A rebound that comes a
+    frame late fits almost as well as the right one; so fits from moduli beside the best ones are tried, too, and one
+    that is much better takes its place, with twins of its own.
 
     Args:
         problem: the run.
@@ -78,18 +103,20 @@ def compare(
     model = problem.model(effects, known)
     raw = problem.residual_of(model, problem.fitted)
     weighted, report = problem.weighted_residual_of(model), reporter(model, progress)
-    first = fit(weighted, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report)
-    found = twins(problem, effects, first.free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
-    noise = noise_of(problem, found, problem.fitted)
-    whitened = fit(
-        lambda free: noise.whiten_residual(raw(free)),
-        first.free,
-        model.scales,
-        model.bounds,
-        WHITENED_ITERATIONS,
-        report,
-    )
-    free = whitened.free
+    free = fit(weighted, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report).free
+    for attempt in range(VALLEYS):
+        found = twins(problem, effects, free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
+        noise = noise_of(problem, found, problem.fitted)
+        whitened = Whitened(noise, raw)
+        best = fit(whitened, free, model.scales, model.bounds, WHITENED_ITERATIONS, report)
+        free = best.free
+        if attempt == VALLEYS - 1:
+            break
+        progress("looking into the next valleys")
+        other = _beside(problem, model, whitened, best)
+        if other.misfit > MUCH_LOWER * best.misfit:
+            break
+        free = other.free
     everywhere = problem.residual_of(model, problem.usable)
     residual = everywhere(free)
     jacobian = sensitivities(everywhere, free, residual, model.scales, model.bounds)
@@ -102,6 +129,39 @@ def compare(
         _spread(jacobian, problem.usable),
         found,
     )
+
+
+def _beside(problem: Problem, model: Model, whitened: Residual, best: Fit) -> Fit:
+    """The best fit from starts in which one log10 parameter of the material is larger or smaller."""
+    logarithmic = [
+        index
+        for index, unknown in enumerate(model.unknowns)
+        if isinstance(unknown.transform, Log10) and unknown.name in problem.physics.material.free_names
+    ]
+    starts = []
+    for index in logarithmic:
+        for sign in (-1.0, 1.0):
+            start = best.free.copy()
+            start[index] += sign * NEXT_VALLEY
+            starts.append(np.clip(start, *model.bounds))
+    settings = model.scales, model.bounds, FIRST_ITERATIONS, best.misfit
+    found = each(_fit_or_none, ((whitened, start, *settings) for start in starts))
+    return min((other for other in found if other is not None), key=lambda other: other.misfit, default=best)
+
+
+def _fit_or_none(
+    residual: Residual,
+    start: np.ndarray,
+    scales: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    iterations: int,
+    hopeless: float,
+) -> Fit | None:
+    """A fit that is given up where it stays far above another misfit; None where its motion is unstable."""
+    try:
+        return fit(residual, start, scales, bounds, iterations, hopeless=hopeless)
+    except SimulationError:
+        return None
 
 
 def searched(
