@@ -39,21 +39,6 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Whitened:
-    """A residual in units of its noise.
-
-    noise: of its entries.
-    residual: of free coordinates [(K,)]
-    """
-
-    noise: NoiseModel
-    residual: Residual
-
-    def __call__(self, free: np.ndarray) -> np.ndarray:
-        return self.noise.whiten_residual(self.residual(free))
-
-
-@dataclass(frozen=True)
 class Comparison:
     """A fitted model beside the measurements.
 
@@ -107,7 +92,7 @@ def compare(
     for attempt in range(VALLEYS):
         found = twins(problem, effects, free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
         noise = noise_of(problem, found, problem.fitted)
-        whitened = Whitened(noise, raw)
+        whitened = whitened_by(noise, raw)
         best = fit(whitened, free, model.scales, model.bounds, WHITENED_ITERATIONS, report)
         free = best.free
         if attempt == VALLEYS - 1:
@@ -185,6 +170,11 @@ def searched(
     found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS, watched)
     fine = problem.model(effects, known)
     return fine.physical(lowest(fine, problem.weighted_residual_of(fine), [fine.start, *found]))
+
+
+def whitened_by(noise: NoiseModel, residual: Residual) -> Residual:
+    """A residual of free coordinates [(K,)] in units of its noise [(D,)]."""
+    return lambda free: noise.whiten_residual(residual(free))
 
 
 def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> NoiseModel:

@@ -24,7 +24,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
 )
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of, searched
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
-from pacnerf_lpo.diagnosis.processes import processes
+from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
@@ -87,8 +87,7 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
     """
     if not 4 <= options.twins <= 200:
         raise UserInputError(f"diagnose: twins = {options.twins}; give 4 to 200, 8 to 24 are enough")
-    if options.jobs is not None and options.jobs < 1:
-        raise UserInputError(f"diagnose: jobs = {options.jobs}; give 1 or more processes")
+    check_jobs(options.jobs, "diagnose")
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
     problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)

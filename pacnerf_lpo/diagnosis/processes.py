@@ -17,6 +17,12 @@ MOST = 8
 Result = TypeVar("Result")
 
 
+def check_jobs(count: int | None, where: str) -> None:
+    """Raise UserInputError, which names the setting, for less than one process."""
+    if count is not None and count < 1:
+        raise UserInputError(f"{where}: jobs = {count}; give 1 or more, or leave it out for as many as there are cores")
+
+
 @contextlib.contextmanager
 def processes(count: int | None) -> Iterator[None]:
     """Let :func:`each` use so many processes, one thread each; None: as many as torch may use threads, at most 8, and
@@ -25,8 +31,7 @@ def processes(count: int | None) -> Iterator[None]:
     Raises:
         UserInputError: less than one.
     """
-    if count is not None and count < 1:
-        raise UserInputError(f"jobs = {count}: give 1 or more processes")
+    check_jobs(count, "processes")
     if count is None:
         count = 1 if runtime.device().type == "cuda" else min(torch.get_num_threads(), MOST)
     if count == 1:

@@ -16,6 +16,7 @@ from pacnerf_lpo.diagnosis.comparison import (
     noise_of,
     noise_of_held_out,
     reporter,
+    whitened_by,
 )
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
@@ -104,7 +105,7 @@ def refit(
     hopeless = min(float(before @ before), GIVE_UP * best_misfit)
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
-        residual = _whitened(noise, problem.residual_of(model, fitted))
+        residual = whitened_by(noise, problem.residual_of(model, fitted))
         try:
             found = fit(
                 residual,
@@ -145,7 +146,7 @@ def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Pro
     noise = noise_of(problem, comparison.twins, fitted)
     body = problem.sample(FINER * problem.spacing, seed=1)
     model = problem.model([*comparison.effects, candidate.effect], again.known, body)
-    residual = _whitened(noise, problem.residual_of(model, fitted))
+    residual = whitened_by(noise, problem.residual_of(model, fitted))
     try:
         found = fit(residual, model.start, model.scales, model.bounds, REFINED_ITERATIONS)
     except SimulationError:
@@ -166,10 +167,6 @@ def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candi
         noise = noise_of_held_out(problem, comparison, mask, partial(absolute, view=view))
         before, after = absolute(before, view), absolute(after, view)
     return judge_held_out(noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]))
-
-
-def _whitened(noise: NoiseModel, residual: Residual) -> Residual:
-    return lambda free: noise.whiten_residual(residual(free))
 
 
 def _adjusted(

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
-from pacnerf_lpo.diagnosis.processes import processes
+from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -75,6 +75,7 @@ class OutlineGaussNewton(GaussNewton):
                 f"probe_particles = {probe_particles}, scan_particles = {scan_particles}; give at least 0, 1, and 100 "
                 "particles"
             )
+        check_jobs(jobs, "OutlineGaussNewton")
         self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.probe_particles, self.scan_particles = bodies
         self._misfits: tuple[Misfit, Misfit] | None = None

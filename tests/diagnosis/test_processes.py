@@ -42,7 +42,7 @@ def test_what_went_wrong_is_told_across_processes():
 
 
 def test_fewer_than_one_is_refused():
-    with pytest.raises(UserInputError, match="jobs = 0: give 1 or more"), processes(0):
+    with pytest.raises(UserInputError, match="jobs = 0; give 1 or more"), processes(0):
         pass
 
 

@@ -106,3 +106,8 @@ def test_search_points_cover_the_decades_and_keep_the_rest(data, state):
 def test_impossible_settings_are_refused(settings):
     with pytest.raises(UserInputError, match="OutlineGaussNewton"):
         method(**settings)
+
+
+def test_no_processes_are_refused_before_any_work():
+    with pytest.raises(UserInputError, match="OutlineGaussNewton: jobs = 0; give 1 or more"):
+        OutlineGaussNewton(jobs=0)
