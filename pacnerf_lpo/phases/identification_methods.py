@@ -22,6 +22,8 @@ PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well ab
 LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
+UNSEEN = 1e-5
+"""No image shows that particles lie so little elsewhere [m]: a fall before contact, with another stiffness."""
 
 
 class IdentificationMethod(ABC):
@@ -171,7 +173,6 @@ class GaussNewton(IdentificationMethod):
             best = min(found, key=lambda name: found[name][0])
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
-        module.physics.halvings = 0
 
     def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
         parameter = module.physics.parameters[name]
@@ -183,11 +184,12 @@ class GaussNewton(IdentificationMethod):
         """Least misfit over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
         frames, first = module.warm_up_length, module.hit_frame - 1
         views = module.fixed_views(frames, self.views_per_frame)
-        start, losses = module.free[name].item(), {}
+        start, halvings, losses = module.free[name].item(), module.physics.halvings, {}
         for point in tqdm(self._lattice(module, name), desc=f"physics: scan of {name}", leave=False):
             set_free(module.free[name], point)
             with torch.no_grad():
                 losses[point] = finite_loss(lambda: module.loss(frames, views, first).item())
+            module.physics.halvings = halvings  # a point that needs a short step must not slow the others down
         set_free(module.free[name], start)
         best = min(losses, key=losses.__getitem__)
         return losses[best], best
@@ -215,9 +217,12 @@ class GaussNewton(IdentificationMethod):
         hessian = torch.zeros(size, size, dtype=torch.float64)
         for frame, views in enumerate(self._views):
             for view in views:
-                residuals = torch.stack([module.residual(motion, view, frame) for motion in watched])
-                pixels = residuals[0].shape[0] * residuals[0].shape[1]
-                flat = residuals.reshape(size + 1, -1).double()
+                seen = [module.residual(watched[0], view, frame)]
+                for motion in watched[1:]:
+                    same = _looks_alike(motion, watched[0], frame)
+                    seen.append(seen[0] if same else module.residual(motion, view, frame))
+                pixels = seen[0].shape[0] * seen[0].shape[1]
+                flat = torch.stack(seen).reshape(size + 1, -1).double()
                 jacobian = (flat[1:] - flat[0]) / probes[:, None]
                 weight = 1 / (pixels * self._frames * len(views))
                 loss += weight * flat[0].square().sum().item()
@@ -239,6 +244,12 @@ class GaussNewton(IdentificationMethod):
             watched.append(module.watch(moved, module.velocity, module.values()))
             unknown.copy_(before)
         return watched, probes
+
+
+def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], frame: int) -> bool:
+    """Whether two motions (as :meth:`DynamicPhase.watch` gives them) look the same to all cameras in a frame."""
+    (path, observer), (reference, believed) = one, other
+    return observer is believed and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
 
 
 def set_free(parameter: torch.nn.Parameter, value: float) -> None:

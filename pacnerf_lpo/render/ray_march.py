@@ -19,6 +19,8 @@ from pacnerf_lpo.types import FieldGrid, Rays
 NEAR = 0.1
 MIN_ALPHA = 1e-7
 MIN_WEIGHT = 1e-7
+BLOCK = 2048
+"""Samples that are coloured at a time on a CPU."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,39 @@ def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_W
 def shade(
     samples: March, colour: ColourNetwork, background: float = 1.0, directions: Tensor | None = None
 ) -> Rendering:
-    """Colour the samples of a march, looking along ``directions`` (R, 3) or along the rays, and compose the rays."""
+    """Colour the samples of a march, looking along ``directions`` (R, 3) or along the rays, and compose the rays.
+
+    A CPU colours them in blocks whose layers stay in its cache.
+    """
     along = samples.directions if directions is None else directions
-    per_sample = segment_copy(colour.direction_part(along), samples.lengths)
-    seen = segment_sum(colour.finish(samples.features, per_sample) * samples.weights[:, None], samples.lengths)
-    return Rendering(seen + background * samples.transmittance[:, None], samples.transmittance)
+    hit = samples.lengths.nonzero().squeeze(1)
+    lengths = samples.lengths.index_select(0, hit)
+    per_ray = colour.direction_part(along.index_select(0, hit))
+    rays, counts = _blocks(lengths)
+    light = [
+        segment_sum(colour.finish(features, segment_copy(seen, many)) * weights[:, None], many)
+        for features, weights, seen, many in zip(
+            samples.features.split(counts),
+            samples.weights.split(counts),
+            per_ray.split(rays),
+            lengths.split(rays),
+            strict=True,
+        )
+    ]
+    behind = background * samples.transmittance[:, None].expand(-1, 3)
+    return Rendering(behind.index_add(0, hit, torch.cat(light)), samples.transmittance)
+
+
+def _blocks(lengths: Tensor) -> tuple[list[int], list[int]]:
+    """Numbers of whole rays, and of their samples, in blocks of about BLOCK samples; one block on a GPU."""
+    end = lengths.cumsum(0)
+    total = int(end[-1]) if len(end) else 0
+    if lengths.is_cuda or total <= BLOCK:
+        return [len(lengths)], [total]
+    ray = torch.searchsorted(end, torch.arange(BLOCK, total, BLOCK)).unique() + 1
+    last = torch.cat((ray[ray < len(lengths)], torch.tensor([len(lengths)])))
+    count = end[last - 1]
+    return last.diff(prepend=last.new_zeros(1)).tolist(), count.diff(prepend=count.new_zeros(1)).tolist()
 
 
 def ray_opacity(grid: FieldGrid, rays: Rays, base_dx: float) -> Tensor:

@@ -10,7 +10,14 @@ import pytorch_lightning as pl
 import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.phases import GaussNewton, LPOModule, PaperAdam, PhysicsIDModule, VelocityModule
+from pacnerf_lpo.phases import (
+    GaussNewton,
+    LPOModule,
+    PaperAdam,
+    PhysicsIDModule,
+    VelocityModule,
+    identification_methods,
+)
 from pacnerf_lpo.phases.misfit import VideoMisfit
 from pacnerf_lpo.scene.activation import optical_depth, sample_length, solid_fraction
 from tests.phases.conftest import DX, FRAMES, TRUTH, VELOCITY, physics
@@ -79,6 +86,31 @@ def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
     found = run(phase, data, physics(E=TRUTH["E"] / 100), state.with_(physics={}))
     assert abs(math.log10(found.physics["E"] / TRUTH["E"])) < 0.05
     torch.testing.assert_close(found.velocity[0], torch.tensor(VELOCITY), rtol=0, atol=0.05)
+
+
+def test_the_fall_is_not_rendered_again_for_another_stiffness(data, state, monkeypatch):
+    """The normal equations are the same where it is; only velocity probes need the frames before contact again."""
+    method = GaussNewton(scan_decades=0.0, pool=1)
+    phase = PhysicsIDModule(HIT, method)
+    phase.attach(data, physics(E=TRUTH["E"] / 2))
+    phase.import_state(state.with_(physics={}))
+    method._frames, method._views = FRAMES, phase.fixed_views(FRAMES, 1)
+    rendered: list[int] = []
+    residual = phase.residual
+
+    def counted(motion, view, frame):
+        rendered.append(frame)
+        return residual(motion, view, frame)
+
+    monkeypatch.setattr(phase, "residual", counted)
+    quick = method._normal_equations(phase)
+    assert rendered.count(0) == 1 and rendered.count(1) == 4, "velocity moves frame 1, nothing moves frame 0"
+    assert rendered.count(FRAMES - 1) == 1 + len(phase.scales), "after contact every probe counts"
+    monkeypatch.setattr(identification_methods, "UNSEEN", -1.0)
+    whole = method._normal_equations(phase)
+    assert quick.loss == whole.loss
+    for found, expected in ((quick.gradient, whole.gradient), (quick.hessian, whole.hessian)):
+        torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-3 * expected.abs().max().item())
 
 
 def test_adam_moves_the_stiffness_towards_the_truth(data, state):

@@ -7,6 +7,7 @@ import torch
 from torch.nn.functional import normalize, softplus
 
 from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.render import ray_march
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.ray_march import march, ray_opacity, render_rays
 from pacnerf_lpo.render.silhouette import silhouettes
@@ -176,3 +177,21 @@ def test_uncoloured_samples_still_attenuate(colour):
     fine, coarse = render_rays(grid, colour, rays, 0.2), render_rays(grid, colour, rays, 0.2, min_weight=1e-3)
     torch.testing.assert_close(fine.transmittance, coarse.transmittance, rtol=0, atol=0)
     torch.testing.assert_close(fine.colour, coarse.colour, rtol=0, atol=30 * 1e-3)
+
+
+@pytest.mark.parametrize("block", [1, 7, 50])
+def test_samples_coloured_in_blocks(colour, monkeypatch, block):
+    """Blocks of whole rays give the image and the gradients of all samples at once, rays that miss among them."""
+    grid, rays = blob(), rays_towards(0.3, 200, spread=0.5)
+    grid = FieldGrid(grid.density.requires_grad_(), grid.features.requires_grad_(), grid.lower, grid.dx)
+
+    def image_and_gradients() -> list[torch.Tensor]:
+        image = render_rays(grid, colour, rays, 0.2).colour
+        return [image, *torch.autograd.grad(image.square().sum(), [grid.density, grid.features, *colour.parameters()])]
+
+    lengths = march(grid, rays, 0.2).lengths
+    assert (lengths == 0).any() and lengths.max() < 50 < lengths.sum()
+    at_once = image_and_gradients()
+    monkeypatch.setattr(ray_march, "BLOCK", block)
+    for found, expected in zip(image_and_gradients(), at_once, strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
