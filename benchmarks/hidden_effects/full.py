@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ from pacnerf_lpo.manifest import FILE_NAME
 
 CONFIG, PICTURES, RUN, LOG = "user.yaml", "video", "run", "log.txt"
 CONFIGS = Path(__file__).parents[2] / "configs"
+IMAGE_SCALE = 0.5
 BASE = ("fit.yaml", "scenes/torus.yaml", "baselines/3v_dagger.yaml", "cpu.yaml", "cpu_coarse.yaml")
 CAMERA_NOISE = 0.01
 MARGIN = 0.08
@@ -29,8 +32,10 @@ SEEN = 0.02
 """A body touches the ground when it looks as if it were so near [m], beside half a cell by which a grid lifts it."""
 
 
-def write(folder: Path, setting: Setting, recorded: Film, random: np.random.Generator) -> None:
-    """Write the video, and what a user would say of it: the box, the material's first guess, the frame of contact."""
+def write(folder: Path, setting: Setting, trained: Sequence[int], recorded: Film, random: np.random.Generator) -> None:
+    """Write the video, and what a user would say of it: the views to train with, the box, the material's first guess,
+    the frame of contact.
+    """
     path = recorded.path.double().numpy()
     rig = Rig(np.array(setting.cameras), np.array(setting.intrinsics))
     colours, radius = patches(recorded.path[0]), recorded.model.body.spacing / 2
@@ -42,7 +47,8 @@ def write(folder: Path, setting: Setting, recorded: Film, random: np.random.Gene
     told = {
         "data": {
             "frames": setting.frames,
-            "image_scale": 0.5,
+            "image_scale": IMAGE_SCALE,
+            "train_views": None if len(setting.cameras) == len(trained) else list(trained),
             "box_lower": [float(f"{x:.3f}") for x in np.maximum(lower, (-9.0, 0.0, -9.0))],
             "box_upper": [float(f"{x:.3f}") for x in upper],
         },
@@ -64,9 +70,19 @@ def first_touch(heights: np.ndarray, spacing: float) -> int:
     return int(np.argmax(touches)) if touches.any() else len(heights) - 1
 
 
-def is_full(scene: Path) -> bool:
-    """Whether a scene is a video that is still to be reconstructed."""
-    return (scene / CONFIG).is_file()
+def as_diagnosed(setting: Setting) -> Setting:
+    """The setting with images of the size that the run of a video compares."""
+    scale = np.array([IMAGE_SCALE, IMAGE_SCALE, 1.0])[:, None]
+    intrinsics = (np.array(setting.intrinsics) * scale).tolist()
+    return replace(setting, image_size=round(IMAGE_SCALE * setting.image_size), intrinsics=intrinsics)
+
+
+def reconstructed_from(scene: Path) -> str | None:
+    """The views that the shape of a scene is reconstructed from, in words; None where the shape is known."""
+    if not (scene / CONFIG).is_file():
+        return None
+    views = yaml.safe_load((scene / CONFIG).read_text())["data"].get("train_views", [0, 4, 8])
+    return "all views" if views is None else f"{len(views)} views"
 
 
 def reconstruct_and_diagnose(scene: Path) -> None:

@@ -36,7 +36,7 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
         RunError: no stable scene with the wanted strength was found.
     """
     wanted, target = plan(seed), folder / f"{seed:04d}"
-    if size.full and wanted.family == "camera":
+    if size.trained and wanted.family == "camera":
         raise UserInputError(f"scene {seed}: videos of wrong cameras are not drawn")
     if (target / TRUTH).is_file():
         return target
@@ -56,8 +56,8 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
     partial = target.with_name(f".{target.name}.part")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    if size.full:
-        full.write(partial, setting, recorded, random)
+    if size.trained:
+        full.write(partial, setting, size.trained, recorded, random)
     else:
         silhouettes = (recorded.silhouettes * 255).round().to(torch.uint8).numpy()
         np.savez_compressed(partial / VIDEO, silhouettes=silhouettes, brightness=recorded.brightness)
@@ -87,7 +87,8 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
     setting, true = draw_setting(random, size, next(iter(materials), None))
     hidden: list[Effect] = []
     strengths: list[float] = []
-    ruler = Ruler(setting, true, TWINS) if wanted.effects else None
+    seen = full.as_diagnosed(setting) if size.trained else setting
+    ruler = Ruler(seen, true, TWINS) if wanted.effects else None
     for name in wanted.effects:
         assert ruler is not None
         effect = _at_null(name, size, random)
@@ -139,10 +140,10 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--first", type=int, default=1000, help="seed; below 1000: development, from 1000: scored")
     parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--full", action="store_true", help="videos for a full reconstruction; no camera faults")
+    parser.add_argument("--full", choices=FULL, help="videos to reconstruct from so many views; no camera faults")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
-    seeds, size = range(options.first, options.first + options.count), FULL if options.full else FAST
+    seeds, size = range(options.first, options.first + options.count), FULL.get(options.full, FAST)
     for line in generate_all(options.folder, seeds, options.jobs, size):
         print(line, flush=True)
 

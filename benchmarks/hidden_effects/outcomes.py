@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hidden_effects.full import is_full
+from benchmarks.hidden_effects.full import reconstructed_from
 from benchmarks.hidden_effects.known_shape import TRUTH
 from benchmarks.hidden_effects.run import EFFORT, FAILURE
 from pacnerf_lpo.diagnosis.diagnose import RESULT
@@ -25,7 +25,7 @@ LOGARITHMIC = ("E", "mu", "kappa", "tau_y")
 class Outcome:
     """One scored scene.
 
-    seed, family, snr: as planned;  full: whether the scene was reconstructed first.
+    seed, family, snr: as planned;  views: that it was reconstructed from, in words; None: the shape is known.
     truth: names of the hidden effects.
     kind: of the verdict: nothing, missing, camera, unknown; ``failed`` where there is none.
     accepted: names of the effects that were accepted, in order; none where they explain too little.
@@ -43,7 +43,7 @@ class Outcome:
     seed: int
     family: str
     snr: float
-    full: bool
+    views: str | None
     truth: tuple[str, ...]
     kind: str
     accepted: tuple[str, ...] = ()
@@ -83,7 +83,7 @@ def outcome(scene: Path) -> Outcome | None:
     """The outcome of a scene; None if it was not diagnosed yet."""
     truth = json.loads((scene / TRUTH).read_text())
     names = tuple(hidden["name"] for hidden in truth["hidden"])
-    head = (truth["seed"], truth["family"], truth["snr"], is_full(scene), names)
+    head = (truth["seed"], truth["family"], truth["snr"], reconstructed_from(scene), names)
     if not (scene / EFFORT).is_file():
         return Outcome(*head, "failed") if (scene / FAILURE).is_file() else None
     result = json.loads((scene / FOLDER / RESULT).read_text())

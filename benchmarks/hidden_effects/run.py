@@ -42,7 +42,7 @@ def diagnose_scene(scene: Path, options: Options = FAST) -> str:
     torch.set_num_threads(1)
     began, worked = time.monotonic(), processor_time()
     try:
-        if full.is_full(scene):
+        if full.reconstructed_from(scene):
             full.reconstruct_and_diagnose(scene)
         else:
             problem = KnownShape.read(scene)

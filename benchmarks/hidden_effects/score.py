@@ -118,8 +118,12 @@ def page(outcomes: Sequence[Outcome], command: str, note: str) -> str:
     scored = all(o.seed in SCORED for o in outcomes)
     which = "scored seeds, disjoint from those used in development" if scored else "development seeds"
     lines += [f"{len(outcomes)} scenes, {which}. {note}".strip(), *NOTES.splitlines()]
-    for full, title in ((False, "Shape known (fast path)"), (True, "Full reconstruction from the video")):
-        part = [o for o in outcomes if o.full is full]
+    for views, title in (
+        (None, "Shape known (fast path)"),
+        ("3 views", "Full reconstruction from three views of the video"),
+        ("all views", "Full reconstruction from all views of the video"),
+    ):
+        part = [o for o in outcomes if o.views == views]
         if part:
             lines += ["", f"## {title}: {len(part)} scenes", ""]
             lines += [*effect_table(part), "", *other_table(part), "", "<details><summary>Every scene</summary>", ""]
@@ -135,7 +139,7 @@ def main() -> None:
     parser.add_argument("--note", default="", help="a sentence for the page, such as which version was scored")
     options = parser.parse_args()
     found = [outcome(scene) for folder in options.folders for scene in scenes_in(folder)]
-    outcomes = sorted((o for o in found if o is not None), key=lambda o: (o.full, o.seed))
+    outcomes = sorted((o for o in found if o is not None), key=lambda o: (o.views or "", o.seed))
     command = f"python -m benchmarks.hidden_effects.score {' '.join(folder.name for folder in options.folders)}"
     text = page(outcomes, command, options.note)
     print(text)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from pacnerf_lpo.data import shapes
 from pacnerf_lpo.data.synthetic import hemisphere_rig
+from pacnerf_lpo.diagnosis.split import held_views
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.types import Video
@@ -29,7 +30,7 @@ class Size:
 
     particles: of the diagnosis' model, about.
     views, held: cameras, and how many of them are held out.
-    full: as a video to reconstruct, not as outlines of a known shape.
+    trained: cameras that the shape of a video is reconstructed from; None: outlines of a known shape.
     """
 
     particles: int = 1000
@@ -37,11 +38,15 @@ class Size:
     held: int = 2
     frames: int = 10
     image_size: int = 72
-    full: bool = False
+    trained: tuple[int, ...] | None = None
 
 
-FULL = Size(views=11, frames=14, image_size=128, full=True)
 FAST = Size()
+FULL = {
+    "three": Size(views=11, frames=14, image_size=128, trained=(0, 4, 8)),
+    "all": Size(views=11, frames=14, image_size=128, trained=tuple(range(11))),
+}
+"""Videos to reconstruct from three views, or from all; what is held out is what the diagnosis holds out then."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +140,10 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
     true, guess = _material(random, material)
     sideways = random.uniform(-0.4, 0.4, 2)
     velocity = {"v_x": sideways[0], "v_y": -random.uniform(0.0, 1.5), "v_z": sideways[1]}
+    if size.trained is None:
+        held = sorted(random.choice(size.views, size.held, replace=False).tolist())
+    else:
+        held = held_views(size.views, [view for view in range(size.views) if view not in size.trained])
     setting = Setting(
         shape=kind,
         arguments=arguments,
@@ -148,7 +157,7 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
         image_size=size.image_size,
         cameras=[],
         intrinsics=[],
-        held_views=sorted(random.choice(size.views, size.held, replace=False).tolist()),
+        held_views=held,
         warp_seed=int(random.integers(1 << 31)),
         warp=0.0,
     )

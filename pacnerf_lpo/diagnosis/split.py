@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,11 +52,13 @@ def split(data: VideoData) -> Split:
             f"{data.video.source}: {views} views and {frames} frames; a diagnosis holds some out to judge by and "
             f"needs at least {HELD_VIEWS} views and {LEAST_FRAMES} frames"
         )
-    held = np.zeros(views, bool)
-    if len(data.test) >= 2:
-        held[data.test] = True
-    else:
-        count = min(HELD_VIEWS, views - 1)
-        held[np.linspace(1, views - 1, count).round().astype(int)] = True
+    held = np.isin(np.arange(views), held_views(views, data.test))
     late = np.arange(frames) >= frames - HELD_FRAMES
     return Split(~held, ~late)
+
+
+def held_views(views: int, test: Sequence[int]) -> list[int]:
+    """Which of so many views are held out: those of the test, or three of all when it has fewer than two."""
+    if len(test) >= 2:
+        return sorted(test)
+    return np.linspace(1, views - 1, min(HELD_VIEWS, views - 1)).round().astype(int).tolist()

@@ -1,8 +1,17 @@
-"""What a user would say of a video that is to be reconstructed."""
+"""What a user would say of a video that is to be reconstructed, and how its effects are measured."""
+
+import json
 
 import numpy as np
+import pytest
+import torch
 
-from benchmarks.hidden_effects.full import first_touch
+from benchmarks.hidden_effects import generate
+from benchmarks.hidden_effects.full import as_diagnosed, first_touch, reconstructed_from
+from benchmarks.hidden_effects.setting import Setting, Size
+
+TINY = {"particles": 300, "views": 5, "frames": 8, "image_size": 48}
+NULL = 2  # seed of a development scene
 
 
 def test_a_body_that_a_coarse_grid_holds_off_the_ground_touches_it():
@@ -12,3 +21,25 @@ def test_a_body_that_a_coarse_grid_holds_off_the_ground_touches_it():
 
 def test_without_contact_the_last_frame_has_to_do():
     assert first_touch(np.array([0.5, 0.4, 0.3]), spacing=0.05) == 2
+
+
+@pytest.mark.parametrize(
+    ("trained", "said", "held"),
+    [((0, 2, 4), "3 views", [1, 3]), ((0, 1, 2, 3, 4), "all views", [1, 2, 4])],
+)
+def test_a_video_is_judged_by_the_views_that_its_diagnosis_holds_out(tmp_path, trained, said, held):
+    scene = generate.generate(tmp_path, NULL, Size(**TINY, trained=trained))
+    assert reconstructed_from(scene) == said
+    setting = Setting(**json.loads((scene / "setting.json").read_text()))
+    assert setting.held_views == held
+    assert len(list((scene / "video").rglob("*.png"))) >= 5 * 8
+
+
+def test_effects_are_measured_in_images_of_the_size_that_is_compared(tmp_path):
+    scene = generate.generate(tmp_path, NULL, Size(**TINY))
+    assert reconstructed_from(scene) is None
+    setting = Setting(**json.loads((scene / "setting.json").read_text()))
+    small, whole = as_diagnosed(setting).video(), setting.video()
+    assert small.images.shape[2:4] == (24, 24)
+    point = torch.tensor([0.1, 0.2, 1.0])
+    torch.testing.assert_close(2 * (small.intrinsics[0] @ point)[:2], (whole.intrinsics[0] @ point)[:2])
