@@ -7,13 +7,15 @@ import math
 import torch
 from torch import Tensor, nn
 
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.types import ParticleState
 
 ITERATIONS_PER_STEP = 4
 LOSS_SCALE = 1e3  # L-BFGS moves by the bare gradient first, unless its norm exceeds one
 FIRST_STEP = 0.5  # m/s, length of the first trial step
+UNSTABLE = 10.0
+"""Times the highest loss so far: what a line search is told of a velocity whose motion is unstable."""
 
 
 class VelocityModule(DynamicPhase):
@@ -45,6 +47,7 @@ class VelocityModule(DynamicPhase):
         self.frames, self.views_per_frame, self.tolerance = hit_frame, views_per_frame, tolerance
         self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
         self.register_buffer("before", self.velocity.detach().clone())
+        self._highest: float | None = None  # loss of a stable motion
 
     def attach(self, data, physics) -> None:
         """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
@@ -68,12 +71,27 @@ class VelocityModule(DynamicPhase):
         )
 
     def training_step(self, step: int, _: int) -> Tensor:
-        """Misfit of all training views over the frames before contact."""
-        trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
+        """Misfit of all training views over the frames before contact.
+
+        A line search may try a velocity so high that the motion is unstable. It is told that the loss is high there,
+        and goes less far.
+
+        Raises:
+            SimulationError: the motion that the search starts from is unstable.
+        """
+        halvings = self.physics.halvings
+        try:
+            trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
+        except SimulationError:
+            if self._highest is None:
+                raise
+            self.physics.halvings = halvings
+            return 0.0 * self.velocity.sum() + UNSTABLE * self._highest
         views = self.fixed_views(self.frames, self.views_per_frame)
         seen, observer = self.watch(trajectory, self.velocity, self._parameters_now)
         loss = self.misfit.loss(seen, self.state.density, self.state.features, views, observer=observer)
         self.log("velocity/loss", loss)
+        self._highest = max(self._highest or 0.0, LOSS_SCALE * loss.item())
         return LOSS_SCALE * loss
 
     def on_train_start(self) -> None:

@@ -9,7 +9,7 @@ import pytest
 import pytorch_lightning as pl
 import torch
 
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.phases import (
     GaussNewton,
     LPOModule,
@@ -78,6 +78,27 @@ def test_velocity_is_found_before_contact(data, state):
     found = run(VelocityModule(HIT, max_iterations=24, silhouette_weight=1.0), data, physics(), start).velocity[0]
     # one pixel is 1.6 m / 40 = 4 cm; a tenth of it over two frames is 5 cm/s
     torch.testing.assert_close(found, torch.tensor(VELOCITY), rtol=0, atol=0.05)
+
+
+def test_velocity_search_turns_back_from_unstable_motions(data, state, monkeypatch):
+    phase = VelocityModule(HIT, max_iterations=24, guess=(0.0, -0.8, 0.0), silhouette_weight=1.0)
+    rollout, refused = phase.rollout, []
+
+    def fragile(velocity, *rest):
+        if velocity.norm() > 1.1 * math.hypot(*VELOCITY):
+            refused.append(velocity.tolist())
+            raise SimulationError(1, 3, "NaN in the velocity of a particle")
+        return rollout(velocity, *rest)
+
+    monkeypatch.setattr(phase, "rollout", fragile)
+    start = state.with_(velocity=torch.zeros_like(state.velocity), physics={})
+    found = run(phase, data, physics(), start).velocity[0]
+    assert refused, "the first step of 0.5 m/s leaves what is stable"
+    torch.testing.assert_close(found, torch.tensor(VELOCITY), rtol=0, atol=0.05)
+    with pytest.raises(SimulationError):
+        wild = VelocityModule(HIT, guess=(0.0, -9.0, 0.0))
+        monkeypatch.setattr(wild, "rollout", fragile)
+        run(wild, data, physics(), start)
 
 
 def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
