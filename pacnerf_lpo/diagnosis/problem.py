@@ -145,15 +145,14 @@ class Problem(ABC):
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, self.relative(self.measured - predicted), np.nan)
+        return _residual(self.measured, predicted, self.usable, self.views)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
-
         usable, measured, views = self.usable, self.measured, self.views  # not self: other processes get a copy
 
         def residual(free: np.ndarray) -> np.ndarray:
-            return np.nan_to_num(np.where(usable, relative(measured - model.predict(free), views), np.nan)[mask])
+            return np.nan_to_num(_residual(measured, model.predict(free), usable, views)[mask])
 
         return residual
 
@@ -312,6 +311,11 @@ def shading(brightness: np.ndarray) -> np.ndarray:
     """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
     spread = 1.4826 * np.median(np.abs(brightness))
     return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
+
+
+def _residual(measured: np.ndarray, predicted: np.ndarray, usable: np.ndarray, views: int) -> np.ndarray:
+    """Measured minus predicted summaries [(V + R, F, 11)] as :func:`relative` compares them; NaN where not usable."""
+    return np.where(usable, relative(measured - predicted, views), np.nan)
 
 
 def relative(difference: np.ndarray, views: int | None = None) -> np.ndarray:
