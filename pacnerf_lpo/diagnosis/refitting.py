@@ -134,6 +134,7 @@ def refit(
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
+        not candidate.discrete,
     )
     return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, None, verdict)
 

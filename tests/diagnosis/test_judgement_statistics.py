@@ -144,7 +144,7 @@ def test_what_the_effect_leaves_over_weakens_it():
 
 
 def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
-    facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0)}
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0), "scored": True}
     return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})
 
 
@@ -159,12 +159,18 @@ def test_every_criterion_can_refuse():
         (judged(2.0, falls=2), "in 2 of 4 views"),
         (judged(5.8), "rises by 20%"),
         (judged(4.2), "falls by 20%, less than 25%"),
-        (judged(0.5, before=0.9), "not above the noise floor"),
+        (judged(0.5, before=0.9, scored=False), "not above the noise floor"),
+        (judged(0.5, before=0.9, z=4.0), "not above the noise floor"),
         (judged(2.0, z=1.0), "does not foretell"),
         (judged(2.0, misfits=(600.0, 597.0)), "no better"),
     ):
         assert not verdict.accepted
         assert any(refusal in sentence for passed, sentence in verdict.reasons if not passed)
+
+
+def test_an_effect_may_stand_out_of_an_error_that_as_a_whole_does_not():
+    verdict = judged(0.6, before=0.9, z=8.0)
+    assert verdict.accepted and verdict.removed == pytest.approx(1 / 3)
 
 
 def fall(rng: np.random.Generator, count: int = 900) -> dict[str, np.ndarray]:

@@ -16,6 +16,10 @@ LEAST_REMOVED = 0.25
 """Share of the held-out excess error that an effect has to remove: a reconstruction has errors that twins do not know,
 and some effect or other always imitates a part of them significantly.
 """
+BELOW_FLOOR = 2.0
+"""Times what is needed otherwise, an effect has to foretell held-out data whose error is no larger than the noise: one
+direction among many can stand out where their sum does not.
+"""
 LARGEST_DRIFT = 0.5
 """Change of the coefficient under grid refinement that still counts as survival, as part of the coefficient."""
 
@@ -25,7 +29,7 @@ class Verdict:
     """Whether an effect is accepted.
 
     accepted: all criteria passed
-    removed: share of the held-out excess error that the effect removes
+    removed: share of the held-out excess error that the effect removes, see :class:`HeldOut`
     z: how well it foretells the held-out residual, in standard errors
     reasons: (criterion passed, sentence)
     """
@@ -56,9 +60,22 @@ class HeldOut:
 
     @property
     def removed(self) -> float:
-        """Share of the error above the floor that the effect removes, at most 1; 0 where there was none."""
-        excess = self.before - self.floor
-        return min((self.before - self.after) / excess, 1.0) if excess > 0 else 0.0
+        """Share of the error above the floor that the effect removes, at most 1; of the whole where none is above."""
+        fall = self.before - self.after
+        return min(fall / (self.before - self.floor), 1.0) if self.above_floor else fall / max(self.before, 1e-300)
+
+    @property
+    def above_floor(self) -> bool:
+        """Whether the error without the effect is larger than that of left-out twins."""
+        return self.before > self.floor
+
+    def enough(self, scored: bool) -> bool:
+        """Whether the error falls enough; where it could not fall below the noise, whether an effect that the score
+        test has named foretells it all the better.
+        """
+        if self.above_floor:
+            return self.removed >= LEAST_REMOVED
+        return scored and self.z > BELOW_FLOOR * self.needed
 
 
 def held_out_noise(
@@ -124,6 +141,7 @@ def acceptance(
     coefficients: int,
     interval: tuple[float, float],
     null: float,
+    scored: bool,
 ) -> Verdict:
     """Judge an added effect.
 
@@ -134,12 +152,13 @@ def acceptance(
         coefficients: how many it has
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
+        scored: whether the score test has named it; alternatives of kind are tried anyway
     """
     better, views = held.falls
     worth = misfits[0] - misfits[1] > 2 * coefficients
     reasons = [
         (worth, f"the fit gets {'better' if worth else 'no better'} ({misfits[0]:.0f} to {misfits[1]:.0f})"),
-        (held.removed >= LEAST_REMOVED, _fall_sentence(held)),
+        (held.enough(scored), _fall_sentence(held, scored)),
         (held.z > held.needed, _foretold_sentence(held)),
         (2 * better > views, f"the error falls in {better} of {views} views"),
         _interval_reason(interval, null),
@@ -159,9 +178,10 @@ def _along(direction: np.ndarray, vector: np.ndarray) -> float:
     return float(direction @ vector) / max(float(np.linalg.norm(direction)), 1e-300)
 
 
-def _fall_sentence(held: HeldOut) -> str:
-    if held.before <= held.floor:
-        return "the held-out error was not above the noise floor before"
+def _fall_sentence(held: HeldOut, scored: bool) -> str:
+    if not held.above_floor:
+        but = ", but the effect stands out of it" if held.enough(scored) else ""
+        return f"the held-out error was not above the noise floor before{but}"
     verb = "falls" if held.removed > 0 else "rises"
     enough = "" if held.removed >= LEAST_REMOVED or held.removed <= 0 else f", less than {LEAST_REMOVED:.0%}"
     return f"the held-out excess error {verb} by {abs(held.removed):.0%}{enough}"
