@@ -4,6 +4,6 @@
     python -m benchmarks.hidden_effects.run runs/hidden --jobs 2
     python -m benchmarks.hidden_effects.score runs/hidden --out benchmarks/results/hidden_effects.md
 
-``generate --full three`` (or ``all``) draws videos instead, to be reconstructed from so many views before they are diagnosed.
+``generate --full three`` (or ``all``) draws videos instead, to be reconstructed from so many views and then diagnosed.
 ``run`` reads only what a user would have; what is hidden lies in ``truth.json``, which only ``score`` opens.
 """
