@@ -17,7 +17,7 @@ from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import sections
 from pacnerf_lpo.report.payload import build_payload
-from pacnerf_lpo.report.verdict import judge
+from pacnerf_lpo.report.verdict import FAIR, GOOD, judge
 
 REPORT_FILE = "report.html"
 SCRIPTS = ("base.js", "charts.js", "images.js", "viewer.js", "curves.js")
@@ -59,6 +59,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
         found=sections.found_heading(results),
         grade=verdict.grade,
+        scale=f"good: at least {GOOD:.0%} explained, fair: at least {FAIR:.0%}",
         headline=html.escape(verdict.headline),
         remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
         figures=sections.key_figures(results),
