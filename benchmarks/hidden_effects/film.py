@@ -43,7 +43,13 @@ class Film:
     model: Model
 
 
-def film(setting: Setting, true: dict[str, float], effects: Sequence[Effect], random: np.random.Generator) -> Film:
+def film(
+    setting: Setting,
+    true: dict[str, float],
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    finer: float = FINER,
+) -> Film:
     """Simulate and record a scene.
 
     Args:
@@ -51,14 +57,15 @@ def film(setting: Setting, true: dict[str, float], effects: Sequence[Effect], ra
         true: every value, of velocity and effects too [SI]
         effects: that act.
         random: of particles and noise.
+        finer: node spacing beside the setting's; the time step follows it.
 
     Raises:
         SimulationError: the motion is unstable.
     """
-    rate = FASTER * setting.rate
+    rate = FASTER * setting.rate * FINER / finer
     physics = Physics(setting.law_at(true), effects=effects, substep_rate=rate, frame_rate=FRAME_RATE)
     generator = torch.Generator().manual_seed(int(random.integers(1 << 31)))
-    spacing = FINER * setting.spacing
+    spacing = finer * setting.spacing
     turn = torch.tensor(Rotation.from_rotvec(setting.rotation).as_matrix(), dtype=torch.float32)
     positions = fill(setting.solid, spacing / 2, generator) @ turn.T + torch.tensor(setting.centre)
     body = Body(positions, torch.ones(len(positions)), spacing)
