@@ -140,10 +140,6 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
     true, guess = _material(random, material)
     sideways = random.uniform(-0.4, 0.4, 2)
     velocity = {"v_x": sideways[0], "v_y": -random.uniform(0.0, 1.5), "v_z": sideways[1]}
-    if size.trained is None:
-        held = sorted(random.choice(size.views, size.held, replace=False).tolist())
-    else:
-        held = held_views(size.views, [view for view in range(size.views) if view not in size.trained])
     setting = Setting(
         shape=kind,
         arguments=arguments,
@@ -157,7 +153,7 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
         image_size=size.image_size,
         cameras=[],
         intrinsics=[],
-        held_views=held,
+        held_views=_held(random, size),
         warp_seed=int(random.integers(1 << 31)),
         warp=0.0,
     )
@@ -181,6 +177,12 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
         intrinsics=intrinsics.tolist(),
     )
     return setting, {**true, **velocity}
+
+
+def _held(random: np.random.Generator, size: Size) -> list[int]:
+    if size.trained is None:
+        return sorted(random.choice(size.views, size.held, replace=False).tolist())
+    return held_views(size.views, [view for view in range(size.views) if view not in size.trained])
 
 
 def _shape(random: np.random.Generator) -> tuple[str, dict]:
