@@ -83,7 +83,7 @@ def reconstructed_from(scene: Path) -> str | None:
     """The views that the shape of a scene is reconstructed from, in words; None where the shape is known."""
     if not (scene / CONFIG).is_file():
         return None
-    views = yaml.safe_load((scene / CONFIG).read_text())["data"].get("train_views", [0, 4, 8])
+    views = yaml.safe_load((scene / CONFIG).read_text())["data"]["train_views"]
     return "all views" if views is None else f"{len(views)} views"
 
 
