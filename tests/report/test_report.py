@@ -238,7 +238,7 @@ def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0
 
 def test_verdict_grades_by_the_share_of_the_held_out_image():
     assert verdict_of(0.02, 0.02).grade == "good"  # 1 - 0.01
-    assert verdict_of(0.02, 0.06).grade == "fair"  # 1 - 0.09
+    assert verdict_of(0.02, 0.05).grade == "fair"  # 1 - 0.0625
     assert verdict_of(0.02, 0.1).grade == "poor"
     assert "99.0 % of the image in 1 views it never saw" in verdict_of(0.02, 0.02).headline
     assert "farther from the video than an empty scene" in verdict_of(0.02, 0.3).headline
