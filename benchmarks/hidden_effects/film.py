@@ -18,8 +18,8 @@ from pacnerf_lpo.diagnosis.model import MARGIN, Model
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 
-FINER, FASTER = 0.75, 1.6
-"""Node spacing and steps per second beside those of the diagnosis' model."""
+FASTER, AT = 1.6, 0.75
+"""Steps per second beside those of the diagnosis' model, for a node spacing of so much of the model's."""
 SUPERSAMPLING = 2
 OPEN, SOLID = 0.25, 0.75
 """Optical thickness ends more abruptly than in the model's own outlines: opacity from 0.25 to 0.75 becomes 0 to 1."""
@@ -48,7 +48,7 @@ def film(
     true: dict[str, float],
     effects: Sequence[Effect],
     random: np.random.Generator,
-    finer: float = FINER,
+    finer: float,
 ) -> Film:
     """Simulate and record a scene.
 
@@ -62,7 +62,7 @@ def film(
     Raises:
         SimulationError: the motion is unstable.
     """
-    rate = FASTER * setting.rate * FINER / finer
+    rate = FASTER * setting.rate * AT / finer
     physics = Physics(setting.law_at(true), effects=effects, substep_rate=rate, frame_rate=FRAME_RATE)
     generator = torch.Generator().manual_seed(int(random.integers(1 << 31)))
     spacing = finer * setting.spacing

@@ -24,8 +24,6 @@ from pacnerf_lpo.manifest import FILE_NAME
 CONFIG, PICTURES, RUN, LOG = "user.yaml", "video", "run", "log.txt"
 CONFIGS = Path(__file__).parents[2] / "configs"
 IMAGE_SCALE = 0.5
-FINER = 0.45
-"""Node spacing of the truth beside the setting's: three quarters of that of a diagnosis with its 4000 particles."""
 BASE = ("fit.yaml", "scenes/torus.yaml", "baselines/3v_dagger.yaml", "cpu.yaml", "cpu_coarse.yaml")
 CAMERA_NOISE = 0.01
 MARGIN = 0.08

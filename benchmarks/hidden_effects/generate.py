@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from benchmarks.hidden_effects import full, strangers
-from benchmarks.hidden_effects.film import FINER, film
+from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
 from benchmarks.hidden_effects.plan import Plan, plan
 from benchmarks.hidden_effects.setting import FAST, FULL, Setting, Size, draw_setting
@@ -52,7 +52,7 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
         raise RunError(f"scene {seed}: {' + '.join(wanted.effects)} reaches {wanted.snr:g} in none of {ATTEMPTS} draws")
     setting, true, hidden, strengths = drawn
     values = {**true, **{name: value for effect in hidden for name, value in effect.guess.items()}}
-    recorded = film(setting, values, hidden, random, full.FINER if size.trained else FINER)
+    recorded = film(setting, values, hidden, random, size.finer)
     partial = target.with_name(f".{target.name}.part")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)

@@ -29,8 +29,11 @@ class Size:
     """How large a scene is, and so how long its diagnosis takes.
 
     particles: of the diagnosis' model, about.
-    views, held: cameras, and how many of them are held out.
+    views: cameras.
+    held: how many of them are held out where the shape is known; from a video, those that the diagnosis holds out.
     trained: cameras that the shape of a video is reconstructed from; None: outlines of a known shape.
+    finer: node spacing of the truth beside that of a model with so many particles; the diagnosis of a video has more
+        particles than that, and its truth must still be finer.
     """
 
     particles: int = 1000
@@ -39,12 +42,13 @@ class Size:
     frames: int = 10
     image_size: int = 72
     trained: tuple[int, ...] | None = None
+    finer: float = 0.75
 
 
 FAST = Size()
 FULL = {
-    "three": Size(views=11, frames=14, image_size=128, trained=(0, 4, 8)),
-    "all": Size(views=11, frames=14, image_size=128, trained=tuple(range(11))),
+    "three": Size(views=11, frames=14, image_size=128, trained=(0, 4, 8), finer=0.45),
+    "all": Size(views=11, frames=14, image_size=128, trained=tuple(range(11)), finer=0.45),
 }
 """Videos to reconstruct from three views, or from all; what is held out is what the diagnosis holds out then."""
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from benchmarks.hidden_effects import generate
-from benchmarks.hidden_effects.full import FINER, as_diagnosed, first_touch, reconstructed_from
+from benchmarks.hidden_effects.full import as_diagnosed, first_touch, reconstructed_from
 from benchmarks.hidden_effects.setting import FULL, Setting, Size
 from pacnerf_lpo.diagnosis.problem import PARTICLES
 
@@ -38,7 +38,7 @@ def test_a_video_is_judged_by_the_views_that_its_diagnosis_holds_out(tmp_path, t
 
 def test_the_truth_moves_on_a_finer_grid_than_the_model():
     for size in FULL.values():
-        assert 0.8 * (size.particles / PARTICLES) ** (1 / 3) > FINER
+        assert 0.8 * (size.particles / PARTICLES) ** (1 / 3) > size.finer
 
 
 def test_effects_are_measured_in_images_of_the_size_that_is_compared(tmp_path):
