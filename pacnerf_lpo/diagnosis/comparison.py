@@ -7,28 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.fitting import Fit, Residual, fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.processes import each
-from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
+from pacnerf_lpo.diagnosis.search import best_beside, lowest, points, promising, span
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
-from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
-from pacnerf_lpo.mpm.parameters import Log10
 
 FIRST_ITERATIONS = 10
 WHITENED_ITERATIONS = 5
 CONFIDENCE = 0.9
 """Of all intervals."""
 VALLEYS = 2
-NEXT_VALLEY = 0.2
-"""Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
 MUCH_LOWER = 0.9
 """Of the misfit: a fit from another start that is so much better has found a better valley."""
 DECADES = 3.0
@@ -98,7 +93,8 @@ def compare(
         if attempt == VALLEYS - 1:
             break
         progress("looking into the next valleys")
-        other = _beside(problem, model, whitened, best)
+        moduli = problem.physics.material.free_names
+        other = best_beside(model, moduli, whitened, best, FIRST_ITERATIONS)
         if other.misfit > MUCH_LOWER * best.misfit:
             break
         free = other.free
@@ -114,39 +110,6 @@ def compare(
         _spread(jacobian, problem.usable),
         found,
     )
-
-
-def _beside(problem: Problem, model: Model, whitened: Residual, best: Fit) -> Fit:
-    """The best fit from starts in which one log10 parameter of the material is larger or smaller."""
-    logarithmic = [
-        index
-        for index, unknown in enumerate(model.unknowns)
-        if isinstance(unknown.transform, Log10) and unknown.name in problem.physics.material.free_names
-    ]
-    starts = []
-    for index in logarithmic:
-        for sign in (-1.0, 1.0):
-            start = best.free.copy()
-            start[index] += sign * NEXT_VALLEY
-            starts.append(np.clip(start, *model.bounds))
-    settings = model.scales, model.bounds, FIRST_ITERATIONS, best.misfit
-    found = each(_fit_or_none, ((whitened, start, *settings) for start in starts))
-    return min((other for other in found if other is not None), key=lambda other: other.misfit, default=best)
-
-
-def _fit_or_none(
-    residual: Residual,
-    start: np.ndarray,
-    scales: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    iterations: int,
-    hopeless: float,
-) -> Fit | None:
-    """A fit that is given up where it stays far above another misfit; None where its motion is unstable."""
-    try:
-        return fit(residual, start, scales, bounds, iterations, hopeless=hopeless)
-    except SimulationError:
-        return None
 
 
 def searched(

@@ -106,6 +106,21 @@ def fit(
     return Fit(free, now)
 
 
+def fit_or_none(
+    residual: Residual,
+    start: np.ndarray,
+    scales: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    iterations: int,
+    hopeless: float | None = None,
+) -> Fit | None:
+    """:func:`fit`, or None where the motion at the start is unstable."""
+    try:
+        return fit(residual, start, scales, bounds, iterations, hopeless=hopeless)
+    except SimulationError:
+        return None
+
+
 def _step_within(scaled: np.ndarray, now: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The damped step between two ends [scales, (K,)]."""
     model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))

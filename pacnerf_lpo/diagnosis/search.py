@@ -1,18 +1,18 @@
-"""A look at the whole parameter space on a coarse body, before any local fit."""
+"""Looks at the parameter space beyond a local fit: the whole of it on a coarse body before, the next valleys after."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import torch
 from scipy.stats import qmc
 
-from pacnerf_lpo.diagnosis.fitting import Residual, fit
+from pacnerf_lpo.diagnosis.fitting import Fit, Residual, fit_or_none
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.parameters import Log10, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 
 LOCAL_ITERATIONS = 5
@@ -21,6 +21,8 @@ FIRST_REACH = 0.12
 """Standard deviation of the first generation's steps, as a part of the span."""
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
+NEXT_VALLEY = 0.2
+"""Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
 Watch = Callable[[Iterator[float], int], Iterable[float]]
 
 
@@ -91,16 +93,9 @@ def promising(
         known = _ranked([*known, *_losses(model, residual, inside, watch)])
         reach = reach / 2
     best = _apart(known, starts, reach)
-    improved = each(_improved, ((model, residual, point) for point in best))
-    return [*best, *(point for point in improved if point is not None)]
-
-
-def _improved(model: Model, residual: Residual, point: np.ndarray) -> np.ndarray | None:
-    """Where a short local fit leads from a point [(K,)]; None where its motion is unstable."""
-    try:
-        return fit(residual, point, model.scales, model.bounds, LOCAL_ITERATIONS).free
-    except SimulationError:
-        return None
+    settings = model.scales, model.bounds, LOCAL_ITERATIONS
+    improved = each(fit_or_none, ((residual, point, *settings) for point in best))
+    return [*best, *(found.free for found in improved if found is not None)]
 
 
 def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.ndarray:
@@ -114,6 +109,28 @@ def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.
         point[ground] = model.start[ground]
     losses = list(each(loss, ((model, residual, point) for point in inside)))
     return inside[int(np.argmin(losses))]
+
+
+def best_beside(model: Model, names: Collection[str], residual: Residual, best: Fit, iterations: int) -> Fit:
+    """The best of fits that start beside another one; that one itself where the motion is unstable at every start.
+
+    Args:
+        model: whose free coordinates are fitted.
+        names: unknowns of which each that is searched by its logarithm is made larger and smaller, one at a time.
+        residual: of the free coordinates.
+        best: the fit to start beside; a start that stays far above its misfit is given up.
+        iterations: of each fit, at most.
+    """
+    starts = []
+    for index, unknown in enumerate(model.unknowns):
+        if isinstance(unknown.transform, Log10) and unknown.name in names:
+            for sign in (-1.0, 1.0):
+                start = best.free.copy()
+                start[index] += sign * NEXT_VALLEY
+                starts.append(np.clip(start, *model.bounds))
+    settings = model.scales, model.bounds, iterations, best.misfit
+    found = each(fit_or_none, ((residual, start, *settings) for start in starts))
+    return min((other for other in found if other is not None), key=lambda other: other.misfit, default=best)
 
 
 def _losses(

@@ -1,0 +1,60 @@
+"""The valleys of a misfit beside the one that a local fit ended in."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.diagnosis.fitting import Fit, fit
+from pacnerf_lpo.diagnosis.search import best_beside
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm.materials import NeoHookean
+
+MATERIAL = NeoHookean()
+UNKNOWNS = [MATERIAL.parameters[name] for name in ("E", "nu")]
+MODEL = SimpleNamespace(
+    unknowns=UNKNOWNS,
+    scales=np.array([0.03, 0.03]),
+    bounds=(np.array([3.0, -1.0]), np.array([7.0, 1.0])),
+)
+RIGHT, LATE = 5.0, 4.75
+"""log10 E where the body rebounds with the video, and where it does so a frame late."""
+
+
+def rebound(free: np.ndarray) -> np.ndarray:
+    """Two valleys in log10 E: the phase of the rebound is seen modulo a frame, its height a little."""
+    phase = 2 * np.pi * (free[0] - RIGHT) / (RIGHT - LATE)
+    return np.array([np.sin(phase / 2), 0.2 * (free[0] - RIGHT), 0.1 * (free[1] - 0.3)])
+
+
+def stopped_at(start: float) -> Fit:
+    return fit(rebound, np.array([start, 0.3]), MODEL.scales, MODEL.bounds, iterations=20)
+
+
+@pytest.mark.parametrize("start", [4.72, 5.22])
+def test_the_next_valley_is_found_to_either_side(start):
+    stuck = stopped_at(start)
+    assert abs(stuck.free[0] - RIGHT) > 0.2
+    found = best_beside(MODEL, ("E", "nu"), rebound, stuck, 10)
+    assert found.free[0] == pytest.approx(RIGHT, abs=1e-3)
+    assert found.misfit < 0.1 * stuck.misfit
+
+
+def test_only_unknowns_of_the_material_that_have_a_logarithm_are_moved():
+    begun = []
+
+    def residual(free):
+        begun.append(free.copy())
+        return rebound(free)
+
+    stuck = stopped_at(4.72)
+    best_beside(MODEL, ("nu",), residual, stuck, 10)
+    assert begun == []
+
+
+def test_where_every_start_is_unstable_the_fit_stays():
+    def residual(free):
+        raise SimulationError(0, 3, "unstable")
+
+    stuck = stopped_at(4.72)
+    assert best_beside(MODEL, ("E",), residual, stuck, 10) is stuck
