@@ -10,7 +10,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.search import best_beside, lowest, points, promising, span
+from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, points, promising, span
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
@@ -115,7 +115,9 @@ def compare(
 def searched(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
 ) -> dict[str, float]:
-    """Values to start from when the run has not identified its physics: the best of a search on a coarse body [SI]."""
+    """Values to start from when the run has not identified its physics [SI]: of short fits from what it says and from
+    the best of a search on a coarse body, the best.
+    """
     spacing = problem.spacing * COARSER
     coarse = problem.model(effects, known, problem.sample(spacing, seed=0))
     spans = {
@@ -132,7 +134,8 @@ def searched(
     tried = points(coarse, spans, SAMPLES * len(spans))
     found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS, watched)
     fine = problem.model(effects, known)
-    return fine.physical(lowest(fine, problem.weighted_residual_of(fine), [fine.start, *found]))
+    progress("fits from the best points and from the guess")
+    return fine.physical(best_fitted(fine, problem.weighted_residual_of(fine), found, STARTS))
 
 
 def whitened_by(noise: NoiseModel, residual: Residual) -> Residual:

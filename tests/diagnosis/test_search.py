@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.fitting import Fit, fit
-from pacnerf_lpo.diagnosis.search import best_beside
+from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, lowest
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.materials import NeoHookean
 
@@ -14,6 +14,9 @@ MATERIAL = NeoHookean()
 UNKNOWNS = [MATERIAL.parameters[name] for name in ("E", "nu")]
 MODEL = SimpleNamespace(
     unknowns=UNKNOWNS,
+    names=("E", "nu"),
+    start=np.array([5.05, 0.3]),
+    physics=SimpleNamespace(halvings=0),
     scales=np.array([0.03, 0.03]),
     bounds=(np.array([3.0, -1.0]), np.array([7.0, 1.0])),
 )
@@ -50,6 +53,21 @@ def test_only_unknowns_of_the_material_that_have_a_logarithm_are_moved():
     stuck = stopped_at(4.72)
     best_beside(MODEL, ("nu",), residual, stuck, 10)
     assert begun == []
+
+
+def test_points_are_judged_by_where_they_lead():
+    """A point at the bottom of the wrong valley is lower than the guess on the slope of the right one."""
+    wrong = np.array([LATE + 0.001, 0.3])
+    assert lowest(MODEL, rebound, [wrong, MODEL.start])[0] == wrong[0]
+    assert best_fitted(MODEL, rebound, [wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
+    assert best_fitted(MODEL, rebound, [np.array([RIGHT + 0.06, 0.3]), wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
+
+
+def test_without_a_stable_start_the_guess_stays():
+    def residual(free):
+        raise SimulationError(0, 3, "unstable")
+
+    assert best_fitted(MODEL, residual, [np.array([4.0, 0.3])], 2) is MODEL.start
 
 
 def test_where_every_start_is_unstable_the_fit_stays():
