@@ -18,7 +18,7 @@ from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
 from benchmarks.hidden_effects.plan import Plan, plan
 from benchmarks.hidden_effects.setting import FAST, FULL, Setting, Size, draw_setting
-from benchmarks.hidden_effects.strength import Ruler, course_of
+from benchmarks.hidden_effects.strength import Ruler, Sized, course_of
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.errors import RunError, SimulationError, UserInputError
 from pacnerf_lpo.mpm import effects as known_effects
@@ -67,8 +67,8 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
         "attempt": attempt,
         "values": true,
         "hidden": [
-            {"name": name_of(effect), "values": effect.guess, "null": effect.null, "snr": snr}
-            for effect, snr in zip(hidden, strengths, strict=True)
+            {"name": name_of(effect), **asdict(strength), "values": effect.guess, "null": effect.null}
+            for effect, strength in zip(hidden, strengths, strict=True)
         ],
     }
     (partial / TRUTH).write_text(json.dumps(truth, indent=1))
@@ -76,7 +76,7 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
     return target
 
 
-Drawn = tuple[Setting, dict[str, float], list[Effect], list[float]]
+Drawn = tuple[Setting, dict[str, float], list[Effect], list[Sized]]
 
 
 def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None:
@@ -86,7 +86,7 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
         raise UserInputError(f"scene {wanted.seed}: no material has {' and '.join(wanted.effects)}")
     setting, true = draw_setting(random, size, next(iter(materials), None))
     hidden: list[Effect] = []
-    strengths: list[float] = []
+    strengths: list[Sized] = []
     seen = full.as_diagnosed(setting) if size.trained else setting
     ruler = Ruler(seen, true, TWINS) if wanted.effects else None
     for name in wanted.effects:
@@ -94,13 +94,14 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
         effect = _at_null(name, size, random)
         try:
             effect.check_material(setting.law)
-            found = ruler.sized(effect, course_of(effect, random), wanted.snr)
+            sized = ruler.sized_beyond if isinstance(effect, strangers.Stranger) else ruler.sized
+            found = sized(effect, course_of(effect, random), wanted.snr)
             hidden += [] if found is None else [_at(effect, found.values)]
         except UserInputError:  # not for this material, or a value beyond its bounds
             return None
         if found is None:
             return None
-        strengths.append(found.snr)
+        strengths.append(found)
     return setting, true, hidden, strengths
 
 

@@ -36,6 +36,7 @@ class Outcome:
     coefficients: (covered by its interval, yes or no) of the true effect's coefficients where it was refitted.
     coefficient_error: of the true effect where it was refitted, relative to its size.
     bias: |log10| of the material's first logarithmic parameter beside the truth, without and with the accepted effects.
+    beyond: of a stranger, the signal-to-noise ratio that its best imitation leaves; None: not measured.
     base: whether the 90 % intervals of the first model cover the true material and velocity.
     seconds: of processor time.
     """
@@ -54,6 +55,7 @@ class Outcome:
     coefficients: tuple[bool, ...] = ()
     coefficient_error: float | None = None
     bias: tuple[float, float] | None = None
+    beyond: float | None = None
     base: tuple[bool, ...] = ()
     seconds: float = 0.0
 
@@ -84,8 +86,9 @@ def outcome(scene: Path) -> Outcome | None:
     truth = json.loads((scene / TRUTH).read_text())
     names = tuple(hidden["name"] for hidden in truth["hidden"])
     head = (truth["seed"], truth["family"], truth["snr"], reconstructed_from(scene), names)
+    beyond = next((hidden["beyond"] for hidden in truth["hidden"] if hidden.get("beyond")), None)
     if not (scene / EFFORT).is_file():
-        return Outcome(*head, "failed") if (scene / FAILURE).is_file() else None
+        return Outcome(*head, "failed", beyond=beyond) if (scene / FAILURE).is_file() else None
     result = json.loads((scene / FOLDER / RESULT).read_text())
     rounds, screen = result["rounds"], result["rounds"][0]["screen"] or {"candidates": [], "groups": []}
     taken = [_accepted(found) for found in rounds if found["accepted"] and result["verdict"]["kind"] != "unknown"]
@@ -103,6 +106,7 @@ def outcome(scene: Path) -> Outcome | None:
         coefficients=coefficients,
         coefficient_error=error,
         bias=_bias(truth["values"], before, after),
+        beyond=beyond,
         base=tuple(before[n]["low"] <= v <= before[n]["high"] for n, v in truth["values"].items() if n in before),
         seconds=json.loads((scene / EFFORT).read_text())["cpu_seconds"],
     )

@@ -30,7 +30,7 @@ CYCLE: tuple[tuple[Family, float], ...] = (
     ("single", 7.0),
     ("single", 3.0),
 )
-"""Family and signal-to-noise ratio of each hidden effect; 200 seeds hold 60 nulls and 60 single effects at 20."""
+"""Family and signal-to-noise ratio; 200 seeds hold 60 nulls and 60 single effects at 20."""
 PHYSICS = (
     "LinearDrag",
     "GroundFriction",
@@ -59,7 +59,8 @@ class Plan:
 
     seed: of all its random choices.
     family: what kind of scene it is.
-    snr: signal-to-noise ratio of each hidden effect, as strength.py measures it.
+    snr: signal-to-noise ratio of each hidden effect, as strength.py measures it; of an effect outside the catalogue,
+        what the best imitation by a known effect leaves.
     effects: names of the classes to take; more than one in pairs.
     """
 

@@ -2,35 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.hidden_effects.known_shape import KnownShape
 from benchmarks.hidden_effects.setting import Setting
-from pacnerf_lpo.diagnosis.catalogue import FAR
+from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import noise_of
-from pacnerf_lpo.diagnosis.fitting import fit
+from pacnerf_lpo.diagnosis.fitting import Residual, fit, fit_or_none
+from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import relative
+from pacnerf_lpo.diagnosis.refitting import starts
 from pacnerf_lpo.diagnosis.twins import twins
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects.base import Effect
 
 TRIALS = 7
-ITERATIONS = 4
+ITERATIONS, IMITATING_ITERATIONS = 4, 6
 WITHIN = 0.1
 """Strengths are found to a tenth of the wanted signal-to-noise ratio."""
 LONGEST_STEP = 8.0
+RIVALS = 3
 RANGE = (1e-3, 1e3)
 
 
 @dataclass(frozen=True)
 class Sized:
-    """Values of an effect's coefficients [SI] and the signal-to-noise ratio they cause."""
+    """Values of an effect's coefficients [SI] and the signal-to-noise ratio they cause.
+
+    values: by their names.
+    strength: of the course on which they lie.
+    snr: after material and velocity were refitted without the effect.
+    beyond: of a stranger, after the best imitation by a known effect was fitted, too;  imitated_by: that one.
+    """
 
     values: dict[str, float]
+    strength: float
     snr: float
+    beyond: float | None = None
+    imitated_by: str | None = None
 
 
 class Ruler:
@@ -63,19 +75,73 @@ class Ruler:
         """What an effect leaves in noise-free data after material and velocity were refitted without it, in units of
         the noise; infinite where the motion is unstable. The refit matters: a lower stiffness imitates much softening.
         """
-        model, model_with = self.model, self.problem.model([effect], {**self.true, **values})
         try:
-            seen = model_with.predict(model_with.start)
+            seen = self._seen(effect, values)
         except SimulationError:
             return np.inf
         view = getattr(effect, "view", None)
         key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
+        left, model = self._left(seen, self.model, key), self.model
+        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).misfit))
+
+    def sized_beyond(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
+        """The point on a course of values where the best imitation by a known effect leaves the wanted signal-to-noise
+        ratio, to a tenth: of what those can imitate no diagnosis can say that it is something else. None where there is
+        no such point.
+
+        The best imitators alone are tried while the strength is sought, all of them at its end.
+
+        Raises:
+            SimulationError: the motion with the effect is unstable.
+        """
+        catalogue = whole_catalogue(self.problem.physics.material, (), ())
+        tried, found = catalogue, self.sized(effect, course, wanted)
+        if found is None:
+            return None
+        strength = found.strength
+        for _ in range(TRIALS):
+            left = self.imitated(effect, course(strength), tried)
+            best = sorted(left, key=lambda name: left[name])[:RIVALS]
+            if not best:
+                return None
+            beyond = left[best[0]]
+            if abs(beyond / wanted - 1) < WITHIN:
+                if tried is catalogue:
+                    snr = self.snr(effect, course(strength))
+                    return Sized(course(strength), strength, snr, beyond, best[0])
+                tried = catalogue
+            else:
+                strength *= float(np.clip(wanted / beyond, 1 / LONGEST_STEP, LONGEST_STEP))
+                tried = [candidate for candidate in catalogue if candidate.name in best]
+        return None
+
+    def imitated(self, effect: Effect, values: dict[str, float], imitators: Sequence[Candidate]) -> dict[str, float]:
+        """What is left of an effect after each of some others was fitted to it, together with material and velocity, in
+        units of the noise; a fit that stays far above the best one is given up.
+
+        Raises:
+            SimulationError: the motion with the effect is unstable.
+        """
+        seen, best, left = self._seen(effect, values), np.inf, {}
+        for candidate in imitators:
+            for start in starts(candidate, None):
+                model = self.problem.model([candidate.effect], {**self.true, **start})
+                settings = model.scales, model.bounds, IMITATING_ITERATIONS, best
+                found = fit_or_none(self._left(seen, model, "motion"), model.start, *settings)
+                if found is not None:
+                    best = min(best, found.misfit)
+                    left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.misfit)))
+        return left
+
+    def _seen(self, effect: Effect, values: dict[str, float]) -> np.ndarray:
+        """Summaries without noise [(V, F, 11)]."""
+        model = self.problem.model([effect], {**self.true, **values})
+        return model.predict(model.start)
+
+    def _left(self, seen: np.ndarray, model: Model, key: str) -> Residual:
+        """What a model leaves of summaries, by its free coordinates, in units of the noise."""
         mask, noise = self.masks[key], self.noises[key]
-
-        def residual(free: np.ndarray) -> np.ndarray:
-            return noise.whiten(np.nan_to_num(relative(seen - model.predict(free))[mask]))
-
-        return float(np.sqrt(fit(residual, model.start, model.scales, model.bounds, ITERATIONS).misfit))
+        return lambda free: noise.whiten(np.nan_to_num(relative(seen - model.predict(free))[mask]))
 
     def sized(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
         """The point on a course of values (from weak to strong) with a signal-to-noise ratio within a tenth of the
@@ -85,7 +151,7 @@ class Ruler:
         for _ in range(TRIALS):
             snr = self.snr(effect, course(strength))
             if abs(snr / wanted - 1) < WITHIN:
-                return Sized(course(strength), snr)
+                return Sized(course(strength), strength, snr)
             if snr > wanted:
                 high = min(high, strength)
             else:

@@ -107,6 +107,20 @@ def test_two_effects_remove_together_and_what_is_left_is_noticed(tmp_path):
     assert found.unexplained and found.coefficients == (True,)
 
 
+def test_strangers_are_counted_apart_from_those_that_known_effects_imitate(tmp_path):
+    gust = {"name": "Gust", "values": {"gust": 9.0}, "null": {"gust": 0.0}}
+    first = round_of([refit("UniformForce", 1.0, 0.9)], "UniformForce", [], [], 0.01)
+    strange = {"family": "outside", "hidden": [{**gust, "snr": 55.0, "beyond": 19.0}]}
+    clear = write(tmp_path / "1006", strange, [first, round_of([], None, [], [], 0.001)])
+    alike = write(tmp_path / "1016", {"family": "outside", "hidden": [gust]}, [first, round_of([], None, [], [], 0.7)])
+    assert (clear.beyond, alike.beyond) == (19.0, None)
+    text = page([clear, alike], "command", "")
+    rest = "that, or an effect accepted and the rest declared more than noise"
+    assert f"| outside the catalogue: {rest} | 1/1" in text
+    assert f"| outside, but mostly imitated by known effects: {rest} | 0/1" in text
+    assert "| outside the catalogue: a known effect accepted | 1/1" in text
+
+
 def test_camera_classes_are_of_one_view():
     found = Outcome(1, "camera", 20.0, False, ("CameraShift@2",), "camera", accepted=("CameraRotation@2",))
     assert found.found("CameraShift@2")
