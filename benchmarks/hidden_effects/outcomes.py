@@ -13,7 +13,6 @@ from benchmarks.hidden_effects.full import reconstructed_from
 from benchmarks.hidden_effects.known_shape import TRUTH
 from benchmarks.hidden_effects.run import EFFORT, FAILURE
 from pacnerf_lpo.diagnosis.diagnose import RESULT
-from pacnerf_lpo.diagnosis.rounds import MORE_THAN_NOISE
 from pacnerf_lpo.diagnosis.store import FOLDER
 
 DRAGS = frozenset({"LinearDrag", "QuadraticDrag"})
@@ -32,7 +31,7 @@ class Outcome:
     ranking: names, best first: the accepted effect, the other refits by misfit, the rest by score.
     groups: names that the diagnosis says it cannot tell apart.
     removed: share of the held-out excess error that the accepted effects removed together; None if none.
-    unexplained: whether the last model's residual is still more than noise.
+    unexplained: whether the verdict says that what the named effects leave is more than noise.
     coefficients: (covered by its interval, yes or no) of the true effect's coefficients where it was refitted.
     coefficient_error: of the true effect where it was refitted, relative to its size.
     bias: |log10| of the material's first logarithmic parameter beside the truth, without and with the accepted effects.
@@ -102,7 +101,7 @@ def outcome(scene: Path) -> Outcome | None:
         ranking=_ranking(rounds[0], screen),
         groups=tuple(tuple(group) for group in screen["groups"]),
         removed=1 - float(np.prod([1 - again["removed"] for again in taken])) if taken else None,
-        unexplained=rounds[-1]["omnibus"]["p_value"] < MORE_THAN_NOISE,
+        unexplained=result["verdict"].get("rest", False),
         coefficients=coefficients,
         coefficient_error=error,
         bias=_bias(truth["values"], before, after),

@@ -12,7 +12,9 @@ ENOUGH = 0.5
 
 
 def verdict(problem: Problem, rounds: list[Round]) -> dict:
-    """Its kind (nothing, missing, camera, unknown or unfinished), the effects named, and sentences."""
+    """Its kind (nothing, missing, camera, unknown or unfinished), the effects named, whether more than noise is left
+    beside them, and sentences.
+    """
     sentences: list[str] = []
     names: list[str] = []
     kind = "nothing"
@@ -49,9 +51,12 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         kind = "unknown"
         sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds))]
         names = []
+    rest = bool(names) and left_over(last)
+    if rest:
+        sentences.insert(1, wording.REST)
     if last.force is not None:
         sentences += wording.force(last.force.explained, last.force.law)
-    return {"kind": kind, "effects": names, "sentence": sentences[0], "details": sentences[1:]}
+    return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
 
 
 def unexplained(rounds: list[Round]) -> bool:
@@ -61,8 +66,12 @@ def unexplained(rounds: list[Round]) -> bool:
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
         return beyond_noise(last)
-    noisy = above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
-    return noisy and removed_by(rounds) < ENOUGH
+    return left_over(last) and removed_by(rounds) < ENOUGH
+
+
+def left_over(last: Round) -> bool:
+    """Whether a model with accepted effects leaves more than noise in either data, and in pixels, too."""
+    return above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
 
 
 def _not_refitted(found: Round) -> bool:

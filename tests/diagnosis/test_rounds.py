@@ -10,7 +10,7 @@ import pytest
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
-from pacnerf_lpo.diagnosis.verdict import unexplained
+from pacnerf_lpo.diagnosis.verdict import left_over, unexplained
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -44,6 +44,12 @@ def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise()
     assert unexplained([passed(None, 0.01, 0.1)])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1)])  # no larger than the errors of twins
     assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
+
+
+def test_what_accepted_effects_leave_is_more_than_noise_in_either_data_and_in_pixels():
+    assert left_over(passed(None, 0.3, 0.01)) and left_over(passed(None, 0.01, 0.3))
+    assert not left_over(passed(None, 0.3, 0.3))
+    assert not left_over(passed(None, 0.01, 0.01, above=-0.1))
 
 
 def test_a_constant_shift_of_one_camera_shows_in_every_frame():

@@ -40,7 +40,9 @@ def refit(name: str, misfit: float, removed: float, **values: dict) -> dict:
     return {"name": name, "misfit": misfit, "removed": removed, "values": values}
 
 
-def write(scene: Path, truth: dict, rounds: list[dict] | None, kind: str = "missing") -> Outcome | None:
+def write(
+    scene: Path, truth: dict, rounds: list[dict] | None, kind: str = "missing", rest: bool = False
+) -> Outcome | None:
     (scene / "diagnosis").mkdir(parents=True)
     (scene / SETTING).write_text("{}")
     (scene / TRUTH).write_text(json.dumps({"values": {"E": 1e5, "v_x": 0.5}, "snr": 20.0, "seed": 1001, **truth}))
@@ -48,7 +50,7 @@ def write(scene: Path, truth: dict, rounds: list[dict] | None, kind: str = "miss
         (scene / FAILURE).write_text("unstable")
     else:
         (scene / EFFORT).write_text(json.dumps({"cpu_seconds": 60.0}))
-        result = {"verdict": {"kind": kind}, "rounds": rounds}
+        result = {"verdict": {"kind": kind, "rest": rest}, "rounds": rounds}
         (scene / "diagnosis" / "diagnosis.json").write_text(json.dumps(result))
     return outcome(scene)
 
@@ -102,7 +104,7 @@ def test_two_effects_remove_together_and_what_is_left_is_noticed(tmp_path):
     first = round_of([refit("LinearDrag", 1.0, 0.5, drag=interval(0.5, 1.0, 1.5))], "LinearDrag", [], [], 0.01)
     second = round_of([refit("InitialSpin", 1.0, 0.4)], "InitialSpin", [], [], 0.01)
     last = round_of([], None, [], [], 0.01)
-    found = write(tmp_path / "1001", DRAG, [first, second, last])
+    found = write(tmp_path / "1001", DRAG, [first, second, last], rest=True)
     assert found.removed == pytest.approx(1 - 0.5 * 0.6)
     assert found.unexplained and found.coefficients == (True,)
 
@@ -111,7 +113,7 @@ def test_strangers_are_counted_apart_from_those_that_known_effects_imitate(tmp_p
     gust = {"name": "Gust", "values": {"gust": 9.0}, "null": {"gust": 0.0}}
     first = round_of([refit("UniformForce", 1.0, 0.9)], "UniformForce", [], [], 0.01)
     strange = {"family": "outside", "hidden": [{**gust, "snr": 55.0, "beyond": 19.0}]}
-    clear = write(tmp_path / "1006", strange, [first, round_of([], None, [], [], 0.001)])
+    clear = write(tmp_path / "1006", strange, [first, round_of([], None, [], [], 0.001)], rest=True)
     alike = write(tmp_path / "1016", {"family": "outside", "hidden": [gust]}, [first, round_of([], None, [], [], 0.7)])
     assert (clear.beyond, alike.beyond) == (19.0, None)
     text = page([clear, alike], "command", "")
