@@ -13,7 +13,7 @@ from pacnerf_lpo.report.quantities import quantity
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
 
-REST = "That is not all: what is left is still more than the model's own numerical error."
+REST = "What is left is still more than the model's own numerical error: a further effect, or an error of the reconstruction."
 
 
 def readable(name: str) -> str:
