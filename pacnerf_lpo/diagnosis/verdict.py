@@ -53,7 +53,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         names = []
     rest = bool(names) and left_over(last)
     if rest:
-        sentences.insert(1, wording.REST)
+        sentences.append(wording.REST)
     if last.force is not None:
         sentences += wording.force(last.force.explained, last.force.law)
     return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
