@@ -60,8 +60,9 @@ folder = Path(tempfile.mkdtemp())
 # %%
 DRAG = 3.0  # 1/s
 random = np.random.default_rng(5)
-setting, true = draw_setting(random, Size(particles=500, views=5, held=2, frames=10, image_size=64), "NeoHookean")
-recorded = film(setting, {**true, "drag": DRAG}, [LinearDrag(DRAG)], random)
+size = Size(particles=500, views=5, held=2, frames=10, image_size=64)
+setting, true = draw_setting(random, size, "NeoHookean")
+recorded = film(setting, {**true, "drag": DRAG}, [LinearDrag(DRAG)], random, size.finer)
 measured = np.concatenate((summarise(recorded.silhouettes), recorded.brightness[..., None]), axis=-1)
 problem = KnownShape("a body in air", setting, setting.video(recorded.silhouettes), measured)
 print(f"{setting.shape}, E = {true['E'] / 1e3:.0f} kPa, views {setting.held_views} are held out")
