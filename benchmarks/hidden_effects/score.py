@@ -85,7 +85,7 @@ def other_table(outcomes: Sequence[Outcome]) -> list[str]:
     outside = [o for o in outcomes if o.family == "outside"]
     for title, strange in (
         ("outside the catalogue", [o for o in outside if o.beyond is not None]),
-        ("outside, but mostly imitated by known effects", [o for o in outside if o.beyond is None]),
+        ("outside, 20 sigma beside material and velocity alone", [o for o in outside if o.beyond is None]),
     ):
         unknown = [o.kind == "unknown" for o in strange]
         rows += [

@@ -119,7 +119,7 @@ def test_strangers_are_counted_apart_from_those_that_known_effects_imitate(tmp_p
     text = page([clear, alike], "command", "")
     rest = "that, or an effect accepted and the rest declared more than noise"
     assert f"| outside the catalogue: {rest} | 1/1" in text
-    assert f"| outside, but mostly imitated by known effects: {rest} | 0/1" in text
+    assert f"| outside, 20 sigma beside material and velocity alone: {rest} | 0/1" in text
     assert "| outside the catalogue: a known effect accepted | 1/1" in text
 
 
