@@ -18,7 +18,7 @@ from pacnerf_lpo.diagnosis.model import MARGIN, Model
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 
-FASTER, AT = 1.6, 0.75
+FASTER, FASTER_AT = 1.6, 0.75
 """Steps per second beside those of the diagnosis' model, for a node spacing of so much of the model's."""
 SUPERSAMPLING = 2
 OPEN, SOLID = 0.25, 0.75
@@ -62,7 +62,7 @@ def film(
     Raises:
         SimulationError: the motion is unstable.
     """
-    rate = FASTER * setting.rate * AT / finer
+    rate = FASTER * setting.rate * FASTER_AT / finer
     physics = Physics(setting.law_at(true), effects=effects, substep_rate=rate, frame_rate=FRAME_RATE)
     generator = torch.Generator().manual_seed(int(random.integers(1 << 31)))
     spacing = finer * setting.spacing

@@ -67,7 +67,7 @@ def generate(folder: Path, seed: int, size: Size = FAST) -> Path:
         "attempt": attempt,
         "values": true,
         "hidden": [
-            {"name": name_of(effect), **asdict(strength), "values": effect.guess, "null": effect.null}
+            {"name": name_of(effect), "null": effect.null, **asdict(strength)}
             for effect, strength in zip(hidden, strengths, strict=True)
         ],
     }

@@ -152,7 +152,8 @@ def main() -> None:
     print(text)
     if options.out:
         write_atomically(options.out, text.encode())
-        write_atomically(options.out.with_suffix(".json"), json.dumps([asdict(o) for o in outcomes], indent=1).encode())
+        lines = ",\n".join(json.dumps(asdict(o)) for o in outcomes)
+        write_atomically(options.out.with_suffix(".json"), f"[\n{lines}\n]\n".encode())
 
 
 if __name__ == "__main__":

@@ -114,6 +114,12 @@ def best_fitted(model: Model, residual: Residual, found: Iterable[np.ndarray], e
     Misfits of points tell little where valleys are narrow: a point in the right valley may lie farther from the bottom
     than one in a wrong valley does. Of the points found, the best few enter that differ by more than a step of a fit;
     one that stays above the best misfit so far is given up. The start itself where the motion is unstable everywhere.
+
+    Args:
+        model: whose free coordinates are fitted; the ground of the points found is put back to where its start has it.
+        residual: of the free coordinates.
+        found: points [(K,) each]
+        entrants: how many of them are fitted at most, beside the start.
     """
     inside = _inside(model, found)
     losses = each(loss, ((model, residual, point) for point in inside))

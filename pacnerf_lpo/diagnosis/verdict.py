@@ -70,8 +70,10 @@ def unexplained(rounds: list[Round]) -> bool:
 
 
 def left_over(last: Round) -> bool:
-    """Whether a model with accepted effects leaves more than noise in either data, and in pixels, too."""
-    return above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
+    """Whether a model to which nothing more was added leaves more than noise in either data, and in pixels, too."""
+    return (
+        last.accepted is None and above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
+    )
 
 
 def _not_refitted(found: Round) -> bool:

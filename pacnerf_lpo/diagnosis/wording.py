@@ -12,7 +12,6 @@ from pacnerf_lpo.report.quantities import quantity
 
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
-
 REST = "What is left is more than the model's own numerical error: a further effect, or a faulty reconstruction."
 
 
