@@ -19,6 +19,8 @@ LOCAL_ITERATIONS = 5
 GENERATIONS, CHILDREN, ELITE = 3, 8, 6  # children for each parameter
 FIRST_REACH = 0.12
 """Standard deviation of the first generation's steps, as a part of the span."""
+APART = 0.2
+"""Of its span in one of the coordinates that are searched: so far apart lie the starts of local fits."""
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
 NEXT_VALLEY = 0.2
@@ -98,14 +100,48 @@ def promising(
     return [*best, *(found.free for found in improved if found is not None)]
 
 
-def lowest(model: Model, residual: Residual, found: Iterable[np.ndarray]) -> np.ndarray:
-    """Of points found on another body, the one with the least misfit on this one, within its bounds [(K,)].
+def shortlist(
+    model: Model,
+    residual: Residual,
+    tried: Sequence[np.ndarray],
+    spans: Mapping[str, tuple[float, float]],
+    count: int,
+    watch: Watch = lambda losses, _: losses,
+) -> list[np.ndarray]:
+    """The best points of those that lie well apart in the space that is searched, best first.
 
-    The ground, which a grid shifts, is put back to where it is at the start.
+    Args:
+        model: whose free coordinates they are.
+        residual: of the free coordinates.
+        tried: points to try [(K,) each]; those with an unstable motion are left out.
+        spans: of the coordinates that are searched; neighbours are closer than :data:`APART` of it in all of them.
+        count: at most so many.
+        watch: as for :func:`promising`.
     """
-    inside = _inside(model, found)
-    losses = list(each(loss, ((model, residual, point) for point in inside)))
-    return inside[int(np.argmin(losses))]
+    model.physics.most_halvings = HALVINGS
+    reach = np.full(len(model.start), np.inf)
+    for name, (low, high) in spans.items():
+        reach[model.names.index(name)] = APART * (high - low)
+    return _apart(_ranked(_losses(model, residual, tried, watch)), count, reach)
+
+
+def best_fits(model: Model, residual: Residual, starts: Iterable[np.ndarray], iterations: int) -> list[Fit]:
+    """Short fits, best first; one that stays above the best misfit so far is given up.
+
+    Args:
+        model: whose free coordinates are fitted.
+        residual: of the free coordinates.
+        starts: points within the bounds [(K,) each]; one with an unstable motion is left out.
+        iterations: of each fit, at most.
+    """
+    fits: list[Fit] = []
+    for start in starts:
+        model.physics.halvings = 0
+        hopeless = min((other.misfit for other in fits), default=None)
+        tried = fit_or_none(residual, start, model.scales, model.bounds, iterations, hopeless)
+        if tried is not None:
+            fits.append(tried)
+    return sorted(fits, key=lambda found: found.misfit)
 
 
 def best_fitted(model: Model, residual: Residual, found: Iterable[np.ndarray], entrants: int) -> np.ndarray:
@@ -124,13 +160,9 @@ def best_fitted(model: Model, residual: Residual, found: Iterable[np.ndarray], e
     inside = _inside(model, found)
     losses = each(loss, ((model, residual, point) for point in inside))
     ranked = _ranked(zip(losses, inside, strict=True))
-    best: Fit | None = None
-    for start in (*_apart(ranked, entrants, LONGEST_STEP * model.scales), model.start):
-        hopeless = None if best is None else best.misfit
-        tried = fit_or_none(residual, start, model.scales, model.bounds, LOCAL_ITERATIONS, hopeless)
-        if tried is not None and (best is None or tried.misfit < best.misfit):
-            best = tried
-    return model.start if best is None else best.free
+    starts = (*_apart(ranked, entrants, LONGEST_STEP * model.scales), model.start)
+    fits = best_fits(model, residual, starts, LOCAL_ITERATIONS)
+    return fits[0].free if fits else model.start
 
 
 def _inside(model: Model, found: Iterable[np.ndarray]) -> list[np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, processes
-from pacnerf_lpo.diagnosis.search import lowest, points, promising, span
+from pacnerf_lpo.diagnosis.search import HALVINGS, best_fits, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
     from pacnerf_lpo.types import ParticleState
 
+Item = TypeVar("Item")
 FALL_ITERATIONS = 4
+SEARCH_ITERATIONS = 6
+FINALISTS = 3
+"""Of the short fits on a coarse body: so many go on to the finer one."""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -37,21 +41,21 @@ class OutlineGaussNewton(GaussNewton):
     :mod:`pacnerf_lpo.diagnosis.summaries`), relative to frame 0, instead of on pixels.
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
-    sample of the parameter space is tried on a coarse body, then the best few are improved there, and the best of those
-    is fitted at full resolution. Shading, which pulls colours towards a wrong motion, does not enter.
+    sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
+    and from there the best go on with finer bodies. Shading, which pulls colours to a wrong motion, does not enter.
 
-    A body's plastic flow converges slowly with its resolution, its sensitivities do not need to: the residual is that
-    of a fine body, the Jacobian that of a coarser one (space mapping with an additive correction, Bandler et al. 2004).
-    A corrected body is compared pixel by pixel, moved by its own particles: the correction has made those agree with
-    the images, and neither its outlines by splats nor another sampling of it do.
+    A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
+    outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
+    :class:`Misfit`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has made
+    those agree with the images, and neither its outlines by splats nor another sampling of it do.
 
     Args:
-        iterations: at most, at full resolution.
+        iterations: at most, after the search.
         samples: points of the search, with the initial guess one more; a power of two is best. 0: no search.
         scan_decades: log10 parameters are searched so many decades to either side of the guess.
-        starts: how many of the best points are improved.
-        particles, probe_particles, scan_particles: number of particles of the body for the residual, for its
-            sensitivities and in the search.
+        starts: how many of the best points are followed by short fits.
+        particles, coarse_particles: number of particles of the two bodies.
+        scan_particles: number of particles of the coarser body of the first short fits, beside ``coarse_particles``.
         jobs: simulations at the same time, each in a process of its own; None: as many as torch may use threads, at
             most 8, and one on a GPU.
     """
@@ -61,52 +65,55 @@ class OutlineGaussNewton(GaussNewton):
         iterations: int = 12,
         samples: int = 128,
         scan_decades: float = 3.0,
-        starts: int = 3,
-        particles: int = 14000,
-        probe_particles: int = 4000,
-        scan_particles: int = 1500,
+        starts: int = 12,
+        particles: int = 4000,
+        coarse_particles: int = 1500,
+        scan_particles: int = 700,
         jobs: int | None = None,
     ):
         super().__init__(0, iterations, scan_decades, pool=1)
-        bodies = (particles, probe_particles, scan_particles)
-        if samples < 0 or starts < 1 or min(bodies) < 100:
+        if samples < 0 or starts < 1 or not 100 <= scan_particles < coarse_particles < particles:
             raise UserInputError(
                 f"OutlineGaussNewton: samples = {samples}, starts = {starts}, particles = {particles}, "
-                f"probe_particles = {probe_particles}, scan_particles = {scan_particles}; give at least 0, 1, and 100 "
-                "particles"
+                f"coarse_particles = {coarse_particles}, scan_particles = {scan_particles}; give at least 0 and 1, and "
+                "three numbers of particles from the largest to the smallest, which is at least 100"
             )
         check_jobs(jobs, "OutlineGaussNewton")
         self.samples, self.starts, self.jobs = samples, starts, jobs
-        self.particles, self.probe_particles, self.scan_particles = bodies
-        self._misfits: tuple[Misfit, Misfit] | None = None
-        self._correction: np.ndarray | float = 0.0
+        self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
+        self._kept: Misfit | None = None
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""
         return GaussNewton(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
 
     def prepare(self, module: PhysicsIDModule) -> None:
-        """Fit the velocity before contact, then search the parameter space; both on a coarse body."""
+        """Fit the velocity before contact, then search the parameter space."""
         if self.samples > 0:
             with processes(self.jobs):
                 self._fit_fall(module)
                 self._search(module)
 
     def _search(self, module: PhysicsIDModule) -> None:
-        coarse = Misfit(module, self.scan_particles)
+        coarse = Misfit(module, self.coarse_particles)
         spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
         wide = {name: ends for name, ends in spans.items() if ends}
         tried = points(coarse.model, wide, self.samples)
-        found = promising(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
-        if found:
-            fine, _ = self._fine_and_probe(module)
-            self._set(module, fine.model, lowest(fine.model, fine.residual, found))
+        starts = shortlist(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
+        for bodies in ((self.coarse_particles, self.scan_particles), (self.particles, self.coarse_particles)):
+            misfit = Misfit(module, *bodies)
+            misfit.model.physics.most_halvings = HALVINGS
+            inside = [np.clip(start, *misfit.model.bounds) for start in starts]
+            fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
+            starts = [found.free for found in fits[:FINALISTS]]
+        if starts:
+            self._set(module, misfit.model, starts[0])
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
         and with it the search into another valley.
         """
-        early = Misfit(module, self.scan_particles, frames=module.hit_frame, sunk=SUNK)
+        early = Misfit(module, self.coarse_particles, frames=module.hit_frame, sunk=SUNK)
         model = early.model
         moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
         low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
@@ -120,36 +127,29 @@ class OutlineGaussNewton(GaussNewton):
             return None
         return span(parameter, module.free[parameter.name].item(), self.scan_decades)
 
-    def _fine_and_probe(self, module: PhysicsIDModule) -> tuple[Misfit, Misfit]:
-        if self._misfits is None:
-            fine = Misfit(module, self.particles)
-            self._misfits = (
-                fine,
-                Misfit(module, self.probe_particles) if self.probe_particles < self.particles else fine,
-            )
-        return self._misfits
+    def _misfit(self, module: PhysicsIDModule) -> Misfit:
+        if self._kept is None:
+            self._kept = Misfit(module, self.particles, self.coarse_particles)
+        return self._kept
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration, then back into the bounds."""
-        loss = super().iterate(module, optimiser, step)
-        fine, _ = self._fine_and_probe(module)
-        self._set(module, fine.model, np.clip(fine.free(module), *fine.model.bounds))
+        loss, misfit = super().iterate(module, optimiser, step), self._misfit(module)
+        self._set(module, misfit.model, np.clip(misfit.free(module), *misfit.model.bounds))
         return loss
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
-        """By the coarser body and the difference of the two where the step began."""
-        _, probe = self._fine_and_probe(module)
-        return finite_loss(lambda: float(np.mean((probe.residual(probe.free(module)) + self._correction) ** 2)))
+        misfit = self._misfit(module)
+        return finite_loss(lambda: float(np.mean(misfit.residual(misfit.free(module)) ** 2)))
 
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """In the order of ``module.unknowns``."""
-        fine, probe = self._fine_and_probe(module)
-        free, model = fine.free(module), fine.model
-        now, there = fine.residual(free), probe.residual(free)
-        self._correction = now - there
+        misfit = self._misfit(module)
+        free, model = misfit.free(module), misfit.model
+        now = misfit.residual(free)
         order = [model.names.index(name) for name in (*module.free, *(parameter.name for parameter in VELOCITY))]
         with processes(self.jobs):
-            jacobian = sensitivities(probe.residual, free, there, model.scales, model.bounds)[:, order]
+            jacobian = sensitivities(misfit.residual, free, now, model.scales, model.bounds)[:, order]
         gradient, hessian = jacobian.T @ now / len(now), jacobian.T @ jacobian / len(now)
         return NormalEquations(float(np.mean(now**2)), torch.as_tensor(gradient), torch.as_tensor(hessian))
 
@@ -163,21 +163,33 @@ class OutlineGaussNewton(GaussNewton):
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
 
 
-def _bar(losses: Iterator[float], count: int) -> Iterable[float]:
-    return tqdm(losses, "physics: search", count, leave=False)
+def _bar(items: Iterator[Item], count: int) -> Iterable[Item]:
+    return tqdm(items, "physics: search", count, leave=False)
 
 
 class Misfit:
     """Weighted residual of the outlines in the training views.
 
+    With a coarser body beside it, it is extrapolated to vanishing node spacing h as an error in h^2 would be
+    (Richardson 1911): in plastic flow, 1500 and 4000 particles extrapolated are nearer to 40,000 than 14,000 are. What
+    an elastic body does as it rebounds does not converge so regularly, and gains less.
+
     Args:
         module: supplies video, state, model and the values to start from.
         particles: number of particles of the body.
+        coarser: number of particles of the coarser body beside it; None: there is none.
         frames: only the first so many are compared; None: all.
         sunk: the ground lies so much lower [m]
     """
 
-    def __init__(self, module: PhysicsIDModule, particles: int, frames: int | None = None, sunk: float = 0.0):
+    def __init__(
+        self,
+        module: PhysicsIDModule,
+        particles: int,
+        coarser: int | None = None,
+        frames: int | None = None,
+        sunk: float = 0.0,
+    ):
         data, physics = module.data, copy(module.physics)
         physics.ground_height -= sunk
         views = np.zeros(len(data.video.images), bool)
@@ -194,10 +206,17 @@ class Misfit:
         known[GROUND_HEIGHT.name] -= sunk
         self.model = problem.model(physics.effects, known)
         self._weighted = problem.weighted_residual_of(self.model)
+        self._coarser = None if coarser is None else Misfit(module, coarser, None, frames, sunk)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
-        return self._weighted(np.clip(free, *self.model.bounds))
+        found = self._weighted(np.clip(free, *self.model.bounds))
+        if self._coarser is None:
+            return found
+        coarse, ratio = self._coarser.model, self._coarser.model.body.spacing / self.model.body.spacing
+        coarse.physics.halvings = self.model.physics.halvings
+        coarse.physics.most_halvings = self.model.physics.most_halvings
+        return found + (found - self._coarser.residual(free)) / (ratio**2 - 1)
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:
         """The module's unknowns in the order of the model [(K,)]."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.fitting import Fit, fit
-from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, lowest
+from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, shortlist
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.materials import NeoHookean
 
@@ -58,7 +58,7 @@ def test_only_unknowns_of_the_material_that_have_a_logarithm_are_moved():
 def test_points_are_judged_by_where_they_lead():
     """A point at the bottom of the wrong valley is lower than the guess on the slope of the right one."""
     wrong = np.array([LATE + 0.001, 0.3])
-    assert lowest(MODEL, rebound, [wrong, MODEL.start])[0] == wrong[0]
+    assert shortlist(MODEL, rebound, [MODEL.start, wrong], {"E": (4.0, 6.0)}, 2)[0][0] == wrong[0]
     assert best_fitted(MODEL, rebound, [wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
     assert best_fitted(MODEL, rebound, [np.array([RIGHT + 0.06, 0.3]), wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
 
