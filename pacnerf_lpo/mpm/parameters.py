@@ -81,6 +81,8 @@ class Parameter:
         label: how a person calls it.
         scale: a noticeable change of the free coordinate (0.1 is a quarter, for Log10): sensitivities are probed at a
             fraction of it, and one Gauss-Newton step moves at most a few of them.
+        usual: mean and standard deviation of the value where nothing is known, for a parameter that some videos hardly
+            tell; None: every value is as likely.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Parameter:
     bounds: tuple[float, float]
     label: str
     scale: float = 0.1
+    usual: tuple[float, float] | None = None
 
     def check(self, value: float, where: str) -> float:
         """Return ``value``; raise UserInputError when it is NaN or outside the bounds."""

@@ -17,6 +17,7 @@ from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.search import HALVINGS, best_fits, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
+from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
@@ -174,6 +175,9 @@ class Misfit:
     (Richardson 1911): in plastic flow, 1500 and 4000 particles extrapolated are nearer to 40,000 than 14,000 are. What
     an elastic body does as it rebounds does not converge so regularly, and gains less.
 
+    Behind the outlines' numbers comes one for each unknown with a usual value: how far it is from that, counted as much
+    as one outline. So a Poisson's ratio of which a plastic impact tells nothing does not run to its bound.
+
     Args:
         module: supplies video, state, model and the values to start from.
         particles: number of particles of the body.
@@ -210,13 +214,22 @@ class Misfit:
 
     def residual(self, free: np.ndarray) -> np.ndarray:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
-        found = self._weighted(np.clip(free, *self.model.bounds))
+        free = np.clip(free, *self.model.bounds)
+        found = np.append(self._weighted(free), self._unusual(free))
         if self._coarser is None:
             return found
         coarse, ratio = self._coarser.model, self._coarser.model.body.spacing / self.model.body.spacing
         coarse.physics.halvings = self.model.physics.halvings
         coarse.physics.most_halvings = self.model.physics.most_halvings
         return found + (found - self._coarser.residual(free)) / (ratio**2 - 1)
+
+    def _unusual(self, free: np.ndarray) -> list[float]:
+        values = self.model.physical(free)
+        return [
+            len(KINDS) ** 0.5 * (values[parameter.name] - parameter.usual[0]) / parameter.usual[1]
+            for parameter in self.model.unknowns
+            if parameter.usual is not None
+        ]
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:
         """The module's unknowns in the order of the model [(K,)]."""

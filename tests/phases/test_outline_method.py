@@ -62,6 +62,20 @@ def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
     assert module.export_values() == pytest.approx(before)
 
 
+def test_beside_the_outlines_counts_how_far_poissons_ratio_is_from_what_is_usual(solid):
+    state, data = solid
+    rows = []
+    for material in (NeoHookean(E=3e4, nu=0.35), NeoHookean(E=3e4, nu=0.25), NeoHookean(E=3e4, nu=0.25, known=["nu"])):
+        module = PhysicsIDModule(HIT, method())
+        module.attach(data, Physics(material, substep_rate=960.0))
+        module.import_state(state.with_(physics={}))
+        for bodies in ((800,), (800, 300)):
+            misfit = Misfit(module, *bodies)
+            rows.append(misfit.residual(misfit.free(module)))
+    assert [row[-1] for row in rows[:4]] == pytest.approx([0.0, 0.0, -(10**0.5), -(10**0.5)], abs=1e-5)
+    assert len(rows[4]) == len(rows[5]) == len(rows[0]) - 1
+
+
 def test_a_flow_extrapolated_from_two_coarse_bodies_is_nearer_to_that_of_a_fine_one(solid):
     state, data = solid
     module = PhysicsIDModule(HIT, method())
