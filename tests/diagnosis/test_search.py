@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.fitting import Fit, fit
-from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, shortlist
+from pacnerf_lpo.diagnosis.search import best_beside, best_fits, best_fitted, shortlist
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.materials import NeoHookean
 
@@ -61,6 +61,25 @@ def test_points_are_judged_by_where_they_lead():
     assert shortlist(MODEL, rebound, [MODEL.start, wrong], {"E": (4.0, 6.0)}, 2)[0][0] == wrong[0]
     assert best_fitted(MODEL, rebound, [wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
     assert best_fitted(MODEL, rebound, [np.array([RIGHT + 0.06, 0.3]), wrong], 2)[0] == pytest.approx(RIGHT, abs=1e-3)
+
+
+def test_a_shortlist_has_one_point_of_each_neighbourhood_and_none_that_is_unstable():
+    def residual(free):
+        if free[0] > 6.5:
+            raise SimulationError(0, 3, "unstable")
+        return free[:1] - 4.0
+
+    tried = [np.array([young, 0.3]) for young in (4.0, 4.3, 4.5, 5.2, 6.9)]
+    found = shortlist(MODEL, residual, tried, {"E": (4.0, 6.0)}, 3)
+    assert [point[0] for point in found] == [4.0, 4.5, 5.2]
+    assert len(shortlist(MODEL, residual, tried, {"E": (4.0, 6.0)}, 2)) == 2
+    assert len(best_fits(MODEL, residual, [tried[-1], tried[3]], 10)) == 1
+
+
+def test_short_fits_are_ranked_by_where_they_end():
+    fits = best_fits(MODEL, rebound, [np.array([LATE + 0.001, 0.3]), np.array([RIGHT + 0.06, 0.3])], 10)
+    assert fits[0].free[0] == pytest.approx(RIGHT, abs=1e-3)
+    assert [other.misfit for other in fits] == sorted(other.misfit for other in fits)
 
 
 def test_without_a_stable_start_the_guess_stays():
