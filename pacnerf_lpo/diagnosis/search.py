@@ -81,9 +81,7 @@ def promising(
     model.physics.most_halvings = HALVINGS
     known = _ranked(_losses(model, residual, tried, watch))
     random = np.random.default_rng(0)
-    reach = np.zeros(len(model.start))
-    for name, (low, high) in spans.items():
-        reach[model.names.index(name)] = FIRST_REACH * (high - low)
+    reach = FIRST_REACH * _widths(model, spans, 0.0)
     for _ in range(GENERATIONS if spans else 0):
         elite = _apart(known, ELITE, reach)
         around = [
@@ -119,10 +117,8 @@ def shortlist(
         watch: as for :func:`promising`.
     """
     model.physics.most_halvings = HALVINGS
-    reach = np.full(len(model.start), np.inf)
-    for name, (low, high) in spans.items():
-        reach[model.names.index(name)] = APART * (high - low)
-    return _apart(_ranked(_losses(model, residual, tried, watch)), count, reach)
+    ranked = _ranked(_losses(model, residual, tried, watch))
+    return _apart(ranked, count, APART * _widths(model, spans, np.inf))
 
 
 def best_fits(model: Model, residual: Residual, starts: Iterable[np.ndarray], iterations: int) -> list[Fit]:
@@ -194,6 +190,11 @@ def best_beside(model: Model, names: Collection[str], residual: Residual, best: 
     settings = model.scales, model.bounds, iterations, best.misfit
     found = each(fit_or_none, ((residual, start, *settings) for start in starts))
     return min((other for other in found if other is not None), key=lambda other: other.misfit, default=best)
+
+
+def _widths(model: Model, spans: Mapping[str, tuple[float, float]], otherwise: float) -> np.ndarray:
+    """Width of the span of every unknown [(K,)], and of one that is not searched."""
+    return np.array([np.ptp(spans[name]) if name in spans else otherwise for name in model.names])
 
 
 def _losses(
