@@ -28,7 +28,7 @@ from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
-from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise
+from pacnerf_lpo.diagnosis.rounds import Round, above_floor, beyond_noise, fires, leaves
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
@@ -124,9 +124,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    left_over = beyond_noise(last) or unexplained(rounds)
-    if options.until == "refit" and last.screening is not None and last.accepted is None and left_over:
-        last.force = store.once("force", partial(residual_force, problem, last.comparison, progress))
+    if options.until == "refit" and last.screening is not None and leaves(last):
+        last.force = store.once(f"{len(rounds)}_force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
     if options.profile is not None:
         told = _prefixed(progress, "profile likelihood: ")
@@ -189,7 +188,11 @@ def _round(
         return found
     told = _prefixed(progress, "screen: ")
     found.screening = store.once(f"{number}_screen", lambda: screen(problem, comparison, candidates, told))
-    if options.until == "screen" or not _suspicious(found):
+    if options.until == "screen":
+        return found
+    if fires(found) and not above_floor(found):  # whether that matters depends on what it looks like
+        found.force = store.once(f"{number}_force", partial(residual_force, problem, comparison, progress))
+    if not _suspicious(found):
         return found
     for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
         best = rival(found.refits, candidate)

@@ -16,6 +16,8 @@ MORE_THAN_NOISE = 0.05
 """Chance at which the test for more than noise in the fitted data may err."""
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
+FORCE = 2 / 3
+"""A residual of which a smooth force removes more than this is missing physics, not an error of the reconstruction."""
 
 
 @dataclass
@@ -54,11 +56,38 @@ class Round:
 
 def beyond_noise(found: Round) -> bool:
     """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree; and
-    is so in pixels, too: the errors of a reconstruction are structured otherwise than the twins', but no larger.
+    matters.
     """
-    return above_floor(found) and found.omnibus.p_value < MORE_THAN_NOISE and found.held.p_value < AGREEMENT
+    return fires(found) and matters(found)
+
+
+def fires(found: Round) -> bool:
+    """Whether the omnibus test finds more than noise in the fitted data, and the held-out data agree."""
+    return found.omnibus.p_value < MORE_THAN_NOISE and found.held.p_value < AGREEMENT
+
+
+def left_over(found: Round) -> bool:
+    """Whether a model to which nothing more was added leaves more than noise in either data, and it matters."""
+    return leaves(found) and matters(found)
+
+
+def leaves(found: Round) -> bool:
+    """Whether a model to which nothing more was added leaves more than noise in either data, by the omnibus test."""
+    return found.accepted is None and min(found.omnibus.p_value, found.held.p_value) < MORE_THAN_NOISE
+
+
+def matters(found: Round) -> bool:
+    """Whether the error is larger than the twins', or a force. The errors of a reconstruction are structured otherwise
+    than the twins', but no larger, and no force moves a body like that.
+    """
+    return above_floor(found) or is_force(found)
 
 
 def above_floor(found: Round) -> bool:
     """Whether the error is larger than the twins' in the fitted or in the held-out data."""
     return any(square > 0 for square in found.excess.values())
+
+
+def is_force(found: Round) -> bool:
+    """Whether a smooth force on the body would remove most of the residual, as far as that was asked."""
+    return found.force is not None and found.force.explained > FORCE

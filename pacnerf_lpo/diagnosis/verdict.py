@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.rounds import MORE_THAN_NOISE, Round, above_floor, beyond_noise
+from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, is_force, left_over
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 
 ENOUGH = 0.5
@@ -49,31 +49,24 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         )
     elif unexplained(rounds):
         kind = "unknown"
-        sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds))]
+        sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds), ENOUGH)]
         names = []
     rest = bool(names) and left_over(last)
     if rest:
         sentences.append(wording.REST)
-    if last.force is not None:
+    if last.force is not None and (rest or kind == "unknown"):
         sentences += wording.force(last.force.explained, last.force.law)
     return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
 
 
 def unexplained(rounds: list[Round]) -> bool:
-    """Whether more than noise is left, and what was accepted, if anything, removes less than half of the held-out
-    error.
+    """Whether more than noise is left, and what was accepted, if anything, removes less than half of the held-out error
+    or leaves what a smooth force would remove.
     """
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
         return beyond_noise(last)
-    return left_over(last) and removed_by(rounds) < ENOUGH
-
-
-def left_over(last: Round) -> bool:
-    """Whether a model to which nothing more was added leaves more than noise in either data, and in pixels, too."""
-    return (
-        last.accepted is None and above_floor(last) and min(last.omnibus.p_value, last.held.p_value) < MORE_THAN_NOISE
-    )
+    return left_over(last) and (is_force(last) or removed_by(rounds) < ENOUGH)
 
 
 def _not_refitted(found: Round) -> bool:

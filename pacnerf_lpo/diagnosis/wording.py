@@ -48,10 +48,17 @@ def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float
     return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {removed:.0%} of the held-out error."
 
 
-def nearest(names: Sequence[str], removed: float) -> str:
-    """What the effects do that were accepted and do not explain enough."""
+def nearest(names: Sequence[str], removed: float, enough: float) -> str:
+    """What the effects do that were accepted and do not explain it.
+
+    Args:
+        names: of the effects.
+        removed: share of the held-out error that they remove together.
+        enough: the share below which that is no explanation by itself.
+    """
     tried = " and ".join(readable(name) for name in names)
-    return f"Nearest comes {tried}, which removes {removed:.0%} of the held-out error; more than half remains."
+    left = "more than half remains" if removed < enough else "what remains still looks like a force"
+    return f"Nearest comes {tried}, which removes {removed:.0%} of the held-out error; {left}."
 
 
 def moved(parameter: Parameter, before: float, after: float) -> str:

@@ -10,7 +10,8 @@ import pytest
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
-from pacnerf_lpo.diagnosis.verdict import left_over, unexplained
+from pacnerf_lpo.diagnosis.rounds import left_over
+from pacnerf_lpo.diagnosis.verdict import unexplained
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -28,10 +29,13 @@ def test_only_misfits_of_the_same_data_are_compared():
     assert rival([camera, drag], camera.candidate) is None
 
 
-def passed(accepted: SimpleNamespace | None, p_fitted: float, p_held: float, above: float = 0.1) -> SimpleNamespace:
+def passed(
+    accepted: SimpleNamespace | None, p_fitted: float, p_held: float, above: float = 0.1, moved: float | None = None
+) -> SimpleNamespace:
     omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held)
     excess = {"fitted": -0.01, "held": above}
-    return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held, excess=excess)
+    force = None if moved is None else SimpleNamespace(explained=moved)
+    return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held, excess=excess, force=force)
 
 
 def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise():
@@ -44,6 +48,16 @@ def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise()
     assert unexplained([passed(None, 0.01, 0.1)])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1)])  # no larger than the errors of twins
     assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
+
+
+def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
+    wind = refitted(UniformForce(), 0.8)
+    assert unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.01, 0.01, moved=0.75)])
+    assert not unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.01, 0.01, moved=0.4)])  # of a reconstruction
+    assert not unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.3, 0.3, moved=0.75)])  # noise
+    assert unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.8)])
+    assert not unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.4)])
+    assert not unexplained([passed(None, 0.01, 0.3, moved=0.8)])  # the held-out data do not agree
 
 
 def test_what_accepted_effects_leave_is_more_than_noise_in_either_data_and_in_pixels():
