@@ -124,7 +124,7 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if options.until == "refit" and last.screening is not None and leaves(last):
+    if options.until == "refit" and leaves(last):
         last.force = store.once(f"{len(rounds)}_force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
     if options.profile is not None:
