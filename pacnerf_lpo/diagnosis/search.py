@@ -170,7 +170,14 @@ def _inside(model: Model, found: Iterable[np.ndarray]) -> list[np.ndarray]:
     return inside
 
 
-def best_beside(model: Model, names: Collection[str], residual: Residual, best: Fit, iterations: int) -> Fit:
+def best_beside(
+    model: Model,
+    names: Collection[str],
+    residual: Residual,
+    best: Fit,
+    iterations: int,
+    reach: float = NEXT_VALLEY,
+) -> Fit:
     """The best of fits that start beside another one; that one itself where the motion is unstable at every start.
 
     Args:
@@ -179,13 +186,14 @@ def best_beside(model: Model, names: Collection[str], residual: Residual, best: 
         residual: of the free coordinates.
         best: the fit to start beside; a start that stays far above its misfit is given up.
         iterations: of each fit, at most.
+        reach: by how much the logarithm changes.
     """
     starts = []
     for index, unknown in enumerate(model.unknowns):
         if isinstance(unknown.transform, Log10) and unknown.name in names:
             for sign in (-1.0, 1.0):
                 start = best.free.copy()
-                start[index] += sign * NEXT_VALLEY
+                start[index] += sign * reach
                 starts.append(np.clip(start, *model.bounds))
     settings = model.scales, model.bounds, iterations, best.misfit
     found = each(fit_or_none, ((residual, start, *settings) for start in starts))

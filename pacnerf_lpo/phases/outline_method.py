@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, processes
-from pacnerf_lpo.diagnosis.search import HALVINGS, best_fits, points, shortlist, span
+from pacnerf_lpo.diagnosis.search import HALVINGS, best_beside, best_fits, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -33,6 +33,8 @@ FALL_ITERATIONS = 4
 SEARCH_ITERATIONS = 6
 FINALISTS = 3
 """Of the short fits on a coarse body: so many go on to the finer one."""
+NEXT_VALLEY = 0.5
+"""Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -43,7 +45,8 @@ class OutlineGaussNewton(GaussNewton):
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    and from there the best go on with finer bodies. Shading, which pulls colours to a wrong motion, does not enter.
+    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Shading, which
+    pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -107,8 +110,11 @@ class OutlineGaussNewton(GaussNewton):
             inside = [np.clip(start, *misfit.model.bounds) for start in starts]
             fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
             starts = [found.free for found in fits[:FINALISTS]]
-        if starts:
-            self._set(module, misfit.model, starts[0])
+        if fits:
+            found = best_beside(
+                misfit.model, list(module.free), misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY
+            )
+            self._set(module, misfit.model, found.free)
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
