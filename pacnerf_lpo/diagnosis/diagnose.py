@@ -265,6 +265,7 @@ def overlay(problem: Problem, accepted: list[Refit]) -> str:
 def summary(problem: Problem, rounds: list[Round]) -> dict:
     """Everything a report shows, as plain numbers."""
     video, split = problem.video, problem.split
+    said, force = verdict(problem, rounds), rounds[-1].force
     return {
         "format": 1,
         "scene": problem.scene,
@@ -273,12 +274,12 @@ def summary(problem: Problem, rounds: list[Round]) -> dict:
         "times": video.times.tolist(),
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
-        "verdict": verdict(problem, rounds),
+        "verdict": said,
         "unit": problem.unit[0],
         "points": [] if problem.points is None else problem.points.names,
         "stages": pictures.stages(problem, rounds),
         "rounds": [_round_summary(problem, found) for found in rounds],
-        "residual_force": None if rounds[-1].force is None else _force(rounds[-1].force),
+        "residual_force": _force(force) if force is not None and (said["rest"] or said["kind"] == "unknown") else None,
     }
 
 

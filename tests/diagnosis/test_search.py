@@ -55,6 +55,15 @@ def test_only_unknowns_of_the_material_that_have_a_logarithm_are_moved():
     assert begun == []
 
 
+def test_a_valley_farther_away_is_found_with_a_longer_reach():
+    """Valleys of log10 E are 0.25 apart: half a decade leads over the one between."""
+    stuck = stopped_at(RIGHT - 0.5)
+    assert stuck.free[0] == pytest.approx(RIGHT - 0.5, abs=0.05)
+    nearer = best_beside(MODEL, ("E",), rebound, stuck, 10)
+    assert nearer.free[0] == pytest.approx(LATE, abs=0.05)
+    assert best_beside(MODEL, ("E",), rebound, stuck, 10, reach=0.5).free[0] == pytest.approx(RIGHT, abs=1e-3)
+
+
 def test_points_are_judged_by_where_they_lead():
     """A point at the bottom of the wrong valley is lower than the guess on the slope of the right one."""
     wrong = np.array([LATE + 0.001, 0.3])
