@@ -92,7 +92,7 @@ def other_table(outcomes: Sequence[Outcome]) -> list[str]:
             (f"{title}: *none of the known effects*", unknown),
             (
                 f"{title}: that, or an effect accepted and the rest declared more than noise",
-                [plain or o.unexplained for plain, o in zip(unknown, strange, strict=True)],
+                [plain or (o.unexplained and bool(o.accepted)) for plain, o in zip(unknown, strange, strict=True)],
             ),
             (f"{title}: a known effect accepted", [bool(o.accepted) for o in strange]),
         ]

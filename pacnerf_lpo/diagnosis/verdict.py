@@ -38,9 +38,10 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
             names.append(again.candidate.name)
             kind = "camera" if again.candidate.observes else "missing"
     last = rounds[-1]
-    if not names and last.screening is not None and not _not_refitted(last):
+    if not names and last.screening is not None and not _unfinished(last):
         kind = "unknown" if unexplained(rounds) else "nothing"
-        sentences.append(wording.UNKNOWN if kind == "unknown" else wording.NOTHING)
+        faulty = wording.FAULTY if beyond_noise(last) else wording.NOTHING
+        sentences.append(wording.UNKNOWN if kind == "unknown" else faulty)
     elif not names:
         kind = "unfinished"
         noise = "more than" if beyond_noise(last) else "no more than"
@@ -51,8 +52,8 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         kind = "unknown"
         sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds), ENOUGH)]
         names = []
-    rest = bool(names) and left_over(last)
-    if rest:
+    rest = left_over(last) if names else kind == "nothing" and beyond_noise(last)
+    if rest and names:
         sentences.append(wording.REST)
     if last.force is not None and (rest or kind == "unknown"):
         sentences += wording.force(last.force.explained, last.force.law)
@@ -60,20 +61,21 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
 
 
 def unexplained(rounds: list[Round]) -> bool:
-    """Whether more than noise is left, and what was accepted, if anything, removes less than half of the held-out error
-    or leaves what a smooth force would remove.
+    """Whether more than noise is left that a smooth force would remove, or what was accepted removes less than half of
+    the held-out error.
     """
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
-        return beyond_noise(last)
+        return beyond_noise(last) and is_force(last)
     return left_over(last) and (is_force(last) or removed_by(rounds) < ENOUGH)
 
 
-def _not_refitted(found: Round) -> bool:
-    """Whether effects passed the threshold and the diagnosis stopped before they were refitted."""
-    return (
-        found.screening is not None and not found.refits and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
-    )
+def _unfinished(found: Round) -> bool:
+    """Whether the diagnosis stopped before effects that passed the threshold were refitted, or before it was asked what
+    the residual looks like.
+    """
+    passed = found.screening is not None and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
+    return (passed and not found.refits) or (beyond_noise(found) and found.force is None)
 
 
 def _not_told_apart(found: Round) -> list[str]:

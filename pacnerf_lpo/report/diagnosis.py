@@ -71,7 +71,6 @@ def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, A
 def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
     verdict = result["verdict"]
-    light = words.LIGHTS[verdict["kind"]]
     data = json.dumps(payload(result, images), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     advice = [f"To tell {names}: {experiment}." for names, experiment in words.experiments(result)]
     return Template(_asset("diagnosis.html")).substitute(
@@ -81,7 +80,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         data=data,
         scene=html.escape(result["scene"]),
         unit=words.unit_of(result),
-        light=sections.traffic_light(light),
+        light=sections.traffic_light(words.light(verdict)),
         sentence=html.escape(verdict["sentence"]),
         details=sections.bullets(verdict["details"]),
         cards=sections.first_screen(result),

@@ -30,6 +30,12 @@ LIGHTS = {
     "unknown": Light("poor", "cause unknown"),
     "unfinished": Light("none", "not finished"),
 }
+DOUBT = Light("fair", "reconstruction in doubt")
+
+
+def light(verdict: Mapping[str, Any]) -> Light:
+    """The mark beside a verdict."""
+    return DOUBT if verdict["kind"] == "nothing" and verdict["rest"] else LIGHTS[verdict["kind"]]
 
 
 @dataclass(frozen=True)

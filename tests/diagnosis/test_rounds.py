@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
-from pacnerf_lpo.diagnosis.verdict import unexplained
+from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -45,7 +45,6 @@ def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise()
     assert not unexplained([first, quiet])
     assert not unexplained([first, passed(wind, 0.3, 0.01), noisy])  # both remove 54 % together
     assert not unexplained([passed(refitted(LinearDrag(), 0.6), 1e-5, 1e-5), noisy])
-    assert unexplained([passed(None, 0.01, 0.1)])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1)])  # no larger than the errors of twins
     assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
 
@@ -55,9 +54,30 @@ def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
     assert unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.01, 0.01, moved=0.75)])
     assert not unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.01, 0.01, moved=0.4)])  # of a reconstruction
     assert not unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.3, 0.3, moved=0.75)])  # noise
+    assert unexplained([passed(None, 0.01, 0.1, moved=0.8)])
+    assert not unexplained([passed(None, 0.01, 0.1, moved=0.6)])
     assert unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.8)])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.4)])
     assert not unexplained([passed(None, 0.01, 0.3, moved=0.8)])  # the held-out data do not agree
+
+
+@pytest.mark.parametrize(
+    ("p_fitted", "moved", "kind", "rest", "said"),
+    [
+        (0.3, None, "nothing", False, "no more than its own numerical error"),
+        (0.01, 0.5, "nothing", True, "the reconstruction or a camera may be at fault"),
+        (0.01, 0.8, "unknown", False, "none of the known effects"),
+        (0.01, None, "unfinished", False, "more than the model's own numerical error"),
+    ],
+)
+def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(p_fitted, moved, kind, rest, said):
+    only = passed(None, p_fitted, 0.01, moved=moved)
+    only.screening, only.refits = SimpleNamespace(p_values=[0.5]), []
+    if only.force is not None:
+        only.force.law = SimpleNamespace(terms=[], explained=0.0)
+    found = verdict(None, [only])
+    assert (found["kind"], found["rest"], found["effects"]) == (kind, rest, [])
+    assert said in found["sentence"]
 
 
 def test_what_accepted_effects_leave_is_more_than_noise_in_either_data_and_in_pixels():

@@ -125,6 +125,7 @@ def missing() -> dict[str, Any]:
         "verdict": {
             "kind": "missing",
             "effects": ["Linear drag"],
+            "rest": False,
             "sentence": "Linear drag is missing (p < 0.0001); adding it removes 64% of the held-out error.",
             "details": ["Young's modulus moves from 34 kPa to 70 kPa."],
         },
@@ -139,7 +140,13 @@ def other(kind: str) -> dict[str, Any]:
     """The same recording with another outcome."""
     result = copy.deepcopy(missing())
     only = result["rounds"][0]
-    result["verdict"] = {"kind": kind, "effects": [], "sentence": f"Verdict of kind {kind}.", "details": []}
+    result["verdict"] = {
+        "kind": kind,
+        "effects": [],
+        "rest": False,
+        "sentence": f"Verdict of kind {kind}.",
+        "details": [],
+    }
     if kind == "camera":
         result["verdict"]["effects"] = ["Exposure@5"]
         result["stages"][0]["by_view"][2], result["stages"][0]["view_floor"][2] = 3.0, 0.25

@@ -39,6 +39,12 @@ def test_page_of_every_verdict_says_it_first_and_needs_no_network(kind, tmp_path
     assert len(page) < 6_000_000
 
 
+def test_a_faulty_reconstruction_is_no_green_light():
+    verdict = example.other("nothing")["verdict"]
+    assert words.light(verdict).colour == "good"
+    assert words.light({**verdict, "rest": True}) == words.DOUBT and words.DOUBT.colour == "fair"
+
+
 def test_first_screen_tells_distances_in_pixels():
     found = words.misfit(example.missing())
     assert (found.before, found.floor, found.after) == (1.0, 0.2, 0.4)
