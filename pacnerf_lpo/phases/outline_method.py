@@ -14,8 +14,8 @@ from tqdm import tqdm
 from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
-from pacnerf_lpo.diagnosis.processes import check_jobs, processes
-from pacnerf_lpo.diagnosis.search import HALVINGS, best_beside, best_fits, points, shortlist, span
+from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
+from pacnerf_lpo.diagnosis.search import HALVINGS, best_beside, best_fits, loss, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -35,6 +35,8 @@ FINALISTS = 3
 """Of the short fits on a coarse body: so many go on to the finer one."""
 NEXT_VALLEY = 0.5
 """Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
+FINER = 2
+"""So many times as many particles have the bodies that decide between valleys."""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -45,8 +47,8 @@ class OutlineGaussNewton(GaussNewton):
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Shading, which
-    pulls colours to a wrong motion, does not enter.
+    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Which of these
+    is right is decided on still finer bodies. Shading, which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -111,10 +113,17 @@ class OutlineGaussNewton(GaussNewton):
             fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
             starts = [found.free for found in fits[:FINALISTS]]
         if fits:
-            found = best_beside(
-                misfit.model, list(module.free), misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY
-            )
-            self._set(module, misfit.model, found.free)
+            free = list(module.free)
+            beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
+            self._set(module, misfit.model, self._confirmed(module, [*starts, beside.free]))
+
+    def _confirmed(self, module: PhysicsIDModule, found: list[np.ndarray]) -> np.ndarray:
+        """Of fits, that which fits best with finer bodies, too: a fit in a wrong valley fits the error of one pair of
+        grids, and fails on another.
+        """
+        finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
+        losses = list(_bar(each(loss, ((finer.model, finer.residual, free) for free in found)), len(found)))
+        return found[int(np.argmin(losses))]
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
