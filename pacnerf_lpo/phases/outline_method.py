@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import Fit, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
@@ -47,8 +47,8 @@ class OutlineGaussNewton(GaussNewton):
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Which of these
-    is right is decided on still finer bodies. Shading, which pulls colours to a wrong motion, does not enter.
+    from there the best go on with finer bodies, and at last some start in the valleys beside the best; one that is better
+    must be so on still finer bodies, too. Shading, which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -115,15 +115,16 @@ class OutlineGaussNewton(GaussNewton):
         if fits:
             free = list(module.free)
             beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
-            self._set(module, misfit.model, self._confirmed(module, [*starts, beside.free]))
+            confirmed = beside is not fits[0] and self._confirmed(module, fits[0], beside)
+            self._set(module, misfit.model, (beside if confirmed else fits[0]).free)
 
-    def _confirmed(self, module: PhysicsIDModule, found: list[np.ndarray]) -> np.ndarray:
-        """Of fits, that which fits best with finer bodies, too: a fit in a wrong valley fits the error of one pair of
-        grids, and fails on another.
+    def _confirmed(self, module: PhysicsIDModule, best: Fit, beside: Fit) -> bool:
+        """Whether a fit in the valley beside is better with finer bodies, too: one in a wrong valley fits the error of
+        one pair of grids, and fails on another.
         """
         finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
-        losses = list(_bar(each(loss, ((finer.model, finer.residual, free) for free in found)), len(found)))
-        return found[int(np.argmin(losses))]
+        before, after = each(loss, ((finer.model, finer.residual, found.free) for found in (best, beside)))
+        return after < before
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
