@@ -47,8 +47,8 @@ class OutlineGaussNewton(GaussNewton):
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    from there the best go on with finer bodies, and at last some start in the valleys beside the best; one that is better
-    must be so on still finer bodies, too. Shading, which pulls colours to a wrong motion, does not enter.
+    from there the best go on with finer bodies, and at last some start in the valleys beside the best. A better one
+    there must be better on still finer bodies, too. Shading, which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see

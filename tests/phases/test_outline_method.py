@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from pacnerf_lpo.diagnosis.fitting import Fit
 from pacnerf_lpo.diagnosis.search import points, span
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
@@ -47,6 +48,24 @@ def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(soli
     assert math.log10(found.physics["E"] / TRUTH["E"]) == pytest.approx(0.0, abs=0.15)
     # coarse bodies feel the ground a cell or two above it, and the model answers by a faster fall
     assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
+
+
+def test_a_valley_beside_counts_only_where_finer_bodies_agree(solid, monkeypatch):
+    """A fit far away that claims to fit perfectly, and the right modulus that claims the same."""
+    state, data = solid
+    for claimed, kept in ((3.0, False), (math.log10(TRUTH["E"]), True)):
+
+        def beside(model, names, residual, best, *_, claimed=claimed):
+            free = best.free.copy()
+            free[model.names.index("E")] = claimed
+            return Fit(free, np.zeros(1))
+
+        monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_beside", beside)
+        module = PhysicsIDModule(HIT, method(samples=4, starts=1))
+        module.attach(data, physics(E=TRUTH["E"] * 3))
+        module.import_state(state.with_(physics={}))
+        module.method.prepare(module)
+        assert (module.free["E"].item() == pytest.approx(claimed)) is kept
 
 
 def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
