@@ -50,22 +50,19 @@ def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(soli
     assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
 
 
-def test_a_valley_beside_counts_only_where_finer_bodies_agree(solid, monkeypatch):
-    """A fit far away that claims to fit perfectly, and the right modulus that claims the same."""
+def test_a_valley_beside_counts_only_where_finer_bodies_agree(solid):
+    """The true modulus and one that is wrong by a decade and a half."""
     state, data = solid
-    for claimed, kept in ((3.0, False), (math.log10(TRUTH["E"]), True)):
-
-        def beside(model, names, residual, best, *_, claimed=claimed):
-            free = best.free.copy()
-            free[model.names.index("E")] = claimed
-            return Fit(free, np.zeros(1))
-
-        monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_beside", beside)
-        module = PhysicsIDModule(HIT, method(samples=4, starts=1))
-        module.attach(data, physics(E=TRUTH["E"] * 3))
-        module.import_state(state.with_(physics={}))
-        module.method.prepare(module)
-        assert (module.free["E"].item() == pytest.approx(claimed)) is kept
+    module = PhysicsIDModule(HIT, method())
+    module.attach(data, physics(E=TRUTH["E"]))
+    module.import_state(state.with_(physics={}))
+    misfit = Misfit(module, 2000, 900)
+    free = misfit.free(module)
+    wrong = free.copy()
+    wrong[misfit.model.names.index("E")] -= 1.5
+    right, wrong = Fit(free, np.zeros(1)), Fit(wrong, np.zeros(1))
+    assert module.method._confirmed(module, wrong, right)
+    assert not module.method._confirmed(module, right, wrong)
 
 
 def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
