@@ -28,7 +28,7 @@ from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
-from pacnerf_lpo.diagnosis.rounds import Round, above_floor, beyond_noise, fires, leaves
+from pacnerf_lpo.diagnosis.rounds import Round, above_floor, beyond_noise, fires, leaves_more_than_noise
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
@@ -124,7 +124,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    if options.until == "refit" and leaves(last):
+    asked = leaves_more_than_noise(last) if len(rounds) > 1 else fires(last)  # as the verdict does
+    if options.until == "refit" and asked:
         last.force = store.once(f"{len(rounds)}_force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
     if options.profile is not None:

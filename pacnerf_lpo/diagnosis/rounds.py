@@ -17,7 +17,9 @@ MORE_THAN_NOISE = 0.05
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 FORCE = 2 / 3
-"""A residual of which a smooth force removes more than this is missing physics, not an error of the reconstruction."""
+"""A residual of which a smooth force removes more than this counts as missing physics, not as an error of the
+reconstruction.
+"""
 
 
 @dataclass
@@ -68,17 +70,17 @@ def fires(found: Round) -> bool:
 
 def left_over(found: Round) -> bool:
     """Whether a model to which nothing more was added leaves more than noise in either data, and it matters."""
-    return leaves(found) and matters(found)
+    return leaves_more_than_noise(found) and matters(found)
 
 
-def leaves(found: Round) -> bool:
+def leaves_more_than_noise(found: Round) -> bool:
     """Whether a model to which nothing more was added leaves more than noise in either data, by the omnibus test."""
     return found.accepted is None and min(found.omnibus.p_value, found.held.p_value) < MORE_THAN_NOISE
 
 
 def matters(found: Round) -> bool:
-    """Whether the error is larger than the twins', or a force. The errors of a reconstruction are structured otherwise
-    than the twins', but no larger, and no force moves a body like that.
+    """Whether the error is larger than the twins', or a force: the errors of a reconstruction are structured otherwise
+    than the twins', too.
     """
     return above_floor(found) or is_force(found)
 
@@ -89,5 +91,5 @@ def above_floor(found: Round) -> bool:
 
 
 def is_force(found: Round) -> bool:
-    """Whether a smooth force on the body would remove most of the residual, as far as that was asked."""
+    """Whether a smooth force on the body would remove more than :data:`FORCE` of the residual, where that was asked."""
     return found.force is not None and found.force.explained > FORCE

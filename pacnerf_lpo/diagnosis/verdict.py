@@ -13,7 +13,7 @@ ENOUGH = 0.5
 
 def verdict(problem: Problem, rounds: list[Round]) -> dict:
     """Its kind (nothing, missing, camera, unknown or unfinished), the effects named, whether more than noise is left
-    beside them, and sentences.
+    beside them, or where nothing is missing, and sentences.
     """
     sentences: list[str] = []
     names: list[str] = []
@@ -40,8 +40,8 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
     last = rounds[-1]
     if not names and last.screening is not None and not _unfinished(last):
         kind = "unknown" if unexplained(rounds) else "nothing"
-        faulty = wording.FAULTY if beyond_noise(last) else wording.NOTHING
-        sentences.append(wording.UNKNOWN if kind == "unknown" else faulty)
+        nothing = wording.FAULTY if beyond_noise(last) else wording.NOTHING
+        sentences.append(wording.UNKNOWN if kind == "unknown" else nothing)
     elif not names:
         kind = "unfinished"
         noise = "more than" if beyond_noise(last) else "no more than"

@@ -13,8 +13,8 @@ from pacnerf_lpo.report.quantities import quantity
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
 FAULTY = (
-    "No missing effect is detectable: what the model leaves over is more than its own numerical error, but no force on "
-    "the body would remove it; the reconstruction or a camera may be at fault."
+    "No missing effect is detectable: what the model leaves over is more than its own numerical error, but looks less "
+    "like a force on the body than like an error of the reconstruction or of a camera."
 )
 REST = "What is left is more than the model's own numerical error: a further effect, or a faulty reconstruction."
 

@@ -115,12 +115,12 @@ class OutlineGaussNewton(GaussNewton):
         if fits:
             free = list(module.free)
             beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
-            confirmed = beside is not fits[0] and self._confirmed(module, fits[0], beside)
-            self._set(module, misfit.model, (beside if confirmed else fits[0]).free)
+            better = beside.misfit < fits[0].misfit and self._confirmed(module, fits[0], beside)
+            self._set(module, misfit.model, (beside if better else fits[0]).free)
 
     def _confirmed(self, module: PhysicsIDModule, best: Fit, beside: Fit) -> bool:
-        """Whether a fit in the valley beside is better with finer bodies, too: one in a wrong valley fits the error of
-        one pair of grids, and fails on another.
+        """Whether a fit in the valley beside is better than the best with finer bodies, too: one in a wrong valley fits
+        the error of one pair of grids, and fails on another.
         """
         finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
         before, after = each(loss, ((finer.model, finer.residual, found.free) for found in (best, beside)))

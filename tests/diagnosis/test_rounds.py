@@ -65,7 +65,7 @@ def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
     ("p_fitted", "moved", "kind", "rest", "said"),
     [
         (0.3, None, "nothing", False, "no more than its own numerical error"),
-        (0.01, 0.5, "nothing", True, "the reconstruction or a camera may be at fault"),
+        (0.01, 0.5, "nothing", True, "like an error of the reconstruction or of a camera"),
         (0.01, 0.8, "unknown", False, "none of the known effects"),
         (0.01, None, "unfinished", False, "more than the model's own numerical error"),
     ],

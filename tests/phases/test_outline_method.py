@@ -65,6 +65,24 @@ def test_a_valley_beside_counts_only_where_finer_bodies_agree(solid):
     assert not module.method._confirmed(module, right, wrong)
 
 
+@pytest.mark.parametrize(("factor", "kept"), [(0.5, True), (2.0, False)])
+def test_a_valley_beside_that_is_no_better_is_left_alone(solid, monkeypatch, factor, kept):
+    state, data = solid
+    monkeypatch.setattr(OutlineGaussNewton, "_confirmed", lambda *_: True)
+
+    def beside(model, names, residual, best, *_):
+        free = best.free.copy()
+        free[model.names.index("E")] = 3.0
+        return Fit(free, best.residual * factor)
+
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_beside", beside)
+    module = PhysicsIDModule(HIT, method(samples=4, starts=1))
+    module.attach(data, physics(E=TRUTH["E"]))
+    module.import_state(state.with_(physics={}))
+    module.method.prepare(module)
+    assert (module.free["E"].item() == pytest.approx(3.0)) is kept
+
+
 def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
     """The modulus, of which a fall tells nothing, stays at the guess."""
     monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_fits", lambda *_: [])
