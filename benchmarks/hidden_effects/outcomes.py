@@ -31,7 +31,7 @@ class Outcome:
     ranking: names, best first: the accepted effect, the other refits by misfit, the rest by score.
     groups: names that the diagnosis says it cannot tell apart.
     removed: share of the held-out excess error that the accepted effects removed together; None if none.
-    unexplained: whether the verdict says that what the named effects leave is more than noise.
+    unexplained: whether the verdict says that more than noise is left, by the named effects or with nothing missing.
     coefficients: (covered by its interval, yes or no) of the true effect's coefficients where it was refitted.
     coefficient_error: of the true effect where it was refitted, relative to its size.
     bias: |log10| of the material's first logarithmic parameter beside the truth, without and with the accepted effects.
@@ -57,6 +57,11 @@ class Outcome:
     beyond: float | None = None
     base: tuple[bool, ...] = ()
     seconds: float = 0.0
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether nothing is said to be missing, and the reconstruction to be in doubt."""
+        return self.kind == "nothing" and self.unexplained
 
     def alike(self, one: str, other: str) -> bool:
         """Whether two names are one class: told apart neither by this recording nor by any of its length."""

@@ -80,6 +80,7 @@ def other_table(outcomes: Sequence[Outcome]) -> list[str]:
     rows = [
         ("null: an effect accepted", [bool(o.accepted) or o.kind == "failed" for o in nulls]),
         ("null: anything but *nothing is missing*", [o.kind != "nothing" for o in nulls]),
+        ("null: *nothing is missing*, but the reconstruction in doubt", [o.in_doubt for o in nulls]),
         ("null: true material and velocity in their 90 % intervals", [inside for o in nulls for inside in o.base]),
     ]
     outside = [o for o in outcomes if o.family == "outside"]

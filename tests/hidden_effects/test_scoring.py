@@ -109,6 +109,16 @@ def test_two_effects_remove_together_and_what_is_left_is_noticed(tmp_path):
     assert found.unexplained and found.coefficients == (True,)
 
 
+def test_a_doubtful_reconstruction_is_counted_beside_the_false_alarms(tmp_path):
+    nothing = {"family": "null", "hidden": []}
+    quiet = write(tmp_path / "1000", nothing, [round_of([], None, [], [], 0.7)], "nothing")
+    doubtful = write(tmp_path / "1002", nothing, [round_of([], None, [], [], 0.01)], "nothing", rest=True)
+    assert (quiet.in_doubt, doubtful.in_doubt) == (False, True)
+    text = page([quiet, doubtful], "command", "")
+    assert "| null: anything but *nothing is missing* | 0/2" in text
+    assert "| null: *nothing is missing*, but the reconstruction in doubt | 1/2" in text
+
+
 def test_strangers_are_counted_apart_from_those_that_known_effects_imitate(tmp_path):
     gust = {"name": "Gust", "values": {"gust": 9.0}, "null": {"gust": 0.0}}
     first = round_of([refit("UniformForce", 1.0, 0.9)], "UniformForce", [], [], 0.01)
