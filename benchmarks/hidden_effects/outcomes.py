@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,10 +33,12 @@ class Outcome:
     removed: share of the held-out excess error that the accepted effects removed together; None if none.
     unexplained: whether the verdict says that more than noise is left, by the named effects or with nothing missing.
     coefficients: (covered by its interval, yes or no) of the true effect's coefficients where it was refitted.
+    stated: the same in the table that the report ends with, where that has the effect.
     coefficient_error: of the true effect where it was refitted, relative to its size.
     bias: |log10| of the material's first logarithmic parameter beside the truth, without and with the accepted effects.
     beyond: of a stranger, the signal-to-noise ratio that its best imitation leaves; None: not measured.
     base: whether the 90 % intervals of the first model cover the true material and velocity.
+    base_stated: the same in the table that the report ends with, where the true effect was accepted.
     seconds: of processor time.
     """
 
@@ -52,10 +54,12 @@ class Outcome:
     removed: float | None = None
     unexplained: bool = False
     coefficients: tuple[bool, ...] = ()
+    stated: tuple[bool, ...] = ()
     coefficient_error: float | None = None
     bias: tuple[float, float] | None = None
     beyond: float | None = None
     base: tuple[bool, ...] = ()
+    base_stated: tuple[bool, ...] = ()
     seconds: float = 0.0
 
     @property
@@ -97,8 +101,9 @@ def outcome(scene: Path) -> Outcome | None:
     rounds, screen = result["rounds"], result["rounds"][0]["screen"] or {"candidates": [], "groups": []}
     taken = [_accepted(found) for found in rounds if found["accepted"] and result["verdict"]["kind"] != "unknown"]
     coefficients, error = _coefficients(truth, rounds[0]["refits"])
-    before = {entry["name"]: entry for entry in rounds[0]["parameters"]}
+    before, last = ({entry["name"]: entry for entry in found["parameters"]} for found in (rounds[0], rounds[-1]))
     after = taken[-1]["values"] if taken else before
+    truth_named = bool(names) and set(names) <= {again["name"] for again in taken}
     return Outcome(
         *head,
         kind=result["verdict"]["kind"],
@@ -108,10 +113,12 @@ def outcome(scene: Path) -> Outcome | None:
         removed=1 - float(np.prod([1 - again["removed"] for again in taken])) if taken else None,
         unexplained=result["verdict"].get("rest", False),
         coefficients=coefficients,
+        stated=_covered(_moved(truth), last) if taken else (),
         coefficient_error=error,
         bias=_bias(truth["values"], before, after),
         beyond=beyond,
-        base=tuple(before[n]["low"] <= v <= before[n]["high"] for n, v in truth["values"].items() if n in before),
+        base=_covered(truth["values"], before),
+        base_stated=_covered(truth["values"], last) if truth_named else (),
         seconds=json.loads((scene / EFFORT).read_text())["cpu_seconds"],
     )
 
@@ -134,12 +141,21 @@ def _coefficients(truth: dict, refits: Sequence[dict]) -> tuple[tuple[bool, ...]
     again = next((refit for refit in refits if refit["name"] == hidden["name"]), None)
     if again is None:
         return (), None
-    true, null, values = hidden["values"], hidden["null"], again["values"]
-    moved = [name for name in true if true[name] != null[name]]
-    covered = tuple(bool(values[name]["low"] <= true[name] <= values[name]["high"]) for name in moved)
-    miss = np.array([values[name]["value"] - true[name] for name in moved])
-    size = np.array([min(abs(true[name] - null[name]), abs(true[name]) or np.inf) for name in moved])
-    return covered, float(np.linalg.norm(miss) / np.linalg.norm(size))
+    true, null, values = _moved(truth), hidden["null"], again["values"]
+    miss = np.array([values[name]["value"] - true[name] for name in true])
+    size = np.array([min(abs(true[name] - null[name]), abs(true[name]) or np.inf) for name in true])
+    return _covered(true, values), float(np.linalg.norm(miss) / np.linalg.norm(size))
+
+
+def _moved(truth: dict) -> dict[str, float]:
+    """The coefficients of the hidden effects that differ from their nulls."""
+    pairs = [(name, value, hidden["null"]) for hidden in truth["hidden"] for name, value in hidden["values"].items()]
+    return {name: value for name, value, null in pairs if value != null[name]}
+
+
+def _covered(true: Mapping[str, float], told: Mapping[str, dict]) -> tuple[bool, ...]:
+    """Whether each true value that a table tells of lies in its interval."""
+    return tuple(bool(told[n]["low"] <= value <= told[n]["high"]) for n, value in true.items() if n in told)
 
 
 def _bias(true: dict[str, float], before: dict, after: dict) -> tuple[float, float] | None:

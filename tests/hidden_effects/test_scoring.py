@@ -109,6 +109,21 @@ def test_two_effects_remove_together_and_what_is_left_is_noticed(tmp_path):
     assert found.unexplained and found.coefficients == (True,)
 
 
+def test_intervals_are_those_of_the_last_table(tmp_path):
+    first = round_of([refit("LinearDrag", 1.0, 0.9, drag=interval(0.7, 0.8, 0.9))], "LinearDrag", [], [], 0.01)
+    last = round_of([], None, [], [], 0.7)
+    last["parameters"] = [
+        {"name": "E", **interval(0.9e5, 1e5, 1.1e5)},
+        {"name": "v_x", **interval(0.6, 0.7, 0.8)},
+        {"name": "drag", **interval(0.8, 0.9, 1.1)},
+    ]
+    found = write(tmp_path / "1001", DRAG, [first, last])
+    assert (found.coefficients, found.stated, found.base_stated) == ((False,), (True,), (True, False))
+    assert f"| {share([True])} | {share([False])} | {share([True, False])} |" in page([found], "command", "")
+    other = write(tmp_path / "1003", DRAG, [first, last], "unknown")
+    assert (other.coefficients, other.stated, other.base_stated) == ((False,), (), ())
+
+
 def test_a_doubtful_reconstruction_is_counted_beside_the_false_alarms(tmp_path):
     nothing = {"family": "null", "hidden": []}
     quiet = write(tmp_path / "1000", nothing, [round_of([], None, [], [], 0.7)], "nothing")
