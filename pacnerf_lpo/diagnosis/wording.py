@@ -17,6 +17,8 @@ FAULTY = (
     "like a force on the body than like an error of the reconstruction or of a camera."
 )
 REST = "What is left is more than the model's own numerical error: a further effect, or a faulty reconstruction."
+LIKENESS = 0.5
+"""Share of a force that a law explains which it is said to look like."""
 
 
 def readable(name: str) -> str:
@@ -82,9 +84,11 @@ def separation(candidate: Candidate, alike: Sequence[str]) -> str | None:
 def force(explained: float, law: Law) -> list[str]:
     """About the smooth force that would remove the residual."""
     found = [f"A smooth force on the body would remove {explained:.0%} of what is left."]
-    if law.terms:
-        terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
+    terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
+    if law.terms and law.explained >= LIKENESS:
         found.append(f"It looks like {terms}, which explains {law.explained:.0%} of it.")
+    elif law.terms:
+        found.append(f"No simple law describes that force; the nearest, {terms}, explains {law.explained:.0%} of it.")
     else:
         found.append("No simple law describes that force: it follows neither place nor velocity.")
     return found
