@@ -54,8 +54,10 @@ class Figures:
         return Entry(errors[name]["error"], key=self.key) if name in errors else Entry(note="not in truth.json")
 
     def true_values(self) -> dict[str, float]:
-        """True parameters by name, as far as they are known."""
-        return {name: error["true"] for name, error in self.phase.get("truth_errors", {}).items()}
+        """True parameters by name, as far as there is a truth; not those that the run was told."""
+        told = self.phase["parameters"].keys() - self.results["free"]
+        errors = self.phase.get("truth_errors", {})
+        return {name: error["true"] for name, error in errors.items() if name not in told}
 
     def _why_missing(self, metric: str) -> str:
         means = self.phase["first_frame_metrics"]["train"] or {}

@@ -74,6 +74,7 @@ def test_parameters_and_their_errors(book: Book):
     assert values(table, "E [Pa]") == [1e6, 5e5, 2.5e5]
     errors = ErrorLayout("errors", "", (BASELINE, TWICE)).build(book, [TORUS])
     assert values(errors, "log10 E") == pytest.approx([0.301, 0.602])
+    assert len(table.rows) == len(errors.rows) == 1
     assert errors.notes == [
         "+LPO² against 3v: closer to the truth in 0 of 1 items, farther by 0.301 at most",
     ]
