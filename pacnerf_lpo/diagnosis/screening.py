@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
@@ -155,7 +157,7 @@ def screen(
         ranked = score_test(noise, residual, jacobian, probes, calibration.scales)
         remainder = Remainder.of(noise, jacobian)
         statistic = overdispersion(remainder.residual(residual), remainder.dof)
-        for score in beside_their_like([_dispersed(score, statistic) for score in ranked]):
+        for score in beside_their_like([_dispersed(score, statistic) for score in ranked], family is outside):
             scores.append(replace(score, signature=_whole(score.signature, mask)))
             p_values.append(min(1.0, len(families) * calibration.p_value(score)))
             intervals[score.name] = calibration.interval(score)
@@ -185,17 +187,35 @@ def _dispersed(score: Score, statistic: float) -> Score:
     return replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error))
 
 
-def beside_their_like(scores: Sequence[Score]) -> list[Score]:
+def beside_their_like(scores: Sequence[Score], held: bool = False) -> list[Score]:
     """A fault of one camera must stand out among the cameras: scores of the same kind of fault are divided by the
     factor by which their median exceeds that of a normal deviate.
+
+    No twin knows how wrong the shape is where the reconstruction did not look. So for held-out cameras the scale is
+    known from the others only, and a score is that of Student's t with as many degrees of freedom as they have
+    coefficients.
+
+    Args:
+        scores: of one family of effects.
+        held: whether its cameras are held out.
     """
     found = []
     for score in scores:
         kind, at, _ = score.name.partition("@")
         alike = [abs(other.z) for other in scores if other.name.startswith(kind + "@")] if at else []
-        factor = max(1.0, float(np.median(alike)) / MEDIAN_DEVIATE) if len(alike) >= LEAST_CAMERAS else 1.0
+        factor = 1.0
+        if len(alike) >= LEAST_CAMERAS:
+            factor = max(1.0, float(np.median(alike)) / MEDIAN_DEVIATE)
+            if held:
+                factor *= _students_excess(score.z / factor, len(score.coefficient) * (len(alike) - 1))
         found.append(replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error)))
     return found
+
+
+def _students_excess(deviate: float, freedom: int) -> float:
+    """How much larger a deviate of Student's t is than a normal one that is as rare."""
+    normal = -norm.ppf(student.sf(abs(deviate), freedom))
+    return max(1.0, abs(deviate) / normal) if normal > 0 else 1.0
 
 
 def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:
