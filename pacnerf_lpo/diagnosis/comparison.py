@@ -10,7 +10,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.search import best_beside, best_fitted, points, promising, span
+from pacnerf_lpo.diagnosis.search import MUCH_LOWER, best_beside, best_fitted, points, promising, span
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
@@ -24,8 +24,6 @@ WHITENED_ITERATIONS = 5
 CONFIDENCE = 0.9
 """Of all intervals."""
 VALLEYS = 2
-MUCH_LOWER = 0.9
-"""Of the misfit: a fit from another start that is so much better has found a better valley."""
 DECADES = 3.0
 SAMPLES, STARTS = 16, 2  # samples for each parameter
 COARSER = 1.4

@@ -25,6 +25,8 @@ HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
 NEXT_VALLEY = 0.2
 """Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
+MUCH_LOWER = 0.9
+"""Of the misfit: a fit from another start that is so much better has found a better valley."""
 Watch = Callable[[Iterator[float], int], Iterable[float]]
 
 
