@@ -14,7 +14,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
-from pacnerf_lpo.phases.outline_method import Misfit
+from pacnerf_lpo.phases.outline_method import FINER, Misfit
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
 
@@ -63,6 +63,14 @@ def test_a_valley_beside_counts_only_where_finer_bodies_agree(solid):
     right, wrong = Fit(free, np.zeros(1)), Fit(wrong, np.zeros(1))
     assert module.method._confirmed(module, wrong, right)
     assert not module.method._confirmed(module, right, wrong)
+    finer = Misfit(module, FINER * 2000, FINER * 900)
+    near = {step: free.copy() for step in (-0.02, 0.02)}
+    for step, point in near.items():
+        point[misfit.model.names.index("E")] += step
+    losses = {step: float(np.sum(finer.residual(point) ** 2)) for step, point in near.items()}
+    worse, better = max(losses, key=losses.__getitem__), min(losses, key=losses.__getitem__)
+    assert 0.9 < losses[better] / losses[worse] < 0.999
+    assert not module.method._confirmed(module, *(Fit(near[step], np.zeros(1)) for step in (worse, better)))
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(0.5, True), (2.0, False)])
