@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pacnerf_lpo.diagnosis.fitting import Fit, fit, sensitivities
+from pacnerf_lpo.diagnosis.fitting import Fit, fit, fit_or_none, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
-from pacnerf_lpo.diagnosis.search import HALVINGS, MUCH_LOWER, best_beside, best_fits, loss, points, shortlist, span
+from pacnerf_lpo.diagnosis.search import HALVINGS, best_beside, best_fits, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 FALL_ITERATIONS = 4
 SEARCH_ITERATIONS = 6
+FINER_ITERATIONS = 4
 FINALISTS = 3
 """Of the short fits on a coarse body: so many go on to the finer one."""
 NEXT_VALLEY = 0.5
@@ -48,7 +49,8 @@ class OutlineGaussNewton(GaussNewton):
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
     from there the best go on with finer bodies, and at last some start in the valleys beside the best. A better one
-    there must be much better on still finer bodies. Shading, which pulls colours to a wrong motion, does not enter.
+    there must stay better when both are fitted to still finer bodies. Shading, which pulls colours to a wrong motion,
+    does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -119,12 +121,20 @@ class OutlineGaussNewton(GaussNewton):
             self._set(module, misfit.model, (beside if better else fits[0]).free)
 
     def _confirmed(self, module: PhysicsIDModule, best: Fit, beside: Fit) -> bool:
-        """Whether a fit in the valley beside is much better than the best with finer bodies: one in a wrong valley fits
-        the error of one pair of grids, and fails on another; and along a flat valley a little tells nothing.
+        """Whether the valley beside is the better one for finer bodies, too: one pair of grids has an error that a
+        wrong valley fits, and another pair has another. Fits decide, not points: on a finer pair the bottoms of both
+        valleys lie elsewhere.
         """
         finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
-        before, after = each(loss, ((finer.model, finer.residual, found.free) for found in (best, beside)))
-        return after < MUCH_LOWER * before
+        model = finer.model
+        model.physics.most_halvings = HALVINGS
+        settings = model.scales, model.bounds, FINER_ITERATIONS
+        starts = (np.clip(found.free, *model.bounds) for found in (best, beside))
+        before, after = (
+            np.inf if found is None else found.misfit
+            for found in each(fit_or_none, ((finer.residual, start, *settings) for start in starts))
+        )
+        return after < before
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
