@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pacnerf_lpo.diagnosis import wording
+from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, is_force, left_over
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
@@ -23,8 +24,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
             again = found.accepted
             after = rounds[number].comparison.known if number < len(rounds) else again.known
             alike = _not_told_apart(found)
-            p = min(found.screening.p_value(again.candidate.name), 1.0)
-            p = found.omnibus.p_value if again.candidate.discrete else p
+            p = _chance(found, again.candidate)
             sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
             described = problem.physics.parameters
             changes = [
@@ -58,6 +58,15 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
     if last.force is not None and (rest or kind == "unknown"):
         sentences += wording.force(last.force.explained, last.force.law)
     return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
+
+
+def _chance(found: Round, candidate: Candidate) -> float:
+    """Family-wise p-value of an effect. An alternative of kind is refitted whatever its score at the null, which says
+    little of it: where it is rarer that the residual is more than noise, that counts, of two tests.
+    """
+    assert found.screening is not None
+    p = found.screening.p_value(candidate.name)
+    return min(2 * min(p, found.omnibus.p_value), 1.0) if candidate.discrete else p
 
 
 def unexplained(rounds: list[Round]) -> bool:

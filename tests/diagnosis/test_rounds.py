@@ -12,7 +12,7 @@ from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
 from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
-from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce
+from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
 
 
@@ -78,6 +78,27 @@ def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(p
     found = verdict(None, [only])
     assert (found["kind"], found["rest"], found["effects"]) == (kind, rest, [])
     assert said in found["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "by_score", "omnibus", "said"),
+    [
+        (LinearDrag(), 0.002, 0.15, "p = 0.002"),
+        (YieldStress(), 0.002, 0.15, "p = 0.004"),  # the smaller of two
+        (YieldStress(), 1.0, 0.01, "p = 0.02"),  # its score at the null says little
+    ],
+)
+def test_an_alternative_of_kind_is_as_rare_as_its_score_or_as_the_residual(effect, by_score, omnibus, said):
+    found = passed(refitted(effect, 0.8), omnibus, 1.0)
+    name = found.accepted.candidate.name
+    found.screening = SimpleNamespace(p_value=lambda _: by_score, scores=[SimpleNamespace(name="")], group=lambda _: [])
+    found.accepted.known, found.parameters = {}, []
+    last = passed(None, 0.5, 0.5)
+    last.comparison = SimpleNamespace(known={})
+    problem = SimpleNamespace(physics=SimpleNamespace(parameters={}, material=SimpleNamespace(free_names=())))
+    result = verdict(problem, [found, last])
+    assert result["effects"] == [name]
+    assert said in result["sentence"]
 
 
 def test_what_accepted_effects_leave_is_more_than_noise_in_either_data_and_in_pixels():
