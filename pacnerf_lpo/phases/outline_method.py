@@ -31,13 +31,17 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 FALL_ITERATIONS = 4
 SEARCH_ITERATIONS = 6
-FINER_ITERATIONS = 4
+FINER_ITERATIONS = 3
 FINALISTS = 3
 """Of the short fits on a coarse body: so many go on to the finer one."""
 NEXT_VALLEY = 0.5
 """Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
 FINER = 2
 """So many times as many particles have the bodies that decide between valleys."""
+SHORTER_STEP = 2
+"""So much shorter is the time step than that of the run: every step costs some of the rebound, so a stiffness that
+needs a shorter one must not be compared with one that does not.
+"""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -48,9 +52,9 @@ class OutlineGaussNewton(GaussNewton):
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    from there the best go on with finer bodies, and at last some start in the valleys beside the best. A better one
-    there must stay better when both are fitted to still finer bodies. Shading, which pulls colours to a wrong motion,
-    does not enter.
+    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Where one there
+    is better, fits of both with still finer bodies decide. Shading, which pulls colours to a wrong motion, does not
+    enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -117,24 +121,20 @@ class OutlineGaussNewton(GaussNewton):
         if fits:
             free = list(module.free)
             beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
-            better = beside.misfit < fits[0].misfit and self._confirmed(module, fits[0], beside)
-            self._set(module, misfit.model, (beside if better else fits[0]).free)
+            better = beside.misfit < fits[0].misfit
+            self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if better else fits[0].free)
 
-    def _confirmed(self, module: PhysicsIDModule, best: Fit, beside: Fit) -> bool:
-        """Whether the valley beside is the better one for finer bodies, too: one pair of grids has an error that a
-        wrong valley fits, and another pair has another. Fits decide, not points: on a finer pair the bottoms of both
-        valleys lie elsewhere.
+    def _on_finer(self, module: PhysicsIDModule, beside: Fit, best: Fit) -> np.ndarray:
+        """Where the better of two fits leads with finer bodies [(K,)]: one pair of grids has an error that a wrong
+        valley fits, and another pair has another. Fits decide, not points: the bottoms of valleys lie elsewhere there.
         """
         finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
         model = finer.model
         model.physics.most_halvings = HALVINGS
         settings = model.scales, model.bounds, FINER_ITERATIONS
-        starts = (np.clip(found.free, *model.bounds) for found in (best, beside))
-        before, after = (
-            np.inf if found is None else found.misfit
-            for found in each(fit_or_none, ((finer.residual, start, *settings) for start in starts))
-        )
-        return after < before
+        starts = (np.clip(found.free, *model.bounds) for found in (beside, best))
+        fits = each(fit_or_none, ((finer.residual, start, *settings) for start in starts))
+        return min((found for found in fits if found is not None), key=lambda found: found.misfit, default=best).free
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
@@ -222,6 +222,7 @@ class Misfit:
     ):
         data, physics = module.data, copy(module.physics)
         physics.ground_height -= sunk
+        physics.substep_rate *= SHORTER_STEP
         views = np.zeros(len(data.video.images), bool)
         views[data.train] = True
         held = Split(views, np.arange(len(data.video.times)) < (frames or len(data.video.times)))

@@ -14,7 +14,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
-from pacnerf_lpo.phases.outline_method import Misfit
+from pacnerf_lpo.phases.outline_method import SHORTER_STEP, Misfit
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
 
@@ -50,30 +50,44 @@ def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(soli
     assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
 
 
-def test_a_valley_beside_counts_only_where_fits_on_finer_bodies_agree(solid):
-    """The true modulus, one that is wrong by a decade and a half, and one that a short fit corrects."""
+def test_fits_on_finer_bodies_decide_between_valleys(solid):
+    """A modulus that is wrong by a decade and a half, and one that a short fit corrects."""
     state, data = solid
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=TRUTH["E"]))
     module.import_state(state.with_(physics={}))
     misfit = Misfit(module, 2000, 900)
+    index = misfit.model.names.index("E")
 
     def off_by(decades: float) -> Fit:
         free = misfit.free(module)
-        free[misfit.model.names.index("E")] += decades
+        free[index] += decades
         return Fit(free, misfit.residual(free))
 
-    right, near, wrong = off_by(0.0), off_by(0.1), off_by(-1.5)
-    assert near.misfit > 1.1 * right.misfit
-    assert module.method._confirmed(module, wrong, right)
-    assert not module.method._confirmed(module, right, wrong)
-    assert module.method._confirmed(module, wrong, near)
+    near, wrong = off_by(0.1), off_by(-1.5)
+    assert near.misfit > 1.1 * off_by(0.0).misfit
+    for pair in ((near, wrong), (wrong, near)):
+        found = module.method._on_finer(module, *pair)
+        assert found[index] == pytest.approx(math.log10(TRUTH["E"]), abs=0.05)
+
+
+def test_stiffnesses_are_compared_at_the_same_time_step(solid):
+    """The run's own step is too long for a body that is two decades stiffer."""
+    state, data = solid
+    module = PhysicsIDModule(HIT, method())
+    module.attach(data, physics(E=10**2.25 * TRUTH["E"]))
+    module.import_state(state.with_(physics={}))
+    misfit = Misfit(module, 2000)
+    own, free = misfit.model.physics, misfit.free(module)
+    assert np.isfinite(misfit.residual(free)).all() and own.halvings == 0
+    own.substep_rate /= SHORTER_STEP
+    assert np.isfinite(misfit.residual(free)).all() and own.halvings == 1
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(0.5, True), (2.0, False)])
 def test_a_valley_beside_that_is_no_better_is_left_alone(solid, monkeypatch, factor, kept):
     state, data = solid
-    monkeypatch.setattr(OutlineGaussNewton, "_confirmed", lambda *_: True)
+    monkeypatch.setattr(OutlineGaussNewton, "_on_finer", lambda self, module, beside, best: beside.free)
 
     def beside(model, names, residual, best, *_):
         free = best.free.copy()
