@@ -38,10 +38,6 @@ NEXT_VALLEY = 0.5
 """Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
 FINER = 2
 """So many times as many particles have the bodies that decide between valleys."""
-SHORTER_STEP = 2
-"""So much shorter is the time step than that of the run: every step costs some of the rebound, so a stiffness that
-needs a shorter one must not be compared with one that does not.
-"""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -113,10 +109,7 @@ class OutlineGaussNewton(GaussNewton):
         tried = points(coarse.model, wide, self.samples)
         starts = shortlist(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
         for bodies in ((self.coarse_particles, self.scan_particles), (self.particles, self.coarse_particles)):
-            misfit = Misfit(module, *bodies)
-            misfit.model.physics.most_halvings = HALVINGS
-            inside = [np.clip(start, *misfit.model.bounds) for start in starts]
-            fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
+            misfit, fits = self._fits(module, bodies, starts)
             starts = [found.free for found in fits[:FINALISTS]]
         if fits:
             free = list(module.free)
@@ -124,13 +117,33 @@ class OutlineGaussNewton(GaussNewton):
             better = beside.misfit < fits[0].misfit
             self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if better else fits[0].free)
 
+    def _fits(
+        self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray]
+    ) -> tuple[Misfit, list[Fit]]:
+        """Short fits, best first, and of what; all finalists at the same time step. Every step costs some of the
+        rebound, so a stiffness that needs half the step must not be compared with one that does not.
+        """
+        misfit = self._searched(module, bodies)
+        inside = [np.clip(start, *misfit.model.bounds) for start in starts]
+        fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
+        if not any(misfit.needs_shorter_step(found.free) for found in fits[:FINALISTS]):
+            return misfit, fits
+        module.physics.halvings += 1
+        return self._fits(module, bodies, [found.free for found in fits[:FINALISTS]])
+
+    @staticmethod
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> Misfit:
+        """The misfit of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
+        misfit = Misfit(module, *bodies)
+        misfit.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
+        return misfit
+
     def _on_finer(self, module: PhysicsIDModule, beside: Fit, best: Fit) -> np.ndarray:
         """Where the better of two fits leads with finer bodies [(K,)]: one pair of grids has an error that a wrong
         valley fits, and another pair has another. Fits decide, not points: the bottoms of valleys lie elsewhere there.
         """
-        finer = Misfit(module, FINER * self.particles, FINER * self.coarse_particles)
+        finer = self._searched(module, (FINER * self.particles, FINER * self.coarse_particles))
         model = finer.model
-        model.physics.most_halvings = HALVINGS
         settings = model.scales, model.bounds, FINER_ITERATIONS
         starts = (np.clip(found.free, *model.bounds) for found in (beside, best))
         fits = each(fit_or_none, ((finer.residual, start, *settings) for start in starts))
@@ -205,7 +218,7 @@ class Misfit:
     as one outline. So a Poisson's ratio of which a plastic impact tells nothing does not run to its bound.
 
     Args:
-        module: supplies video, state, model and the values to start from.
+        module: supplies video, state, model, how often its time step is halved, and the values to start from.
         particles: number of particles of the body.
         coarser: number of particles of the coarser body beside it; None: there is none.
         frames: only the first so many are compared; None: all.
@@ -222,7 +235,7 @@ class Misfit:
     ):
         data, physics = module.data, copy(module.physics)
         physics.ground_height -= sunk
-        physics.substep_rate *= SHORTER_STEP
+        physics.substep_rate *= 2**physics.halvings
         views = np.zeros(len(data.video.images), bool)
         views[data.train] = True
         held = Split(views, np.arange(len(data.video.times)) < (frames or len(data.video.times)))
@@ -249,6 +262,16 @@ class Misfit:
         coarse.physics.halvings = self.model.physics.halvings
         coarse.physics.most_halvings = self.model.physics.most_halvings
         return found + (found - self._coarser.residual(free)) / (ratio**2 - 1)
+
+    def needs_shorter_step(self, free: np.ndarray) -> bool:
+        """Whether a body is unstable at free coordinates [(K,)] with the time step that fits start with. Raises
+        SimulationError where no step is short enough.
+        """
+        bodies = [found.model for found in (self, self._coarser) if found is not None]
+        for model in bodies:
+            model.physics.halvings = 0
+        self.residual(free)
+        return any(model.physics.halvings > 0 for model in bodies)
 
     def _unusual(self, free: np.ndarray) -> list[float]:
         values = self.model.physical(free)

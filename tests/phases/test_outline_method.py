@@ -14,7 +14,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
-from pacnerf_lpo.phases.outline_method import SHORTER_STEP, Misfit
+from pacnerf_lpo.phases.outline_method import Misfit
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
 
@@ -71,17 +71,21 @@ def test_fits_on_finer_bodies_decide_between_valleys(solid):
         assert found[index] == pytest.approx(math.log10(TRUTH["E"]), abs=0.05)
 
 
-def test_stiffnesses_are_compared_at_the_same_time_step(solid):
-    """The run's own step is too long for a body that is two decades stiffer."""
+@pytest.mark.parametrize(("decades", "halvings"), [(0.0, 0), (2.25, 1)])
+def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decades, halvings):
+    """The run's own step is too long for a body that is two decades stiffer, and then it is for all."""
     state, data = solid
     module = PhysicsIDModule(HIT, method())
-    module.attach(data, physics(E=10**2.25 * TRUTH["E"]))
+    module.attach(data, physics(E=10**decades * TRUTH["E"]))
     module.import_state(state.with_(physics={}))
-    misfit = Misfit(module, 2000)
-    own, free = misfit.model.physics, misfit.free(module)
-    assert np.isfinite(misfit.residual(free)).all() and own.halvings == 0
-    own.substep_rate /= SHORTER_STEP
-    assert np.isfinite(misfit.residual(free)).all() and own.halvings == 1
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.SEARCH_ITERATIONS", 0)
+    starts = [Misfit(module, 2000).free(module)]
+    misfit, fits = module.method._fits(module, (2000, 900), starts)
+    assert module.physics.halvings == halvings
+    assert not misfit.needs_shorter_step(fits[0].free)
+    assert misfit.model.physics.substep_rate == pytest.approx(
+        2**halvings * module.physics.substep_rate * state.spacing / misfit.model.body.spacing, rel=0.1
+    )
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(0.5, True), (2.0, False)])
