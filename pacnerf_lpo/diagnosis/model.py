@@ -91,6 +91,7 @@ class Model:
             positions,
             self._velocity(free).expand_as(positions),
             self.body.fraction,
+            self.body.fraction,  # half the volume is half the force
             tensors,
             self.body.spacing,
             self.shape[1],

@@ -126,9 +126,9 @@ class Physics:
     ) -> Tensor:
         """Positions at every frame, differentiable in all tensors.
 
-        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF; alpha as ``matter``
-        says). A rollout that becomes unstable is repeated with half the time step, at most three times; the halved step
-        is kept.
+        Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF), where alpha is that of
+        a radiance field; with any other ``matter`` it is the part of V that is full, and they scale with that. A
+        rollout that becomes unstable is repeated with half the time step, at most three times; the halved step is kept.
 
         Args:
             positions: at frame 0 [m, (N, 3)]
@@ -144,18 +144,23 @@ class Physics:
         Raises:
             SimulationError: still unstable after the last halving.
         """
-        return self.motion(positions, velocity, self._fraction(density, spacings), parameters, spacings[0], frames)
+        fraction = self._fraction(density, spacings)
+        return self.motion(positions, velocity, fraction, self._stiffness(fraction), parameters, spacings[0], frames)
 
     def motion(
         self,
         positions: Tensor,
         velocity: Tensor,
         fraction: Tensor,
+        stiffness: Tensor,
         parameters: Mapping[str, Tensor],
         spacing: float,
         frames: int,
     ) -> Tensor:
-        """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is matter."""
+        """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is matter.
+
+        ``stiffness`` [1, (N,)] is a factor on their moduli, which act on the volume (spacing/2)^3.
+        """
         mass = self.rho * (spacing / 2) ** 3 * fraction
         material = {name: parameters[name] for name in self.material.parameters}
         extra = {name: parameters[name] for effect in self._moving for name in effect.parameters}
@@ -163,7 +168,7 @@ class Physics:
         above = positions - ground
         while True:
             try:
-                return self._simulator(spacing)(above, velocity, mass, fraction**3, material, frames, extra) + ground
+                return self._simulator(spacing)(above, velocity, mass, stiffness, material, frames, extra) + ground
             except SimulationError:
                 if self.halvings >= self.most_halvings:
                     raise
@@ -179,12 +184,18 @@ class Physics:
     ) -> Tensor:
         """Velocity at frame 0 with the effects on the initial state [m/s, (N, 3)]; arguments as of :meth:`rollout`."""
         mass = self._fraction(density, spacings)
-        stiffness = mass**3
+        stiffness = self._stiffness(mass)
         for effect in (e for e in self.effects if isinstance(e, InitialState)):
             values = {name: parameters[name] for name in effect.parameters}
             values |= {name: torch.tensor(value) for name, value in effect.constants.items()}
             velocity, mass, stiffness = effect.apply(positions, velocity, mass, stiffness, SimpleNamespace(**values))
         return velocity
+
+    def _stiffness(self, fraction: Tensor) -> Tensor:
+        """Factor on the moduli of particles that are full to a fraction [1, (N,)]: half the volume is half the force;
+        the faint matter of a radiance field resists less than that.
+        """
+        return fraction**3 if self.matter == "alpha" else fraction
 
     def _fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
         """How much of (dx/2)^3 is matter [0..1, (N,)]."""

@@ -36,7 +36,8 @@ def solid(state):
     fine = Physics(NeoHookean(), substep_rate=1920.0)
     truth = {name: torch.tensor(value) for name, value in TRUTH.items()}
     velocity = full.velocity.repeat_interleave(8, 0)
-    path = fine.motion(eight, velocity, torch.ones(len(eight)), truth, half, FRAMES)
+    full_of_matter = torch.ones(len(eight))
+    path = fine.motion(eight, velocity, full_of_matter, full_of_matter, truth, half, FRAMES)
     return full, film(full, path.unflatten(1, (-1, 8)).mean(2))
 
 
