@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.fitting import Fit, fit, fit_or_none, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
-from pacnerf_lpo.diagnosis.search import HALVINGS, best_beside, best_fits, points, shortlist, span
+from pacnerf_lpo.diagnosis.search import HALVINGS, MUCH_LOWER, best_beside, best_fits, points, shortlist, span
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -49,8 +49,8 @@ class OutlineGaussNewton(GaussNewton):
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
     from there the best go on with finer bodies, and at last some start in the valleys beside the best. Where one there
-    is better, fits of both with still finer bodies decide. Shading, which pulls colours to a wrong motion, does not
-    enter.
+    is a little better, fits of both with still finer bodies decide. Shading, which pulls colours to a wrong motion,
+    does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -114,8 +114,9 @@ class OutlineGaussNewton(GaussNewton):
         if fits:
             free = list(module.free)
             beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
-            better = beside.misfit < fits[0].misfit
-            self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if better else fits[0].free)
+            best = min(fits[0], beside, key=lambda found: found.misfit)
+            close = MUCH_LOWER * fits[0].misfit < beside.misfit < fits[0].misfit
+            self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if close else best.free)
 
     def _fits(
         self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray]
