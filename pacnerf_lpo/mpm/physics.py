@@ -40,7 +40,8 @@ class Physics:
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
         matter: ``alpha``: mass and stiffness of a particle follow its alpha over unit length (PAC-NeRF); ``visible``:
-            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids;
+            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids, and
+            half the volume is half the force;
             ``outlined``: the same after an erosion that makes the body as large as the mattes of the training views at
             frame 0 are, for images so coarse that a visible surface is uncertain by a good part of a voxel.
     """

@@ -35,11 +35,13 @@ def test_a_drawn_scene_has_the_wanted_strength_and_hides_it(scenes):
 def test_the_video_is_that_of_the_truth_and_the_model_starts_elsewhere(scenes):
     problem = KnownShape.read(scenes[NULL])
     truth = json.loads((scenes[NULL] / "truth.json").read_text())["values"]
-    model = problem.model((), {**problem.first_guess, **truth})
+    # a body floats above the ground by half a node spacing, and the model's is larger than the truth's
+    known = {**problem.first_guess, "ground_height": -0.5 * (1 - TINY.finer) * problem.spacing}
+    model = problem.model((), {**known, **truth})
     close = np.nanstd(problem.residual(model.predict(model.start))[..., :2])
-    guess = problem.model((), problem.first_guess)
+    guess = problem.model((), known)
     far = np.nanstd(problem.residual(guess.predict(guess.start))[..., :2])
-    assert close < 0.7 * far  # centroids: true values on a coarser grid beat the first guess
+    assert close < 0.5 * far  # centroids: true values on a coarser grid beat the first guess
     assert problem.fitted.any(axis=(1, 2)).sum() == TINY.views - TINY.held
 
 
