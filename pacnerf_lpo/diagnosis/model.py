@@ -53,7 +53,12 @@ class Model:
         video: cameras, image size and time stamps; its images are not used.
         known: values to start from, of physical parameters and of the velocity ``v_x``, ``v_y``, ``v_z`` [SI].
         points: measured beside the video; they add rows behind those of the views.
+
+    Attributes:
+        frames: only the first so many are simulated, in the rest everything stands still; None: all.
     """
+
+    frames: int | None = None
 
     def __init__(
         self, body: Body, physics: Physics, video: Video, known: dict[str, float], points: Points | None = None
@@ -87,15 +92,16 @@ class Model:
         values = self.physical(free)
         tensors = {name: torch.tensor(values[name]) for name in self.physics.parameters}
         positions = self.body.positions
-        return self.physics.motion(
+        path = self.physics.motion(
             positions,
             self._velocity(free).expand_as(positions),
             self.body.fraction,
             self.body.fraction,  # half the volume is half the force
             tensors,
             self.body.spacing,
-            self.shape[1],
+            min(self.frames or self.shape[1], self.shape[1]),
         )
+        return torch.cat((path, path[-1:].expand(self.shape[1] - len(path), -1, -1)))
 
     @torch.no_grad()
     def outlines(self, path: Tensor, free: np.ndarray | None = None, views: Sequence[int] | None = None) -> Tensor:

@@ -23,11 +23,16 @@ APART = 0.2
 """Of its span in one of the coordinates that are searched: so far apart lie the starts of local fits."""
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time here."""
+FIRST_AFTER_CONTACT = 2
+"""Frames that the first fits of :func:`grown` see after the first contact."""
+RIVAL = 2.0
+"""Of the misfit of the best: a fit that ends at more is not followed."""
 NEXT_VALLEY = 0.2
 """Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
 MUCH_LOWER = 0.9
 """Of the misfit: a fit from another start that is so much better has found a better valley."""
 Watch = Callable[[Iterator[float], int], Iterable[float]]
+WatchStarts = Callable[[Iterator[np.ndarray], int], Iterable[np.ndarray]]
 
 
 def span(parameter: Parameter, start: float, decades: float) -> tuple[float, float] | None:
@@ -142,6 +147,63 @@ def best_fits(model: Model, residual: Residual, starts: Iterable[np.ndarray], it
     return sorted(fits, key=lambda found: found.misfit)
 
 
+def rivals(
+    model: Model,
+    residual: Residual,
+    starts: Sequence[np.ndarray],
+    iterations: int,
+    watch: WatchStarts = lambda starts, _: starts,
+) -> list[Fit]:
+    """Short fits that end apart from one another, and not at a misfit :data:`RIVAL` times as large; best first.
+
+    Args:
+        model, residual, iterations: as for :func:`best_fits`.
+        starts: points [(K,) each]; one with an unstable motion is left out.
+        watch: passes starts on as they come; told how many, such as tqdm.
+    """
+    inside = [np.clip(start, *model.bounds) for start in starts]
+    fits = best_fits(model, residual, watch(iter(inside), len(inside)), iterations)
+    kept: list[Fit] = []
+    for found in fits:
+        near = found.misfit <= RIVAL * fits[0].misfit
+        if near and _is_apart(found.free, [other.free for other in kept], LONGEST_STEP * model.scales):
+            kept.append(found)
+    return kept
+
+
+def horizons(contact: int, frames: int) -> list[int]:
+    """Numbers of frames of fits that take in more and more after contact, half as many again each time, up to all."""
+    after, found = FIRST_AFTER_CONTACT, []
+    while contact + after < frames:
+        found.append(contact + after)
+        after += max(after // 2, 1)
+    return [*found, frames]
+
+
+def grown(
+    stages: Iterable[tuple[Model, Residual]],
+    starts: Sequence[np.ndarray],
+    iterations: int,
+    watch: WatchStarts = lambda starts, _: starts,
+) -> list[Fit]:
+    """Where fits lead that begin with the first frames after contact and take in more and more; the rivals, best first.
+
+    A motion soon depends so strongly on a modulus that the misfit of a whole video has a valley for every bounce and
+    every turn. That of the first frames has one, and whoever is at its bottom stays in the right valley.
+
+    Args:
+        stages: models and the residuals of their free coordinates, each with more frames than the one before.
+        starts: points to begin with [(K,) each]
+        iterations: of each fit in each stage, at most.
+        watch: as for :func:`rivals`.
+    """
+    fits: list[Fit] = []
+    for model, residual in stages:
+        fits = rivals(model, residual, starts, iterations, watch)
+        starts = [found.free for found in fits]
+    return fits
+
+
 def best_fitted(model: Model, residual: Residual, found: Iterable[np.ndarray], entrants: int) -> np.ndarray:
     """Where the best of short fits leads [(K,)], from the model's own start and from points found on another body.
 
@@ -233,6 +295,10 @@ def _apart(known: Sequence[tuple[float, np.ndarray]], count: int, reach: np.ndar
     """The best points, of neighbours only the better one: those that differ by less than ``reach`` in everything."""
     chosen: list[np.ndarray] = []
     for _, point in known:
-        if len(chosen) < count and all((np.abs(point - other) > reach).any() for other in chosen):
+        if len(chosen) < count and _is_apart(point, chosen, reach):
             chosen.append(point)
     return chosen
+
+
+def _is_apart(point: np.ndarray, others: Sequence[np.ndarray], reach: np.ndarray) -> bool:
+    return all((np.abs(point - other) > reach).any() for other in others)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from typing import TYPE_CHECKING, TypeVar
@@ -15,7 +15,17 @@ from pacnerf_lpo.diagnosis.fitting import Fit, fit, fit_or_none, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
-from pacnerf_lpo.diagnosis.search import HALVINGS, MUCH_LOWER, best_beside, best_fits, points, shortlist, span
+from pacnerf_lpo.diagnosis.search import (
+    HALVINGS,
+    MUCH_LOWER,
+    best_beside,
+    grown,
+    horizons,
+    points,
+    rivals,
+    shortlist,
+    span,
+)
 from pacnerf_lpo.diagnosis.split import Split
 from pacnerf_lpo.diagnosis.summaries import KINDS
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -34,6 +44,9 @@ SEARCH_ITERATIONS = 6
 FINER_ITERATIONS = 3
 FINALISTS = 3
 """Of the short fits on a coarse body: so many go on to the finer one."""
+GROWING = 6
+"""So many of the points that explain the first frames after contact best are followed over more and more frames."""
+GROWTH_ITERATIONS = 3
 NEXT_VALLEY = 0.5
 """Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
 FINER = 2
@@ -108,9 +121,11 @@ class OutlineGaussNewton(GaussNewton):
         wide = {name: ends for name, ends in spans.items() if ends}
         tried = points(coarse.model, wide, self.samples)
         starts = shortlist(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
-        for bodies in ((self.coarse_particles, self.scan_particles), (self.particles, self.coarse_particles)):
-            misfit, fits = self._fits(module, bodies, starts)
+        starts = [*self._grown(module, tried, wide), *starts]
+        misfit, fits = self._fits(module, (self.coarse_particles, self.scan_particles), starts)
+        for until in self._horizons(module)[-2:]:
             starts = [found.free for found in fits[:FINALISTS]]
+            misfit, fits = self._fits(module, (self.particles, self.coarse_particles), starts, until)
         if fits:
             free = list(module.free)
             beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
@@ -118,24 +133,44 @@ class OutlineGaussNewton(GaussNewton):
             close = MUCH_LOWER * fits[0].misfit < beside.misfit < fits[0].misfit
             self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if close else best.free)
 
-    def _fits(
-        self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray]
-    ) -> tuple[Misfit, list[Fit]]:
-        """Short fits, best first, and of what; all finalists at the same time step. Every step costs some of the
-        rebound, so a stiffness that needs half the step must not be compared with one that does not.
+    def _grown(
+        self, module: PhysicsIDModule, tried: Sequence[np.ndarray], wide: Mapping[str, tuple[float, float]]
+    ) -> list[np.ndarray]:
+        """Where fits of more and more frames lead from the points that explain the first ones best [(K,) each].
+
+        Args:
+            module: supplies video, state and hit frame.
+            tried: points of which some are followed [(K,) each]
+            wide: spans of the coordinates that are searched.
         """
-        misfit = self._searched(module, bodies)
-        inside = [np.clip(start, *misfit.model.bounds) for start in starts]
-        fits = best_fits(misfit.model, misfit.residual, _bar(iter(inside), len(inside)), SEARCH_ITERATIONS)
+        until = self._horizons(module)
+        early = Misfit(module, self.coarse_particles, frames=until[0])
+        starts = shortlist(early.model, early.residual, tried, wide, GROWING, _bar)
+        misfits = (self._searched(module, (self.coarse_particles, self.scan_particles), frames) for frames in until)
+        stages = ((misfit.model, misfit.residual) for misfit in misfits)
+        return [found.free for found in grown(stages, starts, GROWTH_ITERATIONS, _bar)]
+
+    @staticmethod
+    def _horizons(module: PhysicsIDModule) -> list[int]:
+        return horizons(module.hit_frame, len(module.data.video.times))
+
+    def _fits(
+        self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray], until: int | None = None
+    ) -> tuple[Misfit, list[Fit]]:
+        """Short fits of the frames before one, the best first, and of what; all at the same time step. Every step costs
+        some of the rebound, so a stiffness that needs half the step must not be compared with one that does not.
+        """
+        misfit = self._searched(module, bodies, until)
+        fits = rivals(misfit.model, misfit.residual, starts, SEARCH_ITERATIONS, _bar)
         if not any(misfit.needs_shorter_step(found.free) for found in fits[:FINALISTS]):
             return misfit, fits
         module.physics.halvings += 1
-        return self._fits(module, bodies, [found.free for found in fits[:FINALISTS]])
+        return self._fits(module, bodies, [found.free for found in fits[:FINALISTS]], until)
 
     @staticmethod
-    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> Misfit:
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int], frames: int | None = None) -> Misfit:
         """The misfit of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
-        misfit = Misfit(module, *bodies)
+        misfit = Misfit(module, *bodies, frames)
         misfit.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
         return misfit
 
@@ -250,6 +285,7 @@ class Misfit:
         known = {**problem.first_guess, **module.export_values(), **velocity}
         known[GROUND_HEIGHT.name] -= sunk
         self.model = problem.model(physics.effects, known)
+        self.model.frames = frames
         self._weighted = problem.weighted_residual_of(self.model)
         self._coarser = None if coarser is None else Misfit(module, coarser, None, frames, sunk)
 

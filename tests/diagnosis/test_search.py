@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.fitting import Fit, fit
-from pacnerf_lpo.diagnosis.search import best_beside, best_fits, best_fitted, shortlist
+from pacnerf_lpo.diagnosis.search import best_beside, best_fits, best_fitted, grown, horizons, rivals, shortlist
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.materials import NeoHookean
 
@@ -89,6 +89,54 @@ def test_short_fits_are_ranked_by_where_they_end():
     fits = best_fits(MODEL, rebound, [np.array([LATE + 0.001, 0.3]), np.array([RIGHT + 0.06, 0.3])], 10)
     assert fits[0].free[0] == pytest.approx(RIGHT, abs=1e-3)
     assert [other.misfit for other in fits] == sorted(other.misfit for other in fits)
+
+
+@pytest.mark.parametrize(
+    ("contact", "frames", "expected"),
+    [(6, 14, [8, 9, 10, 12, 14]), (7, 14, [9, 10, 11, 13, 14]), (12, 14, [14]), (14, 14, [14]), (3, 7, [5, 6, 7])],
+)
+def test_fits_that_grow_take_in_half_as_many_frames_again_each_time(contact, frames, expected):
+    assert horizons(contact, frames) == expected
+
+
+def oscillation(frames: int):
+    """A spring seen in so many frames: the more of them, the more valleys has the misfit in log10 of its stiffness."""
+    times = np.arange(1, frames + 1)
+    return lambda free: np.cos(2 * 10 ** ((free[0] - RIGHT) / 2) * times) - np.cos(2 * times)
+
+
+def test_a_fit_that_grows_with_the_frames_finds_the_valley_that_a_fit_of_all_of_them_misses():
+    start, frames = np.array([RIGHT - 0.3, 0.3]), 12
+    stuck = fit(oscillation(frames), start, MODEL.scales, MODEL.bounds, 20)
+    assert abs(stuck.free[0] - RIGHT) > 0.05 and stuck.misfit > 1.0
+    stages = [(MODEL, oscillation(until)) for until in horizons(0, frames)]
+    found = grown(stages, [start], 5)
+    assert found[0].free[0] == pytest.approx(RIGHT, abs=1e-3)
+    assert found[0].misfit < 1e-4
+
+
+def test_rivals_end_apart_and_are_not_much_worse_than_the_best():
+    def residual(free):
+        """Valleys of misfit 1, 1.5 and 9 at 4, 5 and 6; the slope is gentle, and steps short."""
+        if abs(free[0] - 6.0) < 0.5:
+            return np.array([3.0, free[0] - 6.0])
+        if abs(free[0] - 5.0) < 0.5:
+            return np.array([1.5**0.5, free[0] - 5.0])
+        return np.array([1.0, free[0] - 4.0])
+
+    starts = [np.array([young, 0.3]) for young in (6.01, 5.02, 4.03, 3.98, 99.0)]
+    seen = []
+    found = rivals(MODEL, residual, starts, 10, lambda items, count: seen.append(count) or items)
+    assert [round(fit.free[0], 2) for fit in found] == [4.0, 5.0]
+    assert seen == [5]
+
+
+def test_no_rivals_where_no_start_is_stable():
+    def residual(free):
+        raise SimulationError(0, 3, "unstable")
+
+    assert rivals(MODEL, residual, [MODEL.start], 3) == []
+    assert grown([(MODEL, residual), (MODEL, residual)], [MODEL.start], 3) == []
 
 
 def test_without_a_stable_start_the_guess_stays():

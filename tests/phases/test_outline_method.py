@@ -51,6 +51,38 @@ def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(soli
     assert found.velocity[0].tolist() == pytest.approx([0.0, -1.0, 0.0], abs=0.3)
 
 
+def test_what_is_not_compared_is_not_simulated(solid):
+    """The first frames are as ever, and the rest stands still."""
+    state, data = solid
+    module = PhysicsIDModule(HIT, method())
+    module.attach(data, physics(E=TRUTH["E"]))
+    module.import_state(state.with_(physics={}))
+    whole, part = Misfit(module, 800), Misfit(module, 800, frames=HIT)
+    free = whole.free(module)
+    path, short = whole.model.path(free), part.model.path(free)
+    assert path.shape == short.shape
+    assert torch.equal(short[:HIT], path[:HIT])
+    assert torch.equal(short[HIT:], path[HIT - 1].expand_as(short[HIT:]))
+    compared = part.residual(free)
+    part.model.frames = None
+    assert np.array_equal(part.residual(free), compared)
+
+
+def test_fits_that_grow_with_the_frames_find_the_modulus_from_a_single_point_two_decades_away(solid):
+    state, data = solid
+    module = PhysicsIDModule(HIT, method())
+    module.attach(data, Physics(NeoHookean(E=1e-2 * TRUTH["E"], nu=TRUTH["nu"], known=["nu"]), substep_rate=960.0))
+    module.import_state(state.with_(physics={}))
+    misfit = Misfit(module, 900, 400)
+    start, index = misfit.free(module), misfit.model.names.index("E")
+    right = start.copy()
+    right[index] = math.log10(TRUTH["E"])
+    found = module.method._grown(module, [start], {"E": (1.5, 7.5)})[0]
+    before, after, at_truth = (np.sum(misfit.residual(free) ** 2) for free in (start, found, right))
+    assert after < at_truth < before
+    assert found[index] == pytest.approx(right[index], abs=0.5)  # bodies so coarse are too stiff
+
+
 def test_fits_on_finer_bodies_decide_between_valleys(solid):
     """A modulus that is wrong by a decade and a half, and one that a short fit corrects."""
     state, data = solid
@@ -112,7 +144,8 @@ def test_a_valley_beside_is_taken_where_it_is_much_better_and_left_where_it_is_w
 
 def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
     """The modulus, of which a fall tells nothing, stays at the guess."""
-    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_fits", lambda *_: [])
+    for search in ("rivals", "grown"):
+        monkeypatch.setattr(f"pacnerf_lpo.phases.outline_method.{search}", lambda *_: [])
     state, data = solid
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=2e4))
