@@ -60,10 +60,11 @@ class OutlineGaussNewton(GaussNewton):
     :mod:`pacnerf_lpo.diagnosis.summaries`), relative to frame 0, instead of on pixels.
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
-    sample of the parameter space is tried on a coarse body; short fits lead from its best points that lie well apart,
-    from there the best go on with finer bodies, and at last some start in the valleys beside the best. Where one there
-    is a little better, fits of both with still finer bodies decide. Shading, which pulls colours to a wrong motion,
-    does not enter.
+    sample of the parameter space is tried on a coarse body, and short fits lead from points that lie well apart: from
+    the best by all frames, and from the best by the first frames after contact, whose fits take in more and more frames
+    (see :func:`~pacnerf_lpo.diagnosis.search.grown`). From there the best go on with finer bodies, and at last some
+    start in the valleys beside the best. Where one there is a little better, fits of both with still finer bodies
+    decide. Shading, which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
