@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ FIRST_ITERATIONS = 10
 WHITENED_ITERATIONS = 5
 CONFIDENCE = 0.9
 """Of all intervals."""
+BLIND = 1.4
+"""Times as wide as twins tell are intervals of effects' coefficients: of 41 in blind scenes nine tenths lie within."""
 VALLEYS = 2
 DECADES = 3.0
 SAMPLES, STARTS = 16, 2  # samples for each parameter
@@ -185,11 +187,17 @@ def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tu
     remainder = Remainder.of(noise, jacobian)
     dispersion = overdispersion(remainder.residual(residual), remainder.dof)
     model = problem.model(comparison.effects, comparison.known)
-    return laplace_in_si(model, comparison.free, noise, jacobian, dispersion)
+    coefficients = {name for effect in comparison.effects for name in effect.parameters}
+    return laplace_in_si(model, comparison.free, noise, jacobian, dispersion, coefficients)
 
 
 def laplace_in_si(
-    model: Model, free: np.ndarray, noise: NoiseModel, jacobian: np.ndarray, dispersion: float
+    model: Model,
+    free: np.ndarray,
+    noise: NoiseModel,
+    jacobian: np.ndarray,
+    dispersion: float,
+    wider: Collection[str] = (),
 ) -> tuple[list[Interval], list[str]]:
     """Intervals of every unknown of a fitted model [SI], and what is not determined, in words.
 
@@ -199,6 +207,7 @@ def laplace_in_si(
         noise: of the fitted entries.
         jacobian: sensitivities there, not whitened [(D, K)]
         dispersion: factor on all variances.
+        wider: names of unknowns whose intervals are :data:`BLIND` times as wide.
     """
     laplace = laplace_intervals(
         noise.whiten(jacobian),
@@ -209,7 +218,13 @@ def laplace_in_si(
         twin_inflation(noise, jacobian) * np.sqrt(dispersion),
         len(noise.twins) - 1,
     )
-    return [in_si(model, interval) for interval in laplace.intervals], [d.sentence for d in laplace.undetermined]
+    found = [_widened(interval) if interval.name in wider else interval for interval in laplace.intervals]
+    return [in_si(model, interval) for interval in found], [d.sentence for d in laplace.undetermined]
+
+
+def _widened(interval: Interval) -> Interval:
+    low, high = (interval.value + BLIND * (end - interval.value) for end in (interval.low, interval.high))
+    return replace(interval, low=low, high=high, error=BLIND * interval.error)
 
 
 def in_si(model: Model, interval: Interval) -> Interval:

@@ -25,6 +25,7 @@ from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.diagnosis.statistics.omnibus import omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Score
 from pacnerf_lpo.errors import SimulationError
 
@@ -131,6 +132,7 @@ def refit(
     verdict = acceptance(
         _held_out(problem, comparison, after, candidate),
         (float(before @ before), found.misfit),
+        float(before @ before) * _twins_share(noise, comparison, fitted),
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
@@ -156,6 +158,12 @@ def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Pro
     fine = model.physical(found.free)[leading]
     null = candidate.effect.null[leading]
     return replace(again, refined=fine, verdict=survival(again.verdict, again.known[leading] - null, fine - null))
+
+
+def _twins_share(noise: NoiseModel, comparison: Comparison, fitted: np.ndarray) -> float:
+    """Size of what a fit leaves of left-out twins in the fitted entries, beside what it leaves of the measurement."""
+    size = omnibus(noise, np.nan_to_num(comparison.residual[fitted]), comparison.jacobian[fitted])
+    return float(size.twins.mean()) / max(size.statistic, 1e-300)
 
 
 def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candidate: Candidate) -> HeldOut:

@@ -144,7 +144,7 @@ def test_what_the_effect_leaves_over_weakens_it():
 
 
 def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
-    facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0), "scored": True}
+    facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0), "floor": 80.0, "scored": True}
     return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})
 
 
@@ -163,9 +163,16 @@ def test_every_criterion_can_refuse():
         (judged(0.5, before=0.9, z=4.0), "not above the noise floor"),
         (judged(2.0, z=1.0), "does not foretell"),
         (judged(2.0, misfits=(600.0, 597.0)), "no better"),
+        (judged(2.0, misfits=(600.0, 520.0)), "hardly gets better (600 to 520, 80 is noise)"),
     ):
         assert not verdict.accepted
         assert any(refusal in sentence for passed, sentence in verdict.reasons if not passed)
+
+
+def test_a_fit_that_was_no_worse_than_noise_has_to_get_better_by_its_coefficients_only():
+    assert judged(2.0, misfits=(600.0, 590.0), floor=610.0).accepted
+    assert judged(2.0, misfits=(600.0, 590.0), floor=570.0).accepted
+    assert not judged(2.0, misfits=(600.0, 590.0), floor=550.0).accepted
 
 
 def test_an_effect_may_stand_out_of_an_error_that_as_a_whole_does_not():

@@ -13,8 +13,8 @@ from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 
 STANDARD_ERRORS = 2.0
 LEAST_REMOVED = 0.25
-"""Share of the held-out excess error that an effect has to remove: a reconstruction has errors that twins do not know,
-and some effect or other always imitates a part of them significantly.
+"""Share of the excess error that an effect has to remove, in the held-out and in the fitted data: a reconstruction has
+errors that twins do not know, and some effect or other always imitates a part of them significantly.
 """
 BELOW_FLOOR = 2.0
 """Times what is needed otherwise, an effect has to foretell held-out data whose error is no larger than the noise: one
@@ -138,6 +138,7 @@ def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> 
 def acceptance(
     held: HeldOut,
     misfits: tuple[float, float],
+    floor: float,
     coefficients: int,
     interval: tuple[float, float],
     null: float,
@@ -148,16 +149,19 @@ def acceptance(
     Args:
         held: the held-out residual without and with it
         misfits: whitened sums of squares in the fitted data without and with it; the fall has to be worth its
-            coefficients (Akaike 1974)
+            coefficients (Akaike 1974), and a good part of what is above the floor
+        floor: the same of left-out twins, fitted
         coefficients: how many it has
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
         scored: whether the score test has named it; alternatives of kind are tried anyway
     """
     better, views = held.falls
-    worth = misfits[0] - misfits[1] > 2 * coefficients
+    fall, excess = misfits[0] - misfits[1], misfits[0] - floor
+    worth, enough = fall > 2 * coefficients, fall >= LEAST_REMOVED * excess
+    gets = "gets no better" if not worth else "gets better" if enough else "hardly gets better"
     reasons = [
-        (worth, f"the fit gets {'better' if worth else 'no better'} ({misfits[0]:.0f} to {misfits[1]:.0f})"),
+        (worth and enough, f"the fit {gets} ({misfits[0]:.0f} to {misfits[1]:.0f}, {floor:.0f} is noise)"),
         (held.enough(scored), _fall_sentence(held, scored)),
         (held.z > held.needed, _foretold_sentence(held)),
         (2 * better > views, f"the error falls in {better} of {views} views"),
