@@ -132,7 +132,7 @@ def refit(
     verdict = acceptance(
         _held_out(problem, comparison, after, candidate),
         (float(before @ before), found.misfit),
-        float(before @ before) * _twins_share(noise, comparison, fitted),
+        float(before @ before) * _noise_share(noise, comparison, fitted),
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
@@ -160,8 +160,10 @@ def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Pro
     return replace(again, refined=fine, verdict=survival(again.verdict, again.known[leading] - null, fine - null))
 
 
-def _twins_share(noise: NoiseModel, comparison: Comparison, fitted: np.ndarray) -> float:
-    """Size of what a fit leaves of left-out twins in the fitted entries, beside what it leaves of the measurement."""
+def _noise_share(noise: NoiseModel, comparison: Comparison, fitted: np.ndarray) -> float:
+    """What part of the misfit in the fitted entries [(V, F, 11), bool] is noise: the mean square that a fit leaves of
+    left-out twins over that which it leaves of the measurement. Above 1 where the measurement fits better than they do.
+    """
     size = omnibus(noise, np.nan_to_num(comparison.residual[fitted]), comparison.jacobian[fitted])
     return float(size.twins.mean()) / max(size.statistic, 1e-300)
 

@@ -158,8 +158,9 @@ class OutlineGaussNewton(GaussNewton):
     def _fits(
         self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray], until: int | None = None
     ) -> tuple[Misfit, list[Fit]]:
-        """Short fits of the frames before one, the best first, and of what; all at the same time step. Every step costs
-        some of the rebound, so a stiffness that needs half the step must not be compared with one that does not.
+        """Short fits of the first ``until`` frames (None: all), the best first, and of what; all at the same time step.
+        Every step costs some of the rebound, so a stiffness that needs half the step must not be compared with one that
+        does not.
         """
         misfit = self._searched(module, bodies, until)
         fits = rivals(misfit.model, misfit.residual, starts, SEARCH_ITERATIONS, _bar)

@@ -11,7 +11,7 @@ from pacnerf_lpo.data.point_residuals import CLOUD_KINDS
 from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
-from pacnerf_lpo.diagnosis.comparison import BLIND, compare, intervals, laplace_in_si, noise_of
+from pacnerf_lpo.diagnosis.comparison import COEFFICIENT_WIDENING, compare, intervals, laplace_in_si, noise_of
 from pacnerf_lpo.diagnosis.points import Points
 from pacnerf_lpo.diagnosis.problem import Problem, relative
 from pacnerf_lpo.diagnosis.refitting import refit
@@ -124,7 +124,7 @@ def test_intervals_of_coefficients_are_wider_than_twins_tell(small_threads):
     ratio = {
         name: (shown[name].high - shown[name].low) / (plain[name].high - plain[name].low) for name in ("drag", "v_x")
     }
-    assert ratio["drag"] / ratio["v_x"] == pytest.approx(BLIND)
+    assert ratio["drag"] / ratio["v_x"] == pytest.approx(COEFFICIENT_WIDENING)
     assert shown["drag"].low < DRAG < shown["drag"].high
 
 

@@ -149,8 +149,8 @@ def acceptance(
     Args:
         held: the held-out residual without and with it
         misfits: whitened sums of squares in the fitted data without and with it; the fall has to be worth its
-            coefficients (Akaike 1974), and a good part of what is above the floor
-        floor: the same of left-out twins, fitted
+            coefficients (Akaike 1974), and :data:`LEAST_REMOVED` of what is above the floor
+        floor: the whitened sum of squares that noise alone leaves in the fitted data
         coefficients: how many it has
         interval: of the coefficient [its unit]
         null: value of the coefficient at which the effect vanishes
