@@ -143,6 +143,18 @@ def test_what_the_effect_leaves_over_weakens_it():
     assert judge_held_out(noise, after, after).z == 0.0
 
 
+def test_views_whose_error_is_noise_have_no_vote():
+    """The effect removes what one view shows; in the others it adds something, within their noise or above it."""
+    world, layout = toy.World(), part(toy.layout(), HELD)
+    draws = world.draw(np.random.default_rng(7), 11)[:, HELD]
+    noise, quiet = NoiseModel.from_twins(draws[:10], np.full(HELD.sum(), toy.SENSOR), layout), draws[10]
+    shown = np.where(layout.view == 3, 6.0 * DRAG[HELD], 0.0)
+    elsewhere = np.where(layout.view == 3, 0.0, DRAG[HELD])
+    assert judge_held_out(noise, quiet + shown, quiet + 0.1 * elsewhere).falls == (1, 1)
+    assert judge_held_out(noise, quiet + shown, quiet + 6.0 * elsewhere).falls == (1, 4)
+    assert judge_held_out(noise, quiet, quiet).falls == (0, 4)  # noise everywhere: every view counts
+
+
 def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
     facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0), "floor": 80.0, "scored": True}
     return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})

@@ -46,7 +46,7 @@ class HeldOut:
 
     before, after: its mean square; about 1 where the model is right
     floor: the same of left-out twins
-    falls: views in which it falls, of how many
+    falls: views in which it falls, of how many; those do not count whose error is within the noise before and after
     z: how well the change that the effect makes agrees with the residual, in standard errors
     needed: what counts as two standard errors, with so few twins
     """
@@ -123,8 +123,7 @@ def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> 
     floor = float(np.mean([np.mean(twin**2) for _, twin in twins]))
     along = float(np.mean([_along(direction, twin) ** 2 for direction, twin in twins]))
     spread = np.sqrt(max(1.0, along, float(np.mean(left**2))))
-    _, view = np.unique(noise.layout.view, return_inverse=True)
-    falls = np.bincount(view, first**2) > np.bincount(view, left**2)
+    falls = _falls(noise.layout.view, first, left, [twin for _, twin in twins])
     return HeldOut(
         float(np.mean(first**2)),
         float(np.mean(left**2)),
@@ -176,6 +175,17 @@ def survival(verdict: Verdict, coarse: float, fine: float) -> Verdict:
     verb = "survives" if survives else "does not survive"
     sentence = f"the coefficient {verb} a finer grid ({coarse:.3g} from the null, then {fine:.3g})"
     return replace(verdict, accepted=verdict.accepted and survives, reasons=[*verdict.reasons, (survives, sentence)])
+
+
+def _falls(views: np.ndarray, first: np.ndarray, left: np.ndarray, twins: list[np.ndarray]) -> np.ndarray:
+    """Where the error falls, of the views in which it is, before or after, larger than that of every left-out twin; of
+    all where it is in none.
+    """
+    _, view = np.unique(views, return_inverse=True)
+    before, after = np.bincount(view, first**2), np.bincount(view, left**2)
+    noise = np.max([np.bincount(view, twin**2) for twin in twins], axis=0)
+    counts = np.maximum(before, after) > noise
+    return (before > after)[counts if counts.any() else slice(None)]
 
 
 def _along(direction: np.ndarray, vector: np.ndarray) -> float:
