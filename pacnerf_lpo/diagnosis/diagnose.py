@@ -365,6 +365,8 @@ def _force(force: ResidualForce) -> dict:
         "mean": np.round(force.mean, 4).tolist(),
         "field": np.round(force.field, 4).tolist(),
         "explained": force.explained,
+        "held_removed": force.held.removed,
+        "held_z": force.held.z,
         "terms": [asdict(term) for term in force.law.terms],
         "terms_explain": force.law.explained,
     }

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
+from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of, noise_of_held_out
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
 from pacnerf_lpo.diagnosis.model import outcome
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.processes import each
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, judge_held_out
 from pacnerf_lpo.diagnosis.statistics.residual_force import Law, name_force
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.errors import SimulationError
@@ -83,7 +84,8 @@ class ResidualForce:
     mean: acceleration of the whole body at the knots [m/s^2, (5, 3)]
     field: a constant and three slopes across the body at the knots [m/s^2, (5, 4, 3)]
     law: the terms it looks like.
-    explained: share of the whitened residual that the field removes [0..1]
+    explained: share of the whitened residual in the fitted data that the field removes [0..1]
+    held: what it does where nothing was fitted.
     """
 
     times: np.ndarray
@@ -91,6 +93,7 @@ class ResidualForce:
     field: np.ndarray
     law: Law
     explained: float
+    held: HeldOut
 
 
 def residual_force(problem: Problem, comparison: Comparison, progress: Callable[[str], None]) -> ResidualForce:
@@ -112,7 +115,7 @@ def residual_force(problem: Problem, comparison: Comparison, progress: Callable[
     remainder = Remainder.of(noise, comparison.jacobian[mask])
     left = remainder.residual(np.nan_to_num(comparison.residual[mask]))
     model = problem.model([*comparison.effects, effect], comparison.known)
-    base = problem.residual(model.predict(model.start))[mask]
+    base = problem.residual(model.predict(model.start))
     columns = []
     pushed = ((problem.model([*comparison.effects, effect], {**comparison.known, name: PROBE}),) for name in _names())
     for number, predicted in enumerate(each(outcome, pushed), 1):
@@ -120,14 +123,35 @@ def residual_force(problem: Problem, comparison: Comparison, progress: Callable[
         if isinstance(predicted, SimulationError):
             columns.append(np.zeros_like(base))
         else:
-            columns.append(np.nan_to_num((base - problem.residual(predicted)[mask]) / PROBE))
-    design = remainder.change(np.stack(columns, 1))
+            columns.append(np.nan_to_num((base - problem.residual(predicted)) / PROBE))
+    changes = np.stack(columns, -1)
+    design = remainder.change(changes[mask])
     solution = ridge(design, left)
     field = solution.reshape(KNOTS, len(PARTS), len(AXES))
     rest = left - design @ solution
     knots = np.linspace(0.0, duration, KNOTS)
     law = _name(problem, comparison, field, knots, centre.numpy(), extent)
-    return ResidualForce(knots, field[:, 0], field, law, 1 - float(rest @ rest) / float(left @ left))
+    explained = 1 - float(rest @ rest) / float(left @ left)
+    return ResidualForce(knots, field[:, 0], field, law, explained, _judged(problem, comparison, changes @ solution))
+
+
+def _judged(problem: Problem, comparison: Comparison, removed: np.ndarray) -> HeldOut:
+    """What a force does in the held-out views, in the frames that were fitted (later knots are not determined); in all
+    held-out data where none is held out of those frames. The parameters move as the linear model says they must.
+
+    Args:
+        problem, comparison: the run and its fitted model.
+        removed: of the residual, by the force [pixels, (V, F, 11)]
+    """
+    fitted, held = problem.fitted, problem.usable & problem.split.held[..., None]
+    beside = held & problem.split.frames[:, None]
+    mask = beside if beside.any() else held
+    residual, jacobian = np.nan_to_num(comparison.residual), np.nan_to_num(comparison.jacobian)
+    noise = noise_of(problem, comparison.twins, fitted)
+    left = noise.whiten_residual(residual[fitted] - removed[fitted])
+    steps, *_ = np.linalg.lstsq(noise.whiten(jacobian[fitted]), left, rcond=1e-8)
+    after = (residual - removed)[mask] - jacobian[mask] @ steps
+    return judge_held_out(noise_of_held_out(problem, comparison, mask), residual[mask], after)
 
 
 def ridge(design: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -17,8 +17,8 @@ MORE_THAN_NOISE = 0.05
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 FORCE = 2 / 3
-"""A residual of which a smooth force removes more than this counts as missing physics, not as an error of the
-reconstruction.
+"""A residual of which a smooth force removes more than this, and which it foretells in the held-out views, counts as
+missing physics, not as an error of the reconstruction.
 """
 
 
@@ -91,5 +91,10 @@ def above_floor(found: Round) -> bool:
 
 
 def is_force(found: Round) -> bool:
-    """Whether a smooth force on the body would remove more than :data:`FORCE` of the residual, where that was asked."""
-    return found.force is not None and found.force.explained > FORCE
+    """Whether a smooth force on the body would remove more than :data:`FORCE` of the residual, and as much in the
+    held-out views as an effect has to, where that was asked.
+    """
+    if found.force is None:
+        return False
+    held = found.force.held
+    return found.force.explained > FORCE and held.enough(scored=True) and held.z > held.needed

@@ -56,7 +56,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
     if rest and names:
         sentences.append(wording.REST)
     if last.force is not None and (rest or kind == "unknown"):
-        sentences += wording.force(last.force.explained, last.force.law)
+        sentences += wording.force(last.force.explained, last.force.held.removed, last.force.law)
     return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
 
 
@@ -70,7 +70,7 @@ def _chance(found: Round, candidate: Candidate) -> float:
 
 
 def unexplained(rounds: list[Round]) -> bool:
-    """Whether more than noise is left that a smooth force would remove, or what was accepted removes less than half of
+    """Whether more than noise is left that looks like a smooth force, or what was accepted removes less than half of
     the held-out error.
     """
     last = rounds[-1]

@@ -81,9 +81,17 @@ def separation(candidate: Candidate, alike: Sequence[str]) -> str | None:
     return f"To tell {readable(candidate.name)} from {others}: {candidate.effect.separating_experiment}."
 
 
-def force(explained: float, law: Law) -> list[str]:
-    """About the smooth force that would remove the residual."""
-    found = [f"A smooth force on the body would remove {explained:.0%} of what is left."]
+def force(explained: float, held: float, law: Law) -> list[str]:
+    """About the smooth force that would remove the residual.
+
+    Args:
+        explained, held: share that it removes of the fitted residual, and of the excess in the views kept aside.
+        law: that it looks like.
+    """
+    aside = f"{held:.0%}" if held > 0 else "nothing"
+    found = [
+        f"A smooth force on the body would remove {explained:.0%} of what is left, and {aside} in the views kept aside."
+    ]
     terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
     if law.terms and law.explained >= LIKENESS:
         found.append(f"It looks like {terms}, which explains {law.explained:.0%} of it.")

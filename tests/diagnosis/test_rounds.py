@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -29,12 +31,22 @@ def test_only_misfits_of_the_same_data_are_compared():
     assert rival([camera, drag], camera.candidate) is None
 
 
+def foretold(share: float, z: float = 8.0, before: float = 3.0) -> HeldOut:
+    """What a force does in the held-out views, whose noise is 1."""
+    return HeldOut(before, before - share * abs(before - 1.0), 1.0, (3, 4), z, 2.1)
+
+
 def passed(
-    accepted: SimpleNamespace | None, p_fitted: float, p_held: float, above: float = 0.1, moved: float | None = None
+    accepted: SimpleNamespace | None,
+    p_fitted: float,
+    p_held: float,
+    above: float = 0.1,
+    moved: float | None = None,
+    beside: HeldOut | None = None,
 ) -> SimpleNamespace:
     omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held)
     excess = {"fitted": -0.01, "held": above}
-    force = None if moved is None else SimpleNamespace(explained=moved)
+    force = None if moved is None else SimpleNamespace(explained=moved, held=beside or foretold(0.5))
     return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held, excess=excess, force=force)
 
 
@@ -59,6 +71,16 @@ def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
     assert unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.8)])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1, moved=0.4)])
     assert not unexplained([passed(None, 0.01, 0.3, moved=0.8)])  # the held-out data do not agree
+
+
+def test_a_force_has_to_foretell_the_views_that_it_was_not_fitted_to():
+    noisy = partial(passed, None, 0.01, 0.01, moved=0.75)
+    assert unexplained([noisy(beside=foretold(0.3))])
+    assert not unexplained([noisy(beside=foretold(0.2))])
+    assert not unexplained([noisy(beside=foretold(-0.5))])
+    assert not unexplained([noisy(beside=foretold(0.3, z=2.0))])
+    assert unexplained([noisy(beside=foretold(0.3, z=8.0, before=0.9))])  # stands out of an error that is noise
+    assert not unexplained([noisy(beside=foretold(0.3, z=4.0, before=0.9))])
 
 
 @pytest.mark.parametrize(

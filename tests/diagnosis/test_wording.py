@@ -17,6 +17,7 @@ DRAG = Term("velocity", -1.5, "1/s", -1.7, -1.3, 1.0, 0.9)
     ],
 )
 def test_a_force_is_said_to_look_like_a_law_only_where_that_explains_it(law: Law, sentence: str):
-    found = wording.force(0.52, law)
-    assert found[0] == "A smooth force on the body would remove 52% of what is left."
+    found = wording.force(0.52, 0.4, law)
+    assert found[0] == "A smooth force on the body would remove 52% of what is left, and 40% in the views kept aside."
+    assert "nothing in the views kept aside" in wording.force(0.52, -0.1, law)[0]
     assert found[1].startswith(sentence)

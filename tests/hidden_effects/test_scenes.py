@@ -1,6 +1,7 @@
 """Two tiny scenes from the draw to the score."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from benchmarks.hidden_effects.known_shape import KnownShape
 from benchmarks.hidden_effects.outcomes import outcome
 from benchmarks.hidden_effects.score import page
 from benchmarks.hidden_effects.setting import Size
+from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import Options
+from pacnerf_lpo.diagnosis.fitting import sensitivities
+from pacnerf_lpo.diagnosis.residual_force import residual_force
+from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.mpm.effects import UniformForce
 
 TINY = Size(particles=300, views=4, held=2, frames=8, image_size=48)
 CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n"
@@ -51,6 +57,29 @@ def test_scenes_are_drawn_once_and_alike(scenes, tmp_path):
     assert (scenes[NULL] / "video.npz").stat().st_mtime_ns == stamp
     again = generate.generate(tmp_path, NULL, TINY)
     assert (again / "truth.json").read_text() == (scenes[NULL] / "truth.json").read_text()
+
+
+def test_a_force_foretells_views_that_were_not_fitted_and_a_fault_of_those_that_were_does_not(scenes, small_threads):
+    problem = KnownShape.read(scenes[NULL])
+    null = problem.model((), problem.first_guess)
+    everywhere = problem.residual_of(null, np.ones_like(problem.usable))
+    jacobian = sensitivities(everywhere, null.start, everywhere(null.start), null.scales, null.bounds)
+    noise = twins(problem, (), null.start, null, 6, 0)
+    wind = problem.model((UniformForce(6.0),), {**problem.first_guess, "push_x": 6.0})
+    pushed = problem.relative(wind.predict(wind.start) - null.predict(null.start))
+    drifting = np.zeros_like(pushed)
+    time = np.linspace(0, 1, pushed.shape[1])
+    for view, sign in zip(np.flatnonzero(problem.split.views), (1, -1), strict=True):
+        drifting[view, :, 0] = 4 * sign * time**2
+    shape = (*problem.usable.shape, -1)
+    known = Comparison((), null.names, null.start, problem.first_guess, noise[0], jacobian.reshape(shape), noise[1:])
+    force, fault = (
+        residual_force(problem, replace(known, residual=known.residual + change), lambda _: None)
+        for change in (pushed, drifting)
+    )
+    assert force.explained > 0.6 and fault.explained > 0.6
+    assert force.held.removed > 0.9 and force.held.z > force.held.needed
+    assert fault.held.removed < 0 and fault.held.z < fault.held.needed
 
 
 def test_a_scene_is_diagnosed_scored_and_not_done_again(scenes, tmp_path, small_threads):
