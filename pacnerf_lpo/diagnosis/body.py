@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -30,15 +31,23 @@ class Body:
     fraction: Tensor
     spacing: float
 
+    @property
+    def volume(self) -> float:
+        """Of its matter [m^3]."""
+        return float(self.fraction.sum()) * (self.spacing / 2) ** 3
+
 
 @torch.no_grad()
-def resample(state: ParticleState, spacing: float, seed: int = 0, erosion: float = 0.0) -> Body:
+def resample(
+    state: ParticleState, spacing: float, seed: int = 0, erosion: float | Callable[[Tensor], Tensor] = 0.0
+) -> Body:
     """One particle in each cell of a lattice of spacing/2, at the centre of the matter in that cell.
 
     Args:
         state: particles of a run.
         spacing: node spacing to move on [m].
-        erosion: raw density above that of the visible surface at which matter begins; thins the body.
+        erosion: raw density above that of the visible surface at which matter begins; thins the body. A number, or a
+            function of places [m, (M, 3)], (M,).
         seed: shifts the lattice, so that two seeds give two samplings of the same body.
     """
     grid = particles_to_grid(
@@ -51,8 +60,22 @@ def resample(state: ParticleState, spacing: float, seed: int = 0, erosion: float
     corners = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + low - shift
     inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
     points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
-    density = torch.cat([interpolate(grid, part)[0] for part in points.reshape(-1, 3).split(CHUNK)])
-    solid = solid_fraction(density - erosion, state.spacing, state.base_spacing).reshape(len(points), -1)
+    thinning = erosion if callable(erosion) else lambda _: erosion
+    density = torch.cat([interpolate(grid, part)[0] - thinning(part) for part in points.reshape(-1, 3).split(CHUNK)])
+    solid = solid_fraction(density, state.spacing, state.base_spacing).reshape(len(points), -1)
     kept = solid.mean(1) > LEAST_FRACTION
     centre = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
     return Body(centre, solid.mean(1)[kept], spacing)
+
+
+def surface(body: Body) -> float:
+    """Area of the surface [m^2], by the faces at which the matter of neighbouring cells differs: those across one axis
+    show the projection along it, which is half of the area on average over all orientations.
+    """
+    half = body.spacing / 2
+    cells = ((body.positions - body.positions.amin(0)) / half + 1e-6).long() + 1
+    matter = torch.zeros(*(cells.amax(0) + 2).tolist(), dtype=body.fraction.dtype)
+    matter.index_put_(tuple(cells.T), body.fraction, accumulate=True)
+    matter = matter.clamp_max(1.0)
+    faces = sum(float(matter.diff(dim=axis).abs().sum()) for axis in range(3))
+    return faces / 1.5 * half**2

@@ -11,6 +11,7 @@ from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import VELOCITY, Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.search import MUCH_LOWER, best_beside, best_fitted, points, promising, span
+from pacnerf_lpo.diagnosis.shape_errors import shape_errors
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
@@ -46,6 +47,7 @@ class Comparison:
     residual: measured minus predicted [pixels, (V, F, 11)]; NaN where not usable
     jacobian: change of the residual by the unknowns [(V, F, 11, K)]
     twins: residuals of simulated nulls [(T, V, F, 11)]
+    shape_errors: changes of the residual by errors of the reconstructed body [(V, F, 11, M)]
     """
 
     effects: tuple[Effect, ...]
@@ -55,6 +57,11 @@ class Comparison:
     residual: np.ndarray
     jacobian: np.ndarray
     twins: np.ndarray
+    shape_errors: np.ndarray
+
+    def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
+        """Of the entries of a mask [(V, F, 11), bool]."""
+        return noise_of(problem, self.twins, mask, self.shape_errors)
 
 
 def compare(
@@ -88,7 +95,8 @@ def compare(
     free = fit(weighted, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report).free
     for attempt in range(VALLEYS):
         found = twins(problem, effects, free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
-        noise = noise_of(problem, found, problem.fitted)
+        wrong = shape_errors(problem, effects, free, model)
+        noise = noise_of(problem, found, problem.fitted, wrong)
         whitened = whitened_by(noise, raw)
         best = fit(whitened, free, model.scales, model.bounds, WHITENED_ITERATIONS, report)
         free = best.free
@@ -111,6 +119,7 @@ def compare(
         _spread(residual, problem.usable),
         _spread(jacobian, problem.usable),
         found,
+        wrong,
     )
 
 
@@ -145,9 +154,13 @@ def whitened_by(noise: NoiseModel, residual: Residual) -> Residual:
     return lambda free: noise.whiten_residual(residual(free))
 
 
-def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray) -> NoiseModel:
-    """The noise model in the entries of a mask [(V, F, 11), bool], from twins [(T, V, F, 11)]."""
-    return NoiseModel.from_twins(np.nan_to_num(residuals[:, mask]), problem.sensor[mask], problem.layout(mask))
+def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, wrong: np.ndarray | None = None) -> NoiseModel:
+    """The noise model in the entries of a mask [(V, F, 11), bool], from twins [(T, V, F, 11)] and, where there are any,
+    errors of the body [(V, F, 11, M)].
+    """
+    directions = None if wrong is None else np.nan_to_num(wrong[mask])
+    twins = np.nan_to_num(residuals[:, mask])
+    return NoiseModel.from_twins(twins, problem.sensor[mask], problem.layout(mask), directions)
 
 
 def noise_of_held_out(
@@ -160,21 +173,25 @@ def noise_of_held_out(
 
     ``seen_as`` is the linear change of residuals [(..., V, F, 11)] in which they are judged.
     """
-    jacobian = np.moveaxis(seen_as(np.moveaxis(comparison.jacobian, -1, 0)), 0, -1)
+
+    def columns(changes: np.ndarray) -> np.ndarray:
+        return np.moveaxis(seen_as(np.moveaxis(changes, -1, 0)), 0, -1)[mask]
+
     return held_out_noise(
-        noise_of(problem, comparison.twins, problem.fitted),
+        comparison.noise(problem, problem.fitted),
         comparison.jacobian[problem.fitted],
         np.nan_to_num(seen_as(comparison.twins)[:, mask]),
-        jacobian[mask],
+        columns(comparison.jacobian),
         problem.sensor[mask],
         problem.layout(mask),
+        np.nan_to_num(columns(comparison.shape_errors)),
     )
 
 
 def more_than_noise(problem: Problem, comparison: Comparison) -> tuple[Omnibus, Omnibus]:
     """Whether the residual is larger than the twins' are: in the fitted entries, and in the held-out ones."""
     fitted, held = problem.fitted, problem.usable & problem.split.held[..., None]
-    noise = noise_of(problem, comparison.twins, fitted), noise_of_held_out(problem, comparison, held)
+    noise = comparison.noise(problem, fitted), noise_of_held_out(problem, comparison, held)
     residual = np.nan_to_num(comparison.residual[held])
     return (
         omnibus(noise[0], comparison.residual[fitted], comparison.jacobian[fitted]),

@@ -22,7 +22,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
     read_candidates,
     whole_catalogue,
 )
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, noise_of, searched
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, searched
 from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
 from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
@@ -172,7 +172,7 @@ def _round(
     comparison = store.once(
         f"{number}_compare", lambda: compare(problem, effects, known, options.twins, options.seed, told)
     )
-    noise = noise_of(problem, comparison.twins, problem.fitted)
+    noise = comparison.noise(problem, problem.fitted)
     parameters, undetermined = intervals(problem, comparison, noise)
     found = Round(
         comparison,

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis import body as bodies
@@ -29,6 +30,8 @@ from pacnerf_lpo.types import ParticleState, Video
 PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 LARGEST_EROSION = 80.0
+WEAR_STEP = 2.0
+"""Change of the erosion by which its effect is measured."""
 BISECTIONS = 9
 LEAST_SHADING = 0.01
 MODEL_ERROR = 0.1
@@ -207,8 +210,7 @@ class StateProblem(Problem):
     def spacing(self) -> float:
         """Node spacing at which the body has the wanted number of particles [m]."""
         fine = bodies.resample(self.state, self.state.spacing, erosion=self.erosion)
-        volume = float(fine.fraction.sum()) * (self.state.spacing / 2) ** 3
-        return 2 * (volume / self.particles) ** (1 / 3)
+        return 2 * (fine.volume / self.particles) ** (1 / 3)
 
     @cached_property
     def erosion(self) -> float:
@@ -230,6 +232,16 @@ class StateProblem(Problem):
     def sample(self, spacing: float, seed: int) -> Body:
         """The body, eroded until it is as large as it looks at frame 0."""
         return bodies.resample(self.state, spacing, seed, self.erosion)
+
+    def thinned(self, offset: Callable[[Tensor], Tensor]) -> Body:
+        """The body with its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
+        return bodies.resample(self.state, self.spacing, 0, lambda points: self.erosion + offset(points) / self.wear)
+
+    @cached_property
+    def wear(self) -> float:
+        """How far the surface moves inwards for one unit of erosion [m]."""
+        thinner = bodies.resample(self.state, self.spacing, 0, self.erosion + WEAR_STEP)
+        return (self.body.volume - thinner.volume) / (WEAR_STEP * bodies.surface(self.body))
 
     @cached_property
     def first_guess(self) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress, noise_of
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress
 from pacnerf_lpo.diagnosis.fitting import fit
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.statistics.intervals import Profile, overdispersion, profile_likelihood
@@ -33,7 +33,7 @@ def profile(problem: Problem, comparison: Comparison, name: str, progress: Progr
             f"diagnose: --profile {name}: the last model has no such unknown; it has {', '.join(comparison.names)}"
         )
     mask, index = problem.fitted, comparison.names.index(name)
-    noise = noise_of(problem, comparison.twins, mask)
+    noise = comparison.noise(problem, mask)
     model = problem.model(comparison.effects, comparison.known)
     raw = problem.residual_of(model, mask)
     others = np.arange(len(comparison.names)) != index

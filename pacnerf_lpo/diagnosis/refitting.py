@@ -13,7 +13,6 @@ from pacnerf_lpo.diagnosis.comparison import (
     Comparison,
     Progress,
     laplace_in_si,
-    noise_of,
     noise_of_held_out,
     reporter,
     whitened_by,
@@ -100,7 +99,7 @@ def refit(
         None if the motion is unstable from every start.
     """
     fitted, _ = _masks(problem, candidate)
-    noise = noise_of(problem, comparison.twins, fitted)
+    noise = comparison.noise(problem, fitted)
     before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
     best: tuple[Fit, Model] | None = None
     hopeless = min(float(before @ before), GIVE_UP * best_misfit)
@@ -146,7 +145,7 @@ def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Pro
     candidate = again.candidate
     progress(f"{candidate.name} on a finer grid")
     fitted, _ = _masks(problem, candidate)
-    noise = noise_of(problem, comparison.twins, fitted)
+    noise = comparison.noise(problem, fitted)
     body = problem.sample(FINER * problem.spacing, seed=1)
     model = problem.model([*comparison.effects, candidate.effect], again.known, body)
     residual = whitened_by(noise, problem.residual_of(model, fitted))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of, noise_of_held_out
+from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of_held_out
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
 from pacnerf_lpo.diagnosis.model import outcome
 from pacnerf_lpo.diagnosis.problem import Problem
@@ -111,7 +111,7 @@ def residual_force(problem: Problem, comparison: Comparison, progress: Callable[
     duration = float(video.times[-1] - video.times[0])
     effect = SmoothForce(duration, tuple(centre.tolist()), extent)
     mask = problem.fitted
-    noise = noise_of(problem, comparison.twins, mask)
+    noise = comparison.noise(problem, mask)
     remainder = Remainder.of(noise, comparison.jacobian[mask])
     left = remainder.residual(np.nan_to_num(comparison.residual[mask]))
     model = problem.model([*comparison.effects, effect], comparison.known)
@@ -147,7 +147,7 @@ def _judged(problem: Problem, comparison: Comparison, removed: np.ndarray) -> He
     beside = held & problem.split.frames[:, None]
     mask = beside if beside.any() else held
     residual, jacobian = np.nan_to_num(comparison.residual), np.nan_to_num(comparison.jacobian)
-    noise = noise_of(problem, comparison.twins, fitted)
+    noise = comparison.noise(problem, fitted)
     left = noise.whiten_residual(residual[fitted] - removed[fitted])
     steps, *_ = np.linalg.lstsq(noise.whiten(jacobian[fitted]), left, rcond=1e-8)
     after = (residual - removed)[mask] - jacobian[mask] @ steps

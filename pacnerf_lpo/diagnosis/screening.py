@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of
+from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.processes import each
@@ -151,7 +151,7 @@ def screen(
         probes = probe_all(problem, comparison.effects, null, comparison.free, family, mask, progress)
         if not probes:
             continue
-        noise = noise_of(problem, comparison.twins, mask)
+        noise = comparison.noise(problem, mask)
         residual, jacobian = comparison.residual[mask], comparison.jacobian[mask]
         calibration = calibrate(noise, jacobian, probes, FALSE_ALARMS / len(families))
         ranked = score_test(noise, residual, jacobian, probes, calibration.scales)

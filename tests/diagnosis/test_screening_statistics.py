@@ -217,3 +217,29 @@ def test_classes_hold_pairs_that_cannot_be_told_apart():
     assert correlation(fan)[0, 1] == pytest.approx(np.cos(angles[1]))
     assert classes(np.zeros((2, 3)), ["d", "e"]) == [("d",), ("e",)]
     assert classes(fan[:1], ["a"]) == [("a",)]
+
+
+def test_an_error_whose_direction_is_known_is_noise():
+    """The data show an error that the twins have not, three standard deviations of one that is known beforehand: it is
+    noise then, and the size of a drag is found better.
+    """
+    error = toy.seen(along_x=toy.CONTACT, taller=toy.CONTACT**2)[:, None]
+    drag = toy.seen(along_y=toy.TIME**3)
+    found = {}
+    for directions in (None, error):
+        rng = np.random.default_rng(11)
+        noise = NoiseModel.from_twins(WORLD.draw(rng, 16), SENSOR, LAYOUT, directions)
+        scores, sizes = [], []
+        for _ in range(30):
+            measured = WORLD.draw(rng, 1)[0] + 3 * rng.choice([-1, 1]) * error[:, 0]
+            sizes.append(omnibus(noise, measured, JACOBIAN).statistic)
+            probe = Probe("drag", drag[:, None], (1.0,))
+            scores.append(score_test(noise, measured + 6 * drag, JACOBIAN, [probe])[0].coefficient[0])
+        found[directions is not None] = np.median(sizes), np.abs(np.array(scores) - 6).max(), noise
+    (large, off, without), (small, close, noise) = found[False], found[True]
+    assert small < 1.3 < 2 * small < large
+    assert close < off
+    # C + B B^T with B of one column: the squared length of B falls from l to l / (1 + l), in units of (1 + 1/T) C
+    length = float(np.sum(without.whiten(error) ** 2))
+    assert np.sum(noise.whiten(error) ** 2) == pytest.approx(length / (1 + length * 17 / 16), rel=1e-6)
+    assert all(model.directions is noise.directions for model, _ in noise.left_out)

@@ -72,7 +72,8 @@ def test_a_force_foretells_views_that_were_not_fitted_and_a_fault_of_those_that_
     for view, sign in zip(np.flatnonzero(problem.split.views), (1, -1), strict=True):
         drifting[view, :, 0] = 4 * sign * time**2
     shape = (*problem.usable.shape, -1)
-    known = Comparison((), null.names, null.start, problem.first_guess, noise[0], jacobian.reshape(shape), noise[1:])
+    jacobian, wrong = jacobian.reshape(shape), np.zeros((*problem.usable.shape, 0))  # the shape is known
+    known = Comparison((), null.names, null.start, problem.first_guess, noise[0], jacobian, noise[1:], wrong)
     force, fault = (
         residual_force(problem, replace(known, residual=known.residual + change), lambda _: None)
         for change in (pushed, drifting)

@@ -85,8 +85,10 @@ def held_out_noise(
     held_jacobian: np.ndarray,
     sensor_sigma: np.ndarray,
     layout: Layout,
+    directions: np.ndarray | None = None,
 ) -> NoiseModel:
-    """Noise of what was not fitted: of every twin, what a fit of the parameters to its fitted entries leaves there.
+    """Noise of what was not fitted: of every twin and every error known beforehand, what a fit of the parameters to its
+    fitted entries leaves there.
 
     Args:
         noise: of the fitted entries, learnt from the same twins
@@ -95,13 +97,16 @@ def held_out_noise(
         held_jacobian: sensitivities there (H, P)
         sensor_sigma: standard deviation of the sensor noise there (H,)
         layout: view, frame and kind there
+        directions: the errors known beforehand in the held-out entries (H, M)
 
     Raises:
         ValueError: as :meth:`NoiseModel.from_twins`.
     """
-    wanted = noise.whiten((noise.twins - noise.mean).T)
-    steps, *_ = np.linalg.lstsq(noise.whiten(jacobian), wanted, rcond=1e-8)
-    return NoiseModel.from_twins(twins - (held_jacobian @ steps).T, sensor_sigma, layout)
+    known = np.zeros((len(sensor_sigma), 0)) if directions is None else directions
+    wanted = np.concatenate(((noise.twins - noise.mean).T, noise.directions), axis=1)
+    steps, *_ = np.linalg.lstsq(noise.whiten(jacobian), noise.whiten(wanted), rcond=1e-8)
+    left = np.concatenate((twins.T, known), axis=1) - held_jacobian @ steps
+    return NoiseModel.from_twins(left[:, : len(twins)].T, sensor_sigma, layout, left[:, len(twins) :])
 
 
 def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> HeldOut:

@@ -5,10 +5,11 @@ a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24, and D
 covariance alone is singular, and far too small along directions that the twins did not happen to take. It is shrunk
 towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
 
-    C = S^2 + a G K G + (1 - a) X^T X / (T - 1),    K = rho^|frame - frame'| within one view and kind,
+    C = S^2 + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'| within one view and kind,
 
 S the sensor noise, G^2 the rest of the twins' variance, smoothed over neighbouring frames and shared between views, X
-the twins' deviations with the sensor noise filtered out, and a the shrinkage that makes a left-out twin most likely.
+the twins' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out twin most likely, and B
+the directions of errors that are known beforehand, each of one standard deviation.
 """
 
 from __future__ import annotations
@@ -78,6 +79,7 @@ class NoiseModel:
     mean: the model's numerical bias (D,)
     twins: what it was learnt from (T, D)
     sensor_sigma: standard deviation of the sensor noise of every entry (D,)
+    directions: B, one column for each known error (D, M)
     layout: view, frame and kind of every entry
     shrinkage: weight a of the structured target
     correlation: rho of neighbouring frames
@@ -89,6 +91,7 @@ class NoiseModel:
     mean: np.ndarray
     twins: np.ndarray = field(repr=False)
     sensor_sigma: np.ndarray = field(repr=False)
+    directions: np.ndarray = field(repr=False)
     layout: Layout = field(repr=False)
     shrinkage: float
     correlation: float
@@ -98,13 +101,16 @@ class NoiseModel:
     weights: np.ndarray = field(repr=False)
 
     @classmethod
-    def from_twins(cls, twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> NoiseModel:
+    def from_twins(
+        cls, twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout, directions: np.ndarray | None = None
+    ) -> NoiseModel:
         """Learn bias and covariance.
 
         Args:
             twins: residuals of simulated nulls, sensor noise included (T, D), T >= 4
             sensor_sigma: standard deviation of the sensor noise (D,), positive
             layout: view, frame and kind of every entry
+            directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
 
         Raises:
             ValueError: shapes do not agree, fewer than four twins, values not finite, or a sigma that is not positive.
@@ -121,13 +127,15 @@ class NoiseModel:
             for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
-        return cls._assemble(twins, sensor_sigma, layout, series, shrinkage, correlation)
+        known = np.zeros((len(sensor_sigma), 0)) if directions is None else directions
+        return cls._assemble(twins, sensor_sigma, known, layout, series, shrinkage, correlation)
 
     @classmethod
     def _assemble(
         cls,
         twins: np.ndarray,
         sensor_sigma: np.ndarray,
+        directions: np.ndarray,
         layout: Layout,
         series: Series,
         shrinkage: float,
@@ -138,9 +146,12 @@ class NoiseModel:
         target = _target(_numerical_spread(deviations, sensor_sigma, series), correlation, series)
         smooth = _filtered(deviations, target, sensor_sigma, series)
         whitener = _whitener(target, sensor_sigma, series, shrinkage)
-        low_rank = series.multiply(whitener, smooth) * np.sqrt((1 - shrinkage) / (len(twins) - 1))
+        shown = smooth * np.sqrt((1 - shrinkage) / (len(twins) - 1))
+        low_rank = series.multiply(whitener, np.concatenate((shown, directions), axis=1))
         basis, weights, _ = np.linalg.svd(low_rank, full_matrices=False)
-        return cls(mean, twins, sensor_sigma, layout, shrinkage, correlation, series, whitener, basis, weights)
+        return cls(
+            mean, twins, sensor_sigma, directions, layout, shrinkage, correlation, series, whitener, basis, weights
+        )
 
     def whiten(self, changes: np.ndarray) -> np.ndarray:
         """Differences of residuals (D,) or (D, m) in units of the noise: W x, with W ((1 + 1/T) C) W^T = I.
@@ -158,7 +169,7 @@ class NoiseModel:
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
         """For each twin: the model learnt from the others (shrinkage and correlation kept), and the twin (D,)."""
-        kept = self.sensor_sigma, self.layout, self.series, self.shrinkage, self.correlation
+        kept = self.sensor_sigma, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
             (self._assemble(np.delete(self.twins, index, axis=0), *kept), twin) for index, twin in enumerate(self.twins)
         ]

@@ -1,0 +1,91 @@
+"""What the residual does where the reconstructed body is wrong: directions of the noise, beside what twins have shown.
+
+A few twins show the size of such errors, but hardly any of their directions. So each of some smooth errors of the shape
+and of the matter moves once, by as much as it may be wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.diagnosis.body import Body
+from pacnerf_lpo.diagnosis.model import Model, outcome
+from pacnerf_lpo.diagnosis.problem import Problem, StateProblem
+from pacnerf_lpo.diagnosis.processes import each
+from pacnerf_lpo.diagnosis.twins import distortion
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.mpm.effects.base import Effect
+
+MATTER_ERROR = 0.05
+"""Of the density of the reconstructed matter, from place to place."""
+
+
+def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
+    """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation; none where
+    its shape is known. An error with which the motion is unstable is left out.
+
+    Args:
+        problem: the run.
+        effects: of the model.
+        free: coordinates at which the model was fitted [(K,)]
+        model: whose body may be wrong.
+    """
+    if not isinstance(problem, StateProblem):
+        return np.zeros((*problem.usable.shape, 0))
+    reference, known = model.predict(free), model.physical(free)
+    bodies = wrong_bodies(problem, distortion(problem, reference))
+    seen = each(outcome, ((problem.model(effects, known, body),) for body in bodies))
+    return np.stack(
+        [problem.relative(found - reference) for found in seen if not isinstance(found, SimulationError)], axis=-1
+    )
+
+
+def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
+    """The body of a problem with one smooth error each: displacements of first and second order that are together about
+    ``sigma`` [m], surfaces moved inwards by about as much, and matter that is denser here than there.
+    """
+    body = problem.body
+    linear, quadratic = polynomials(body.positions, body.positions)
+    axes = torch.eye(3, dtype=body.positions.dtype)
+    strains = [linear[i][:, None] * axes[j] + linear[j][:, None] * axes[i] for i in range(3) for j in range(i, 3)]
+    bends = [field[:, None] * axis for field in quadratic for axis in axes]
+    displacements = strains + bends
+    for displacement in displacements:
+        size = displacement.square().sum(1).mean().sqrt() * len(displacements) ** 0.5
+        yield Body(body.positions + displacement * (sigma / size), body.fraction, body.spacing)
+    yield problem.thinned(lambda points: sigma + 0 * points[:, 0])
+    for order in range(2):
+        for number in range(3 * (order + 1)):
+
+            def offset(points: Tensor, order: int = order, number: int = number) -> Tensor:
+                return sigma * polynomials(points, body.positions)[order][number]
+
+            yield problem.thinned(offset)
+    for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
+        fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
+        yield Body(body.positions, fraction, body.spacing)
+
+
+def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+    """Coordinates, and their squares followed by their products, with mean 0 and mean square 1 in a body.
+
+    Args:
+        points: where to evaluate them [m, (N, 3)]
+        body: positions of its particles [m, (P, 3)]
+
+    Returns:
+        Three fields of first order, and six of second, (N,) each.
+    """
+
+    def normalised(field: Tensor, inside: Tensor) -> Tensor:
+        return (field - inside.mean()) / inside.std(correction=0).clamp_min(1e-9)
+
+    linear = [normalised(points[:, axis], body[:, axis]) for axis in range(3)]
+    inside = [normalised(body[:, axis], body[:, axis]) for axis in range(3)]
+    pairs = sorted(combinations_with_replacement(range(3), 2), key=lambda pair: pair[0] != pair[1])
+    return linear, [normalised(linear[i] * linear[j], inside[i] * inside[j]) for i, j in pairs]

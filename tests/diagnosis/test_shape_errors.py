@@ -1,0 +1,91 @@
+"""Bodies that a reconstruction may have taken for the true one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.diagnosis.body import Body, surface
+from pacnerf_lpo.diagnosis.problem import StateProblem
+from pacnerf_lpo.diagnosis.shape_errors import MATTER_ERROR, polynomials, wrong_bodies
+from pacnerf_lpo.types import ParticleState
+
+RADIUS, DX, SIGMA = 0.2, 0.04, 0.005
+
+
+class Ball(StateProblem):
+    """A ball whose raw density falls off evenly over 4 cm, so that erosion moves its surface evenly."""
+
+    erosion = 0.0
+
+    def __init__(self) -> None:
+        axis = torch.arange(-0.26, 0.26, DX / 2) + DX / 4
+        positions = torch.cartesian_prod(axis, axis, axis)
+        density = (RADIUS - positions.norm(dim=1)) * 2000
+        blank = torch.zeros(len(positions), 3)
+        self.particles = 4000
+        self.state = ParticleState(
+            positions, blank, density.clamp(-40, 40), torch.zeros(len(positions), 12), {}, DX, DX, erosion=0.0
+        )
+
+
+@pytest.fixture(scope="module")
+def ball() -> Ball:
+    return Ball()
+
+
+def radius(body: Body) -> float:
+    return (body.volume * 3 / (4 * np.pi)) ** (1 / 3)
+
+
+def test_the_surface_of_a_ball_is_that_of_its_volume(ball):
+    assert surface(ball.body) == pytest.approx(4 * np.pi * radius(ball.body) ** 2, rel=0.1)
+
+
+def test_a_thinned_body_has_lost_a_layer(ball):
+    """5 and 10 mm of 20 cm. The surface of the resampled body is known to a tenth; the layer, to a sixth."""
+    for offset in (0.005, 0.01):
+        thinner = ball.thinned(lambda points, offset=offset: offset + 0 * points[:, 0])
+        assert radius(ball.body) - radius(thinner) == pytest.approx(offset, rel=1 / 6)
+    leaning = ball.thinned(lambda points: 0.01 * points[:, 0].sign())
+    right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
+    cut = (ball.body.positions[:, 0] > 0, right), (ball.body.positions[:, 0] < 0, left)
+    (before, after), (other, grown) = ((ball.body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut)
+    assert after < 0.9 * before and grown > 1.1 * other
+
+
+def test_polynomials_have_mean_0_and_mean_square_1(ball):
+    positions = ball.body.positions
+    linear, quadratic = polynomials(positions, positions)
+    assert (len(linear), len(quadratic)) == (3, 6)
+    for field in (*linear, *quadratic):
+        assert float(field.mean()) == pytest.approx(0, abs=1e-4)
+        assert float(field.square().mean()) == pytest.approx(1, rel=1e-3)
+    x, y = (positions[:, axis] - positions[:, axis].mean() for axis in range(2))
+    assert correlation(quadratic[0], x**2) > 0.999 and correlation(quadratic[3], x * y) > 0.999
+
+
+def correlation(one: Tensor, other: Tensor) -> float:
+    return float(torch.corrcoef(torch.stack((one, other)))[0, 1])
+
+
+def test_displacements_are_together_as_large_as_the_shape_may_be_wrong(ball):
+    moved = [body for body in bodies(ball) if body.fraction is ball.body.fraction]
+    squares = torch.stack([(body.positions - ball.body.positions).square().sum(1) for body in moved])
+    assert len(moved) == 24
+    assert float(squares.mean(1).sum().sqrt()) == pytest.approx(SIGMA, rel=1e-3)
+
+
+def test_matter_is_denser_here_than_there(ball):
+    denser = [body for body in bodies(ball) if body.positions is ball.body.positions]
+    ratios = torch.stack([body.fraction / ball.body.fraction for body in denser])
+    assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
+    assert correlation(ratios[3], ball.body.positions.square().sum(1)) > 0.99
+
+
+def bodies(problem: StateProblem) -> Iterator[Body]:
+    return wrong_bodies(problem, SIGMA)
