@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
+import numpy as np
+
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, is_force, left_over
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
+from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
 ENOUGH = 0.5
 """Accepted effects that remove less of the held-out error than this do not explain it."""
@@ -21,11 +26,11 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
     kind = "nothing"
     for number, found in enumerate(rounds, 1):
         if found.accepted is not None and found.screening is not None:
-            again = found.accepted
-            after = rounds[number].comparison.known if number < len(rounds) else again.known
+            again, following = found.accepted, rounds[number] if number < len(rounds) else None
+            after = again.known if following is None else following.comparison.known
             alike = _not_told_apart(found)
             p = _chance(found, again.candidate)
-            sentences.append(wording.missing(again.candidate, alike, p, again.verdict.removed, bool(names)))
+            sentences.append(wording.missing(again.candidate, alike, p, removed(found, following), bool(names)))
             described = problem.physics.parameters
             changes = [
                 wording.moved(described[i.name], i.value, after[i.name])
@@ -100,7 +105,24 @@ def _not_told_apart(found: Round) -> list[str]:
 def removed_by(rounds: list[Round]) -> float:
     """Share of the held-out error of the first model that all accepted effects remove together."""
     kept = 1.0
-    for found in rounds:
+    for found, after in zip_longest(rounds, rounds[1:]):
         if found.accepted is not None:
-            kept *= 1 - found.accepted.verdict.removed
+            kept *= 1 - removed(found, after)
     return 1 - kept
+
+
+def removed(found: Round, after: Round | None) -> float:
+    """Share of the excess of the held-out error that the accepted effect removes: as the next pass has fitted it, each
+    error in units of its own model's noise, for twins of a wrong model may be wrong as well. Where there was no such
+    pass or no excess, and for a fault of one camera, as it was added.
+    """
+    assert found.accepted is not None
+    before = excess(found.held)
+    if after is None or before <= 0 or found.accepted.candidate.observes:
+        return found.accepted.verdict.removed
+    return 1 - max(excess(after.held), 0.0) / before
+
+
+def excess(size: Omnibus) -> float:
+    """Mean square of a residual above that of the twins."""
+    return size.statistic - float(np.mean(size.twins))

@@ -13,7 +13,7 @@ from pacnerf_lpo.diagnosis.diagnose import rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
-from pacnerf_lpo.diagnosis.verdict import unexplained, verdict
+from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -44,7 +44,7 @@ def passed(
     moved: float | None = None,
     beside: HeldOut | None = None,
 ) -> SimpleNamespace:
-    omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held)
+    omnibus, held = SimpleNamespace(p_value=p_fitted), SimpleNamespace(p_value=p_held, statistic=1.0, twins=[0.9, 1.1])
     excess = {"fitted": -0.01, "held": above}
     force = None if moved is None else SimpleNamespace(explained=moved, held=beside or foretold(0.5))
     return SimpleNamespace(accepted=accepted, omnibus=omnibus, held=held, excess=excess, force=force)
@@ -59,6 +59,23 @@ def test_effects_that_remove_too_little_do_not_explain_what_is_more_than_noise()
     assert not unexplained([passed(refitted(LinearDrag(), 0.6), 1e-5, 1e-5), noisy])
     assert not unexplained([passed(None, 0.01, 0.1, above=-0.1)])  # no larger than the errors of twins
     assert not unexplained([noisy])  # nothing accepted, and the fitted data are noise
+
+
+def test_what_an_effect_removes_is_told_by_the_next_pass_in_units_of_its_own_noise():
+    first, noisy = passed(refitted(LinearDrag(), 0.34), 1e-5, 1e-5), passed(None, 0.3, 0.01)
+    first.held.statistic, noisy.held.statistic, noisy.held.twins = 5.0, 1.4, [0.6]
+    assert removed_by([first, noisy]) == pytest.approx(0.8) and not unexplained([first, noisy])
+    noisy.held.statistic = 3.6
+    assert removed_by([first, noisy]) == pytest.approx(0.25) and unexplained([first, noisy])
+    noisy.held.statistic = 0.4
+    assert removed_by([first, noisy]) == 1.0
+    assert removed_by([]) == 0.0
+    assert removed_by([first]) == pytest.approx(0.34)  # no pass after
+    first.held.statistic = 0.9
+    assert removed_by([first, noisy]) == pytest.approx(0.34)  # was not above the noise
+    camera = passed(refitted(CameraShift(view=2), 0.95), 1e-5, 1e-5)
+    camera.held.statistic = 5.0
+    assert removed_by([camera, noisy]) == pytest.approx(0.95)  # relative to frame 0 a shift does not show
 
 
 def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
