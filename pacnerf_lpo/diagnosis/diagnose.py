@@ -46,6 +46,8 @@ Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
 DECISIVE = 0.9
 """Accepted effects that remove more of the held-out error than this leave nothing for those that no score names."""
+ALIKE = 0.02
+"""Shares of the held-out error that differ by no more than this count as the same."""
 
 
 @dataclass
@@ -223,11 +225,18 @@ def _suspicious(found: Round) -> bool:
 
 
 def ranked(refits: list[Refit]) -> list[Refit]:
-    """The accepted refits, that which removes most of the held-out error first; physics before a camera, which does as
-    well in its own view.
+    """The accepted refits, that which removes most of the held-out error first, of those that remove about as much the
+    one that fits best; physics before a camera, which does as well in its own view.
     """
     accepted = [again for again in refits if again.verdict.accepted]
-    return sorted(accepted, key=lambda again: (again.candidate.observes, -again.verdict.removed))
+    physics = [again.verdict.removed for again in accepted if not again.candidate.observes]
+
+    def order(again: Refit) -> tuple[bool, bool, float]:
+        if again.candidate.observes or again.verdict.removed <= max(physics) - ALIKE:
+            return again.candidate.observes, True, -again.verdict.removed
+        return False, False, again.misfit
+
+    return sorted(accepted, key=order)
 
 
 def rival(refits: list[Refit], candidate: Candidate) -> Refit | None:

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
-from pacnerf_lpo.diagnosis.diagnose import rival
+from pacnerf_lpo.diagnosis.diagnose import ranked, rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
-from pacnerf_lpo.mpm.effects import CameraShift, LinearDrag, UniformForce, YieldStress
+from pacnerf_lpo.mpm.effects import CameraShift, GravityMagnitude, LinearDrag, QuadraticDrag, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
 
 
-def refitted(effect: Effect, removed: float, accepted: bool = True) -> SimpleNamespace:
+def refitted(effect: Effect, removed: float, accepted: bool = True, misfit: float = 100.0) -> SimpleNamespace:
     verdict = SimpleNamespace(accepted=accepted, removed=removed)
-    return SimpleNamespace(candidate=Candidate(name_of(effect), effect), verdict=verdict)
+    return SimpleNamespace(candidate=Candidate(name_of(effect), effect), verdict=verdict, misfit=misfit)
 
 
 def test_only_misfits_of_the_same_data_are_compared():
@@ -29,6 +29,14 @@ def test_only_misfits_of_the_same_data_are_compared():
     assert rival([camera, wind, drag, rejected], wind.candidate) is drag
     assert rival([camera, rejected], drag.candidate) is None
     assert rival([camera, drag], camera.candidate) is None
+
+
+def test_of_effects_that_remove_as_much_that_comes_first_which_fits_best():
+    gravity, drag = refitted(GravityMagnitude(), 0.930, misfit=1660), refitted(LinearDrag(), 0.925, misfit=1203)
+    wind, camera = refitted(UniformForce(), 0.90, misfit=900), refitted(CameraShift(view=2), 0.99, misfit=10)
+    rejected = refitted(QuadraticDrag(), 0.93, accepted=False, misfit=1)
+    assert ranked([camera, wind, gravity, rejected, drag]) == [drag, gravity, wind, camera]
+    assert ranked([refitted(CameraShift(view=1), 0.5), camera])[0] is camera
 
 
 def foretold(share: float, z: float = 8.0, before: float = 3.0) -> HeldOut:
