@@ -34,15 +34,19 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
         effects: of the model.
         free: coordinates at which the model was fitted [(K,)]
         model: whose body may be wrong.
+
+    Raises:
+        SimulationError: the motion is unstable with every one of them.
     """
     if not isinstance(problem, StateProblem):
         return np.zeros((*problem.usable.shape, 0))
     reference, known = model.predict(free), model.physical(free)
     bodies = wrong_bodies(problem, distortion(problem, reference))
-    seen = each(outcome, ((problem.model(effects, known, body),) for body in bodies))
-    return np.stack(
-        [problem.relative(found - reference) for found in seen if not isinstance(found, SimulationError)], axis=-1
-    )
+    seen = list(each(outcome, ((problem.model(effects, known, body),) for body in bodies)))
+    changes = [problem.relative(found - reference) for found in seen if not isinstance(found, SimulationError)]
+    if not changes:
+        raise next(found for found in seen if isinstance(found, SimulationError))
+    return np.stack(changes, axis=-1)
 
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
@@ -59,8 +63,8 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
         size = displacement.square().sum(1).mean().sqrt() * len(displacements) ** 0.5
         yield Body(body.positions + displacement * (sigma / size), body.fraction, body.spacing)
     yield problem.thinned(lambda points: sigma + 0 * points[:, 0])
-    for order in range(2):
-        for number in range(3 * (order + 1)):
+    for order, fields in enumerate((linear, quadratic)):
+        for number in range(len(fields)):
 
             def offset(points: Tensor, order: int = order, number: int = number) -> Tensor:
                 return sigma * polynomials(points, body.positions)[order][number]
