@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn import functional
 
 from benchmarks.hidden_effects.setting import FRAME_RATE, Setting
-from pacnerf_lpo.data.shapes import fill
 from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.model import MARGIN, Model
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -66,8 +64,7 @@ def film(
     physics = Physics(setting.law_at(true), effects=effects, substep_rate=rate, frame_rate=FRAME_RATE)
     generator = torch.Generator().manual_seed(int(random.integers(1 << 31)))
     spacing = finer * setting.spacing
-    turn = torch.tensor(Rotation.from_rotvec(setting.rotation).as_matrix(), dtype=torch.float32)
-    positions = fill(setting.solid, spacing / 2, generator) @ turn.T + torch.tensor(setting.centre)
+    positions = setting.filled(spacing / 2, generator)
     body = Body(positions, torch.ones(len(positions)), spacing)
     model = Model(body, physics, setting.video(factor=SUPERSAMPLING), true)
     path = model.path(model.start)

@@ -10,11 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 import yaml
 
 from benchmarks.hidden_effects.film import Film
 from benchmarks.hidden_effects.setting import Setting
 from pacnerf_lpo.commands.synthesize import patches
+from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.synthetic import Rig, write_scene
 from pacnerf_lpo.diagnosis.diagnose import RESULT
 from pacnerf_lpo.diagnosis.store import FOLDER
@@ -38,9 +40,11 @@ def write(folder: Path, setting: Setting, trained: Sequence[int], recorded: Film
     """
     path = recorded.path.double().numpy()
     rig = Rig(np.array(setting.cameras), np.array(setting.intrinsics))
-    colours, radius = patches(recorded.path[0]), recorded.model.body.spacing / 2
+    apart = recorded.model.body.spacing / 2 / skin.FINER
     seed = int(random.integers(1 << 31))
-    write_scene(folder / PICTURES, path, colours, rig, setting.image_size, radius, CAMERA_NOISE, seed=seed)
+    drawn = setting.filled(apart, torch.Generator().manual_seed(seed))
+    shown, radius = skin.carried(drawn.double().numpy(), path), skin.RADIUS * apart
+    write_scene(folder / PICTURES, shown, patches(drawn), rig, setting.image_size, radius, CAMERA_NOISE, seed=seed)
     hit = first_touch(path[..., 1].min(1), recorded.model.body.spacing)
     lower, upper = path[0].min(0) - MARGIN, path[0].max(0) + MARGIN
     material = {"class_path": setting.material, "init_args": setting.law.guess}

@@ -95,8 +95,15 @@ class Setting:
 
     def inside(self, points: Tensor) -> Tensor:
         """Whether each point in the world [m, (N, 3)] is in the body at frame 0 [(N,), bool]."""
-        turn = torch.tensor(Rotation.from_rotvec(self.rotation).as_matrix(), dtype=points.dtype)
-        return self.solid.contains((points - torch.tensor(self.centre, dtype=points.dtype)) @ turn)
+        return self.solid.contains((points - torch.tensor(self.centre, dtype=points.dtype)) @ self._turn.to(points))
+
+    def filled(self, spacing: float, generator: torch.Generator) -> Tensor:
+        """Points of the body at frame 0, one in each cell of a lattice [m, (N, 3)]; ``spacing`` in metres."""
+        return shapes.fill(self.solid, spacing, generator) @ self._turn.float().T + torch.tensor(self.centre)
+
+    @property
+    def _turn(self) -> Tensor:
+        return torch.from_numpy(Rotation.from_rotvec(self.rotation).as_matrix())
 
     @property
     def solid(self) -> shapes.Shape:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.shapes import Ball, Block, Shape, Torus, fill
 from pacnerf_lpo.data.synthetic import hemisphere_rig, write_scene
 from pacnerf_lpo.errors import UserInputError
@@ -76,17 +77,20 @@ def run(
     if height < solid.reach:
         raise UserInputError(f"--height {height:g}: the shape reaches {solid.reach:g} m below its centre; lift it")
     physics = Physics(law, ground, effects or (), rho=rho, substep_rate=substep_rate)
-    state = dropped(solid, height, velocity, dx, torch.Generator().manual_seed(seed))
+    generator = torch.Generator().manual_seed(seed)
+    state = dropped(solid, height, velocity, dx, generator)
     print(f"simulating {len(state.positions)} particles over {frames} frames")
     path = physics.simulate(state, frames)
     print(f"drawing {frames * views} images")
+    apart = dx / 2 / skin.FINER
+    drawn = placed(solid, height, apart, generator)
     root = write_scene(
         output,
-        path.double().numpy(),
-        patches(state.positions),
+        skin.carried(drawn.double().numpy(), path.double().numpy()),
+        patches(drawn),
         hemisphere_rig(views, image_size),
         image_size,
-        radius=0.5 * dx,
+        radius=skin.RADIUS * apart,
         noise=noise,
         truth=truth_of(physics, velocity, dx),
         seed=seed,
@@ -98,7 +102,7 @@ def dropped(
     shape: Shape, height: float, velocity: tuple[float, float, float], dx: float, generator: torch.Generator
 ) -> ParticleState:
     """The shape in the air, 8 particles a cell, all with one velocity [m/s]."""
-    positions = fill(shape, dx / 2, generator) + torch.tensor([0.0, height, 0.0])
+    positions = placed(shape, height, dx / 2, generator)
     return ParticleState(
         positions=positions,
         velocity=torch.tensor(velocity).expand_as(positions),
@@ -110,8 +114,13 @@ def dropped(
     )
 
 
+def placed(shape: Shape, height: float, apart: float, generator: torch.Generator) -> Tensor:
+    """Points inside the shape in the air, one in each cell of a lattice of spacing ``apart`` [m, (N, 3)]."""
+    return fill(shape, apart, generator) + torch.tensor([0.0, height, 0.0])
+
+
 def patches(positions: Tensor) -> np.ndarray:
-    """A colour for every particle that varies over the body, so that its motion can be seen [0..1, (N, 3)]."""
+    """A colour for every point [m, (N, 3)] that varies over the body, so that its motion can be seen [0..1, (N, 3)]."""
     centred = (positions - positions.mean(0)).double().numpy()
     waves = np.sin(
         PATCH * centred @ np.array([[1.0, 0.4, -0.3], [0.2, 1.0, 0.5], [-0.6, 0.3, 1.0], [0.7, -0.8, 0.4]]).T

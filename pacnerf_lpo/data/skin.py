@@ -1,0 +1,36 @@
+"""Many points that follow few particles: a body is drawn more smoothly than it was simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+NEIGHBOURS = 12
+FINER = 2
+"""Points are drawn so much closer together than particles are simulated."""
+RADIUS = 0.55
+"""Of the discs drawn, in distances between the points. Their union is as large as the body then: as the body is not
+drawn more finely, it is too large by 0.5 to 0.7 distances at a radius of one, and full of holes at 0.4."""
+TINY = 1e-6
+
+
+def carried(points: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Where particles carry the points of the body between them: by the affine motion of each point's neighbours at
+    frame 0, the nearer the more (moving least squares, Lancaster and Salkauskas 1981).
+
+    Args:
+        points: at frame 0 [m, (P, 3)]
+        path: of the particles [m, (F, N, 3)]
+
+    Returns:
+        [m, (F, P, 3)]
+    """
+    distances, near = cKDTree(path[0]).query(points, k=min(NEIGHBOURS, path.shape[1]))
+    weights = np.exp(-((distances / distances.mean(1, keepdims=True).clip(TINY)) ** 2))
+    reach = distances.max(1).clip(TINY)[:, None, None]
+    basis = np.concatenate((np.ones((*near.shape, 1)), (path[0][near] - points[:, None]) / reach), axis=-1)
+    moments = np.einsum("pk,pki,pkj->pij", weights, basis, basis) + TINY * np.eye(4)
+    at_point = np.linalg.inv(moments)[:, 0]
+    shares = weights * np.einsum("pi,pki->pk", at_point, basis)
+    shares /= shares.sum(1, keepdims=True)
+    return np.stack([np.einsum("pk,pkj->pj", shares, frame[near]) for frame in path])
