@@ -43,8 +43,17 @@ def write(folder: Path, setting: Setting, trained: Sequence[int], recorded: Film
     apart = recorded.model.body.spacing / 2 / skin.FINER
     seed = int(random.integers(1 << 31))
     drawn = setting.filled(apart, torch.Generator().manual_seed(seed))
-    shown, radius = skin.carried(drawn.double().numpy(), path), skin.RADIUS * apart
-    write_scene(folder / PICTURES, shown, patches(drawn), rig, setting.image_size, radius, CAMERA_NOISE, seed=seed)
+    write_scene(
+        folder / PICTURES,
+        skin.carried(drawn.double().numpy(), path),
+        patches(drawn),
+        rig,
+        setting.image_size,
+        skin.COVER * apart,
+        CAMERA_NOISE,
+        seed=seed,
+        outline=skin.OUTLINE * apart,
+    )
     hit = first_touch(path[..., 1].min(1), recorded.model.body.spacing)
     lower, upper = path[0].min(0) - MARGIN, path[0].max(0) + MARGIN
     material = {"class_path": setting.material, "init_args": setting.law.guess}

@@ -90,10 +90,11 @@ def run(
         patches(drawn),
         hemisphere_rig(views, image_size),
         image_size,
-        radius=skin.RADIUS * apart,
+        radius=skin.COVER * apart,
         noise=noise,
         truth=truth_of(physics, velocity, dx),
         seed=seed,
+        outline=skin.OUTLINE * apart,
     )
     print(root)
 

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 NEIGHBOURS = 12
 FINER = 2
 """Points are drawn so much closer together than particles are simulated."""
-RADIUS = 0.55
-"""Of the discs drawn, in distances between the points. Their union is as large as the body then: as the body is not
-drawn more finely, it is too large by 0.5 to 0.7 distances at a radius of one, and full of holes at 0.4."""
+OUTLINE, COVER = 0.55, 1.0
+"""Radii of discs in distances between the points. The union of the first ones is as large as the body; that of the
+others, which hide what is inside, is too large by 0.5 to 0.7 distances."""
 TINY = 1e-6
 
 

@@ -71,12 +71,14 @@ def write_scene(
     frame_rate: float = 24.0,
     truth: dict[str, Any] | None = None,
     seed: int = 0,
+    outline: float | None = None,
 ) -> Path:
     """Render and write a scene; the same arguments give the same files.
 
     trajectories: particle positions [m, (F, N, 3)]; colours: [0..1, (N, 3)]; rig: cameras for ``image_size`` x
     ``image_size`` pixels; radius: of the discs drawn, about the particle spacing [m]; noise: standard deviation of
-    the camera's noise on the object, in 0..1; frame_rate: [1/s]; truth: written as ``truth.json``, for an evaluation.
+    the camera's noise on the object, in 0..1; frame_rate: [1/s]; truth: written as ``truth.json``, for an evaluation;
+    outline: as :func:`draw_discs` takes it.
     Raises UserInputError where ``root`` holds something already.
     """
     root = Path(root)
@@ -88,7 +90,7 @@ def write_scene(
     for frame, positions in enumerate(tqdm(trajectories, desc=f"drawing {root}", delay=2.0, leave=False)):
         shaded = shade(positions, colours)
         for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
-            image = draw_discs(positions, shaded, pose, intrinsic, image_size, radius)
+            image = draw_discs(positions, shaded, pose, intrinsic, image_size, radius, outline)
             image = add_noise(image, noise, generator)
             Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")
             entries.append(
@@ -115,9 +117,19 @@ def shade(positions: np.ndarray, colours: np.ndarray) -> np.ndarray:
 
 
 def draw_discs(
-    positions: np.ndarray, colours: np.ndarray, pose: np.ndarray, intrinsic: np.ndarray, image_size: int, radius: float
+    positions: np.ndarray,
+    colours: np.ndarray,
+    pose: np.ndarray,
+    intrinsic: np.ndarray,
+    image_size: int,
+    radius: float,
+    outline: float | None = None,
 ) -> np.ndarray:
-    """Opaque discs on white [0..1, (image_size, image_size, 3)], painted from the farthest to the nearest."""
+    """Opaque discs on white [0..1, (image_size, image_size, 3)], painted from the farthest to the nearest.
+
+    Large discs leave no gaps through which the inside is seen, but reach over the surface: what lies outside of all
+    discs of the smaller radius ``outline`` [m] stays white.
+    """
     size = SUPERSAMPLING * image_size
     scale = np.diag([SUPERSAMPLING, SUPERSAMPLING, 1.0])
     pixels, depth = project(torch.from_numpy(positions), torch.from_numpy(scale @ intrinsic), torch.from_numpy(pose))
@@ -134,10 +146,16 @@ def draw_discs(
     down = (rows + 0.5 - centres[:, 1:]) ** 2 / reach[:, None] ** 2
     across[(columns < 0) | (columns >= size)] = np.inf
     down[(rows < 0) | (rows >= size)] = np.inf
-    particle, row, column = np.nonzero(down[:, :, None] + across[:, None, :] < 1.0)
+    apart = down[:, :, None] + across[:, None, :]
+    particle, row, column = np.nonzero(apart < 1.0)
 
     image = np.ones((size, size, 3))
     image[rows[particle, row], columns[particle, column]] = colours[order.numpy()[particle]]
+    if outline is not None:
+        particle, row, column = np.nonzero(apart < (outline / radius) ** 2)
+        outside = np.ones((size, size), bool)
+        outside[rows[particle, row], columns[particle, column]] = False
+        image[outside] = 1.0
     return image.reshape(image_size, SUPERSAMPLING, image_size, SUPERSAMPLING, 3).mean(axis=(1, 3))
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pacnerf_lpo.data.shapes import Ball, Torus, fill
-from pacnerf_lpo.data.skin import FINER, RADIUS, carried
+from pacnerf_lpo.data.skin import COVER, FINER, OUTLINE, carried
 from pacnerf_lpo.data.synthetic import draw_discs, hemisphere_rig
 
 
@@ -48,14 +48,14 @@ def test_a_few_particles_in_a_line_still_carry_points():
 def test_a_body_is_drawn_as_large_as_it_is(shape):
     spacing, rig, size = 0.044, hemisphere_rig(3, 128, target=(0.0, 0.0, 0.0)), 128
 
-    def areas(points, radius):
+    def areas(points, radius, outline=None):
         black = np.zeros_like(points)
         views = zip(rig.camera_to_world, rig.intrinsics, strict=True)
-        return np.array([(1 - draw_discs(points, black, *view, size, radius)).sum() / 3 for view in views])
+        return np.array([(1 - draw_discs(points, black, *view, size, radius, outline)).sum() / 3 for view in views])
 
     true = areas(filled(shape, 0.005), 0.0025)
     apart = spacing / 2 / FINER
     shown = carried(filled(shape, apart, seed=1), filled(shape, spacing / 2)[None])[0]
-    np.testing.assert_allclose(areas(shown, RADIUS * apart), true, rtol=0.03)
+    np.testing.assert_allclose(areas(shown, COVER * apart, OUTLINE * apart), true, rtol=0.03)
     unskinned = areas(filled(shape, spacing / 2), spacing / 2)
     assert (unskinned > 1.1 * true).all()

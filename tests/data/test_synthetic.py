@@ -105,3 +105,17 @@ def test_phase_gets_its_batches_without_a_copy(scene):
     )
     assert phase.seen[0]["pixels"].data_ptr() == phase.given[0]["pixels"].data_ptr()
     assert phase.seen[0]["pixels"].data_ptr() == data.video.images[2, 0].data_ptr()
+
+
+def test_large_discs_hide_the_inside_and_reach_no_farther_than_the_outline():
+    rig = hemisphere_rig(1, 64, target=(0.0, 0.0, 0.0))
+    view = rig.camera_to_world[0], rig.intrinsics[0], 64
+    point, black = np.zeros((1, 3)), np.zeros((1, 3))
+    small = draw_discs(point, black, *view, 0.05)
+    np.testing.assert_array_equal(draw_discs(point, black, *view, 0.1, outline=0.05), small)
+    assert (draw_discs(point, black, *view, 0.1) < small).any()
+    towards_camera = rig.camera_to_world[0][:, 2] * 0.1
+    beside = np.array([0.07, 0.0, 0.0])
+    two, colours = np.stack((point[0] + towards_camera + beside, point[0])), np.array([[0.5] * 3, [0.0] * 3])
+    hidden = draw_discs(two, colours, *view, 0.15, outline=0.05)
+    assert hidden.min() == 0.5 and (draw_discs(two, colours, *view, 0.05) == 0.0).any()
