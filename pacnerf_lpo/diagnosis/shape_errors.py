@@ -7,6 +7,7 @@ and of the matter moves once, by as much as it may be wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -23,6 +24,10 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
+PLACES, BUMP, DENT = 16, 0.7, 2.0
+"""Dents: how many, how wide beside how far they leave any particle, and how deep beside an error that is everywhere. A
+side that no camera of the reconstruction sees is thicker than the rest, and smooth fields over the whole body do not tell
+that."""
 
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
@@ -51,10 +56,10 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     """The body of a problem with one smooth error each: displacements of first and second order that are together about
-    ``sigma`` [m], surfaces moved inwards by about as much, and matter that is denser here than there.
+    ``sigma`` [m], a surface moved inwards by as much, dents here and there, and matter that is denser here than there.
     """
     body = problem.body
-    linear, quadratic = polynomials(body.positions, body.positions)
+    linear, quadratic = polynomials(body.positions)
     axes = torch.eye(3, dtype=body.positions.dtype)
     strains = [linear[i][:, None] * axes[j] + linear[j][:, None] * axes[i] for i in range(3) for j in range(i, 3)]
     bends = [field[:, None] * axis for field in quadratic for axis in axes]
@@ -63,33 +68,47 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
         size = displacement.square().sum(1).mean().sqrt() * len(displacements) ** 0.5
         yield Body(body.positions + displacement * (sigma / size), body.fraction, body.spacing)
     yield problem.thinned(lambda points: sigma + 0 * points[:, 0])
-    for order, fields in enumerate((linear, quadratic)):
-        for number in range(len(fields)):
-
-            def offset(points: Tensor, order: int = order, number: int = number) -> Tensor:
-                return sigma * polynomials(points, body.positions)[order][number]
-
-            yield problem.thinned(offset)
+    centres, reach = spread(body.positions, PLACES)
+    for centre in centres:
+        yield problem.thinned(partial(_dent, centre, BUMP * reach, DENT * sigma))
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
         fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
         yield Body(body.positions, fraction, body.spacing)
 
 
-def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-    """Coordinates, and their squares followed by their products, with mean 0 and mean square 1 in a body.
+def _dent(centre: Tensor, width: float, depth: float, points: Tensor) -> Tensor:
+    """Depth at places [m, (N, 3) to (N,)] of a Gaussian dent."""
+    return depth * (-0.5 * (points - centre).square().sum(1) / width**2).exp()
+
+
+def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
+    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
 
     Args:
-        points: where to evaluate them [m, (N, 3)]
-        body: positions of its particles [m, (P, 3)]
+        positions: [m, (N, 3)]
+        count: K, at most N.
+
+    Returns:
+        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
+    """
+    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
+    distance = (positions - positions[chosen[0]]).norm(dim=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
+    return positions[chosen], float(distance.max())
+
+
+def polynomials(positions: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+    """Coordinates of particles [m, (N, 3)], and their squares followed by products, with mean 0 and mean square 1.
 
     Returns:
         Three fields of first order, and six of second, (N,) each.
     """
 
-    def normalised(field: Tensor, inside: Tensor) -> Tensor:
-        return (field - inside.mean()) / inside.std(correction=0).clamp_min(1e-9)
+    def normalised(field: Tensor) -> Tensor:
+        return (field - field.mean()) / field.std(correction=0).clamp_min(1e-9)
 
-    linear = [normalised(points[:, axis], body[:, axis]) for axis in range(3)]
-    inside = [normalised(body[:, axis], body[:, axis]) for axis in range(3)]
+    linear = [normalised(positions[:, axis]) for axis in range(3)]
     pairs = sorted(combinations_with_replacement(range(3), 2), key=lambda pair: pair[0] != pair[1])
-    return linear, [normalised(linear[i] * linear[j], inside[i] * inside[j]) for i, j in pairs]
+    return linear, [normalised(linear[i] * linear[j]) for i, j in pairs]

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pacnerf_lpo.diagnosis.body import Body, surface
 from pacnerf_lpo.diagnosis.problem import StateProblem
-from pacnerf_lpo.diagnosis.shape_errors import MATTER_ERROR, polynomials, wrong_bodies
+from pacnerf_lpo.diagnosis.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
 from pacnerf_lpo.types import ParticleState
 
 RADIUS, DX, SIGMA = 0.2, 0.04, 0.005
@@ -60,7 +60,7 @@ def test_a_thinned_body_has_lost_a_layer(ball):
 
 def test_polynomials_have_mean_0_and_mean_square_1(ball):
     positions = ball.body.positions
-    linear, quadratic = polynomials(positions, positions)
+    linear, quadratic = polynomials(positions)
     assert (len(linear), len(quadratic)) == (3, 6)
     for field in (*linear, *quadratic):
         assert float(field.mean()) == pytest.approx(0, abs=1e-4)
@@ -78,6 +78,31 @@ def test_displacements_are_together_as_large_as_the_shape_may_be_wrong(ball):
     squares = torch.stack([(body.positions - ball.body.positions).square().sum(1) for body in moved])
     assert len(moved) == 24
     assert float(squares.mean(1).sum().sqrt()) == pytest.approx(SIGMA, rel=1e-3)
+
+
+def test_places_lie_apart_and_leave_nothing_far_away(ball):
+    positions = ball.body.positions
+    places, reach = spread(positions, PLACES)
+    apart = torch.cdist(places, places) + torch.eye(PLACES)
+    distances = torch.cdist(positions, places).amin(1)
+    assert places.shape == (PLACES, 3)
+    assert float(distances.max()) == pytest.approx(reach, rel=1e-5)
+    assert float(apart.min()) >= reach - 1e-6
+
+
+def test_dents_are_local_and_as_deep_as_said(ball):
+    """The volume of a dent is its depth times what of the surface it covers; a thin layer goes everywhere."""
+    places = spread(ball.body.positions, PLACES)[0]
+    thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.body.positions)]
+    assert len(thinner) == 1 + PLACES
+    lost = np.array([ball.body.volume - body.volume for body in thinner])
+    assert lost[0] == pytest.approx(SIGMA * surface(ball.body), rel=1 / 6)
+    assert (lost[1:] > 0).all() and (lost[1:] < 0.5 * DENT * lost[0]).all()
+    outer = int(places.norm(dim=1).argmax())
+    opposite = ball.body.positions @ places[outer] < 0
+    dented = thinner[1 + outer]
+    far = dented.positions @ places[outer] < 0
+    assert float(dented.fraction[far].sum()) == pytest.approx(float(ball.body.fraction[opposite].sum()), rel=5e-3)
 
 
 def test_matter_is_denser_here_than_there(ball):
