@@ -26,7 +26,7 @@ MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
 PLACES, BUMP, DENT = 16, 0.7, 2.0
 """Dents: how many, how wide beside how far they leave any particle, and how deep beside an error that is everywhere. A
-side that no camera of the reconstruction sees is thicker than the rest, and smooth fields over the whole body do not tell
+side that no camera of the reconstruction sees is thicker than the rest; smooth fields over the whole body do not tell
 that."""
 
 
