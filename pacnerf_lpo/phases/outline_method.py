@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
+from torch import Tensor
 from tqdm import tqdm
 
 from pacnerf_lpo.diagnosis.fitting import Fit, fit, fit_or_none, sensitivities
@@ -107,7 +108,7 @@ class OutlineGaussNewton(GaussNewton):
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""
-        return GaussNewton(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
+        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space."""
@@ -239,6 +240,53 @@ class OutlineGaussNewton(GaussNewton):
         for name, unknown in module.free.items():
             unknown.fill_(values[name])
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
+
+
+class PixelsAfterOutlines(GaussNewton):
+    """Gauss-Newton on the pixels of a corrected body, for which what is usual counts as much as one image: an image is
+    known by as much as it differs from the model at the start. So a Poisson's ratio of which the images tell little is
+    not left to errors of the correction.
+    """
+
+    _image_error = 0.0
+
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        """One iteration; the error of an image goes with the optimiser's state."""
+        group = optimiser.param_groups[0]
+        self._image_error = group.get("image_error", 0.0)
+        loss = super().iterate(module, optimiser, step)
+        group["image_error"] = self._image_error
+        return loss
+
+    def _trial_loss(self, module: PhysicsIDModule) -> float:
+        return super()._trial_loss(module) + self._unusual(module)[0]
+
+    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        pixels = super()._normal_equations(module)
+        if self._image_error == 0.0:
+            self._image_error = pixels.loss
+        loss, gradient, hessian = self._unusual(module)
+        return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
+
+    def _unusual(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
+        """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from what is usual."""
+        weight = self._image_error / sum(map(len, self._views))
+        size = sum(unknown.numel() for unknown in module.unknowns)
+        loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
+        hessian = torch.zeros(size, size, dtype=torch.float64)
+        for index, (name, free) in enumerate(module.free.items()):
+            parameter = module.physics.parameters[name]
+            if parameter.usual is None:
+                continue
+            mean, deviation = parameter.usual
+            with torch.enable_grad():
+                moved = free.detach().double().requires_grad_()
+                residual = (parameter.transform.to_physical(moved) - mean) / deviation
+                (slope,) = torch.autograd.grad(residual, moved)
+            loss += weight * residual.item() ** 2
+            gradient[index] = weight * slope * residual.detach()
+            hessian[index, index] = weight * slope**2
+        return loss, gradient, hessian
 
 
 def _bar(items: Iterator[Item], count: int) -> Iterable[Item]:
