@@ -19,9 +19,17 @@ from pacnerf_lpo.diagnosis.comparison import (
 )
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem, absolute
+from pacnerf_lpo.diagnosis.problem import Problem, StateProblem, absolute
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, Verdict, acceptance, judge_held_out, survival
+from pacnerf_lpo.diagnosis.statistics.acceptance import (
+    LEAST_REMOVED,
+    MOST_REMOVED,
+    HeldOut,
+    Verdict,
+    acceptance,
+    judge_held_out,
+    survival,
+)
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, overdispersion
 from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import omnibus
@@ -176,7 +184,17 @@ def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candi
         view = problem.video.view_ids.index(candidate.view)
         noise = noise_of_held_out(problem, comparison, mask, partial(absolute, view=view))
         before, after = absolute(before, view), absolute(after, view)
-    return judge_held_out(noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]))
+    return judge_held_out(
+        noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]), least_removed(problem, candidate)
+    )
+
+
+def least_removed(problem: Problem, candidate: Candidate) -> float:
+    """Share of the excess error that an effect has to remove: more where the shape was reconstructed and an error of
+    it looks like the effect.
+    """
+    reconstructed = isinstance(problem, StateProblem)
+    return MOST_REMOVED if reconstructed and candidate.effect.like_shape else LEAST_REMOVED
 
 
 def _adjusted(

@@ -9,6 +9,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
 from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.statistics.acceptance import MOST_REMOVED
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
@@ -16,10 +17,6 @@ MORE_THAN_NOISE = 0.05
 """Chance at which the test for more than noise in the fitted data may err."""
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
-FORCE = 2 / 3
-"""A residual of which a smooth force removes more than this, and which it foretells in the held-out views, counts as
-missing physics, not as an error of the reconstruction.
-"""
 
 
 @dataclass
@@ -91,10 +88,10 @@ def above_floor(found: Round) -> bool:
 
 
 def is_force(found: Round) -> bool:
-    """Whether a smooth force on the body would remove more than :data:`FORCE` of the residual, and as much in the
-    held-out views as an effect has to, where that was asked.
+    """Whether a smooth force on the body would remove most of the residual, which an error of the reconstruction
+    does not let it, and as much in the held-out views as an effect has to, where that was asked.
     """
     if found.force is None:
         return False
     held = found.force.held
-    return found.force.explained > FORCE and held.enough(scored=True) and held.z > held.needed
+    return found.force.explained > MOST_REMOVED and held.enough(scored=True) and held.z > held.needed

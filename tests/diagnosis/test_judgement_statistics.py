@@ -155,9 +155,9 @@ def test_views_whose_error_is_noise_have_no_vote():
     assert judge_held_out(noise, quiet, quiet).falls == (0, 4)  # noise everywhere: every view counts
 
 
-def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, **changes):
+def judged(after: float, before: float = 5.0, falls: int = 4, z: float = 8.0, least: float = 0.25, **changes):
     facts = {"interval": (0.9, 1.6), "null": 0.0, "misfits": (600.0, 90.0), "floor": 80.0, "scored": True}
-    return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3), coefficients=2, **{**facts, **changes})
+    return acceptance(HeldOut(before, after, 1.0, (falls, 4), z, 2.3, least), coefficients=2, **{**facts, **changes})
 
 
 def test_every_criterion_can_refuse():
@@ -171,6 +171,8 @@ def test_every_criterion_can_refuse():
         (judged(2.0, falls=2), "in 2 of 4 views"),
         (judged(5.8), "rises by 20%"),
         (judged(4.2), "falls by 20%, less than 25%"),
+        (judged(3.0, least=2 / 3), "falls by 50%, less than 67%"),
+        (judged(2.0, least=2 / 3, misfits=(600.0, 300.0)), "hardly gets better"),
         (judged(0.5, before=0.9, scored=False), "not above the noise floor"),
         (judged(0.5, before=0.9, z=4.0), "not above the noise floor"),
         (judged(2.0, z=1.0), "does not foretell"),

@@ -9,9 +9,14 @@ import pytest
 import torch
 from torch import Tensor
 
+from benchmarks.hidden_effects.known_shape import KnownShape
 from pacnerf_lpo.diagnosis.body import Body, surface
+from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import StateProblem
+from pacnerf_lpo.diagnosis.refitting import least_removed
 from pacnerf_lpo.diagnosis.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
+from pacnerf_lpo.diagnosis.statistics.acceptance import LEAST_REMOVED, MOST_REMOVED
+from pacnerf_lpo.mpm.effects import LinearDrag, StiffnessGradient
 from pacnerf_lpo.types import ParticleState
 
 RADIUS, DX, SIGMA = 0.2, 0.04, 0.005
@@ -110,6 +115,12 @@ def test_matter_is_denser_here_than_there(ball):
     ratios = torch.stack([body.fraction / ball.body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
     assert correlation(ratios[3], ball.body.positions.square().sum(1)) > 0.99
+
+
+def test_what_looks_like_an_error_of_the_shape_has_to_remove_more_where_the_shape_is_reconstructed(ball):
+    gradient, drag = (Candidate(kind.__name__, kind()) for kind in (StiffnessGradient, LinearDrag))
+    assert least_removed(ball, gradient) == MOST_REMOVED > LEAST_REMOVED == least_removed(ball, drag)
+    assert least_removed(KnownShape.__new__(KnownShape), gradient) == LEAST_REMOVED
 
 
 def bodies(problem: StateProblem) -> Iterator[Body]:

@@ -16,6 +16,8 @@ LEAST_REMOVED = 0.25
 """Share of the excess error that an effect has to remove, in the held-out and in the fitted data: a reconstruction has
 errors that twins do not know, and some effect or other always imitates a part of them significantly.
 """
+MOST_REMOVED = 2 / 3
+"""The same of what an error of a reconstructed shape looks like."""
 BELOW_FLOOR = 2.0
 """Times what is needed otherwise, an effect has to foretell held-out data whose error is no larger than the noise: one
 direction among many can stand out where their sum does not.
@@ -49,6 +51,7 @@ class HeldOut:
     falls: views in which it falls, of how many; those do not count whose error is within the noise before and after
     z: how well the change that the effect makes agrees with the residual, in standard errors
     needed: what counts as two standard errors, with so few twins
+    least: share of the error above the floor that has to be removed
     """
 
     before: float
@@ -57,6 +60,7 @@ class HeldOut:
     falls: tuple[int, int]
     z: float
     needed: float
+    least: float = LEAST_REMOVED
 
     @property
     def removed(self) -> float:
@@ -74,7 +78,7 @@ class HeldOut:
         test has named foretells it all the better.
         """
         if self.above_floor:
-            return self.removed >= LEAST_REMOVED
+            return self.removed >= self.least
         return scored and self.z > BELOW_FLOOR * self.needed
 
 
@@ -109,7 +113,7 @@ def held_out_noise(
     return NoiseModel.from_twins(left[:, : len(twins)].T, sensor_sigma, layout, left[:, len(twins) :])
 
 
-def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> HeldOut:
+def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray, least: float = LEAST_REMOVED) -> HeldOut:
     """Compare held-out residuals without and with an effect.
 
     The component of the whitened residual along a given change is standard normal where the effect is not there. Its
@@ -121,6 +125,7 @@ def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> 
     Args:
         noise: of the held-out entries, see :func:`held_out_noise`
         before, after: residuals there without and with the effect, refitted (H,)
+        least: share of the excess that has to be removed
     """
     change = noise.whiten(before - after)
     first, left = noise.whiten_residual(before), noise.whiten_residual(after)
@@ -136,6 +141,7 @@ def judge_held_out(noise: NoiseModel, before: np.ndarray, after: np.ndarray) -> 
         (int(falls.sum()), len(falls)),
         _along(change, first) / float(spread),
         float(student.isf(norm.sf(STANDARD_ERRORS), len(noise.twins) - 1)),
+        least,
     )
 
 
@@ -153,7 +159,7 @@ def acceptance(
     Args:
         held: the held-out residual without and with it
         misfits: whitened sums of squares in the fitted data without and with it; the fall has to be worth its
-            coefficients (Akaike 1974), and :data:`LEAST_REMOVED` of what is above the floor
+            coefficients (Akaike 1974), and ``held.least`` of what is above the floor
         floor: the whitened sum of squares that noise alone leaves in the fitted data
         coefficients: how many it has
         interval: of the coefficient [its unit]
@@ -162,7 +168,7 @@ def acceptance(
     """
     better, views = held.falls
     fall, excess = misfits[0] - misfits[1], misfits[0] - floor
-    worth, enough = fall > 2 * coefficients, fall >= LEAST_REMOVED * excess
+    worth, enough = fall > 2 * coefficients, fall >= held.least * excess
     gets = "gets no better" if not worth else "gets better" if enough else "hardly gets better"
     reasons = [
         (worth and enough, f"the fit {gets} ({misfits[0]:.0f} to {misfits[1]:.0f}, {floor:.0f} is noise)"),
@@ -202,7 +208,7 @@ def _fall_sentence(held: HeldOut, scored: bool) -> str:
         but = ", but the effect stands out of it" if held.enough(scored) else ""
         return f"the held-out error was not above the noise floor before{but}"
     verb = "falls" if held.removed > 0 else "rises"
-    enough = "" if held.removed >= LEAST_REMOVED or held.removed <= 0 else f", less than {LEAST_REMOVED:.0%}"
+    enough = "" if held.removed >= held.least or held.removed <= 0 else f", less than {held.least:.0%}"
     return f"the held-out excess error {verb} by {abs(held.removed):.0%}{enough}"
 
 

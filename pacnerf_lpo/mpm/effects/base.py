@@ -23,6 +23,7 @@ class Effect(ABC):
     signature: one sentence: what a video shows of it.
     confused_with: names of the classes that leave nearly the same signature.
     separating_experiment: one sentence: which other recording would separate it from those.
+    like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
@@ -42,6 +43,7 @@ class Effect(ABC):
     probes: tuple[dict[str, float], ...]
     confused_with: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str] = ""
+    like_shape: ClassVar[bool] = False
     one_sided: ClassVar[bool] = False
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
