@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from benchmarks.hidden_effects import generate
 from benchmarks.hidden_effects.full import as_diagnosed, first_touch, reconstructed_from
 from benchmarks.hidden_effects.setting import FULL, Setting, Size
+from pacnerf_lpo.data.synthetic import draw_discs
 from pacnerf_lpo.diagnosis.problem import PARTICLES
 
 TINY = {"particles": 300, "views": 5, "frames": 8, "image_size": 48}
@@ -34,6 +36,17 @@ def test_a_video_is_judged_by_the_views_that_its_diagnosis_holds_out(tmp_path, t
     setting = Setting(**json.loads((scene / "setting.json").read_text()))
     assert setting.held_views == held
     assert len(list((scene / "video").rglob("*.png"))) >= 5 * 8
+
+
+def test_a_video_shows_the_body_as_large_as_it_is(tmp_path):
+    scene = generate.generate(tmp_path, NULL, Size(**TINY, trained=(0, 2, 4)))
+    setting = Setting(**json.loads((scene / "setting.json").read_text()))
+    points, apart = setting.filled(0.008, torch.Generator().manual_seed(0)).double().numpy(), 0.004
+    for view, camera in enumerate(zip(np.array(setting.cameras), np.array(setting.intrinsics), strict=True)):
+        true = draw_discs(points, np.zeros_like(points), *camera, setting.image_size, apart)
+        shown = np.asarray(Image.open(scene / f"video/data/m_{view}_0.png").convert("L")) / 255
+        covered = [(image < 0.99).sum() for image in (true[..., 0], shown)]
+        assert covered[1] == pytest.approx(covered[0], rel=0.07)
 
 
 def test_the_truth_moves_on_a_finer_grid_than_the_model():
