@@ -88,8 +88,8 @@ def above_floor(found: Round) -> bool:
 
 
 def is_force(found: Round) -> bool:
-    """Whether a smooth force on the body would remove most of the residual, which an error of the reconstruction
-    does not let it, and as much in the held-out views as an effect has to, where that was asked.
+    """Whether a smooth force on the body would remove most of the residual, as it would not of what an error
+    of the reconstruction leaves, and as much in the held-out views as an effect has to, where that was asked.
     """
     if found.force is None:
         return False

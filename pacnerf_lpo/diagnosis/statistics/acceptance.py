@@ -17,7 +17,7 @@ LEAST_REMOVED = 0.25
 errors that twins do not know, and some effect or other always imitates a part of them significantly.
 """
 MOST_REMOVED = 2 / 3
-"""The same of what an error of a reconstructed shape looks like."""
+"""The same where an error of a reconstructed shape leaves something alike."""
 BELOW_FLOOR = 2.0
 """Times what is needed otherwise, an effect has to foretell held-out data whose error is no larger than the noise: one
 direction among many can stand out where their sum does not.
