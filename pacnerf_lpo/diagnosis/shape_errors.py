@@ -56,10 +56,11 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     """The body of a problem with one smooth error each: displacements of first and second order that are together about
-    ``sigma`` [m], a surface moved inwards by as much, dents here and there, and matter that is denser here than there.
+    ``sigma`` [m], surfaces moved inwards by about as much, dents here and there, and matter that is denser here than
+    there.
     """
     body = problem.body
-    linear, quadratic = polynomials(body.positions)
+    linear, quadratic = polynomials(body.positions, body.positions)
     axes = torch.eye(3, dtype=body.positions.dtype)
     strains = [linear[i][:, None] * axes[j] + linear[j][:, None] * axes[i] for i in range(3) for j in range(i, 3)]
     bends = [field[:, None] * axis for field in quadratic for axis in axes]
@@ -68,6 +69,13 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
         size = displacement.square().sum(1).mean().sqrt() * len(displacements) ** 0.5
         yield Body(body.positions + displacement * (sigma / size), body.fraction, body.spacing)
     yield problem.thinned(lambda points: sigma + 0 * points[:, 0])
+    for order, fields in enumerate((linear, quadratic)):
+        for number in range(len(fields)):
+
+            def offset(points: Tensor, order: int = order, number: int = number) -> Tensor:
+                return sigma * polynomials(points, body.positions)[order][number]
+
+            yield problem.thinned(offset)
     centres, reach = spread(body.positions, PLACES)
     for centre in centres:
         yield problem.thinned(partial(_dent, centre, BUMP * reach, DENT * sigma))
@@ -99,16 +107,21 @@ def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
     return positions[chosen], float(distance.max())
 
 
-def polynomials(positions: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-    """Coordinates of particles [m, (N, 3)], and their squares followed by products, with mean 0 and mean square 1.
+def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+    """Coordinates, and their squares followed by their products, with mean 0 and mean square 1 in a body.
+
+    Args:
+        points: where to evaluate them [m, (N, 3)]
+        body: positions of its particles [m, (P, 3)]
 
     Returns:
         Three fields of first order, and six of second, (N,) each.
     """
 
-    def normalised(field: Tensor) -> Tensor:
-        return (field - field.mean()) / field.std(correction=0).clamp_min(1e-9)
+    def normalised(field: Tensor, inside: Tensor) -> Tensor:
+        return (field - inside.mean()) / inside.std(correction=0).clamp_min(1e-9)
 
-    linear = [normalised(positions[:, axis]) for axis in range(3)]
+    linear = [normalised(points[:, axis], body[:, axis]) for axis in range(3)]
+    inside = [normalised(body[:, axis], body[:, axis]) for axis in range(3)]
     pairs = sorted(combinations_with_replacement(range(3), 2), key=lambda pair: pair[0] != pair[1])
-    return linear, [normalised(linear[i] * linear[j]) for i, j in pairs]
+    return linear, [normalised(linear[i] * linear[j], inside[i] * inside[j]) for i, j in pairs]
