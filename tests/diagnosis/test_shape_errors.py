@@ -95,8 +95,8 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
     assert float(apart.min()) >= reach - 1e-6
 
 
-def test_dents_are_local_and_as_deep_as_said(ball):
-    """The volume of a dent is its depth times what of the surface it covers; a thin layer goes everywhere."""
+def test_dents_take_matter_away_in_one_place(ball):
+    """Each a part of what a thin layer takes away everywhere, and nothing on the other side."""
     places = spread(ball.body.positions, PLACES)[0]
     thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.body.positions)]
     assert len(thinner) == 10 + PLACES
