@@ -66,7 +66,7 @@ def fit(
         iterations: at most.
         report: called with iteration, misfit and coordinates.
         hopeless: a misfit above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
-            part in each; None: never.
+            part in each, or as promised by a step that could not be longer; None: never.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
@@ -92,11 +92,12 @@ def fit(
         moved, change = np.abs(step).max(), after - now - scaled @ step
         gain, promised = 1 - (after @ after) / (now @ now), now @ now - np.sum((now + scaled @ step) ** 2)
         kept = now @ now - after @ after > TRUSTED * promised
-        if kept and moved > 0.99 * longest:
+        stretched = kept and moved > 0.99 * longest
+        if stretched:
             longest *= 2
         free, now, damping, age = trial, after, max(damping / 5, 1e-7), age + 1
         far = hopeless is not None and now @ now > hopeless
-        lost = far and iteration + 1 >= PATIENCE and gain < LIVELY
+        lost = far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched
         if lost or (age == 1 and (moved < CONVERGED or gain < LEAST_GAIN)):
             break
         if kept and age < OLDEST and moved >= CONVERGED and gain >= LEAST_GAIN:

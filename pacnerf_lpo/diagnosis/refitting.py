@@ -185,16 +185,17 @@ def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candi
         noise = noise_of_held_out(problem, comparison, mask, partial(absolute, view=view))
         before, after = absolute(before, view), absolute(after, view)
     return judge_held_out(
-        noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]), least_removed(problem, candidate)
+        noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]), least_removed(problem, comparison, candidate)
     )
 
 
-def least_removed(problem: Problem, candidate: Candidate) -> float:
+def least_removed(problem: Problem, comparison: Comparison, candidate: Candidate) -> float:
     """Share of the excess error that an effect has to remove: more where the shape was reconstructed and an error of
-    it looks like the effect.
+    it looks like the effect, or an effect was found before and errors of the shape are most of what it leaves.
     """
     reconstructed = isinstance(problem, StateProblem)
-    return MOST_REMOVED if reconstructed and candidate.effect.like_shape else LEAST_REMOVED
+    found_before = len(comparison.effects) > len(problem.physics.effects)
+    return MOST_REMOVED if reconstructed and (candidate.effect.like_shape or found_before) else LEAST_REMOVED
 
 
 def _adjusted(
@@ -224,7 +225,8 @@ def leading_of(candidate: Candidate, intervals: Sequence[Interval]) -> str:
 
 def starts(candidate: Candidate, score: Score | None) -> list[dict[str, float]]:
     """Values of the effect's coefficients to start a fit from [SI]: by the score test where it names them, else the
-    probes of the class.
+    probes of the class. A score is a straight line through the null and its probe; where it leads beyond the probe, a
+    start at the probe follows a valley that bends.
     """
     null, probes = candidate.effect.null, candidate.effect.probes
     if candidate.discrete or score is None:
@@ -235,8 +237,9 @@ def starts(candidate: Candidate, score: Score | None) -> list[dict[str, float]]:
     probe = probes[min(score.probe, len(probes) - 1)]
     name = max(null, key=lambda n: abs(probe[n] - null[n]))
     largest = max(abs(p[name] - null[name]) for p in probes)
-    size = float(np.clip(score.coefficient[0], -2 * largest, 2 * largest))
-    return [{**probe, name: null[name] + size}]
+    far, reach = float(np.clip(score.coefficient[0], -2 * largest, 2 * largest)), abs(probe[name] - null[name])
+    near = float(np.clip(far, -reach, reach))
+    return [{**probe, name: null[name] + size} for size in dict.fromkeys((near, far))]
 
 
 def _masks(problem: Problem, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:

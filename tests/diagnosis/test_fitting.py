@@ -65,6 +65,11 @@ def test_a_hopeless_start_is_given_up():
     assert len(calls) < 50
 
 
+def test_a_fit_whose_steps_keep_their_promise_and_could_be_longer_is_not_given_up():
+    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10, hopeless=1.0)
+    assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
+
+
 def test_ridge_finds_what_is_there_and_little_where_there_is_noise_alone():
     random = np.random.default_rng(0)
     design = random.standard_normal((200, 30)) * np.logspace(0, -3, 30)
