@@ -17,6 +17,8 @@ MORE_THAN_NOISE = 0.05
 """Chance at which the test for more than noise in the fitted data may err."""
 AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
+BY_ITSELF = 0.001
+"""Held-out data that are as bad with less chance than this are told of, though the fitted data are noise."""
 
 
 @dataclass
@@ -63,6 +65,13 @@ def beyond_noise(found: Round) -> bool:
 def fires(found: Round) -> bool:
     """Whether the omnibus test finds more than noise in the fitted data, and the held-out data agree."""
     return found.omnibus.p_value < MORE_THAN_NOISE and found.held.p_value < AGREEMENT
+
+
+def fails_held_out(found: Round) -> bool:
+    """Whether the model fits what it was fitted to, but not the held-out data, where the error is larger than the
+    twins', too: parameters may stand in for an effect, or the reconstruction be wrong where it did not look.
+    """
+    return found.omnibus.p_value >= MORE_THAN_NOISE and found.held.p_value < BY_ITSELF and found.excess["held"] > 0
 
 
 def left_over(found: Round) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, is_force, left_over
+from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, fails_held_out, is_force, left_over
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
@@ -45,8 +45,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
     last = rounds[-1]
     if not names and last.screening is not None and not _unfinished(last):
         kind = "unknown" if unexplained(rounds) else "nothing"
-        nothing = wording.FAULTY if beyond_noise(last) else wording.NOTHING
-        sentences.append(wording.UNKNOWN if kind == "unknown" else nothing)
+        sentences.append(wording.UNKNOWN if kind == "unknown" else _nothing(last))
     elif not names:
         kind = "unfinished"
         noise = "more than" if beyond_noise(last) else "no more than"
@@ -57,12 +56,19 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         kind = "unknown"
         sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds), ENOUGH)]
         names = []
-    rest = left_over(last) if names else kind == "nothing" and beyond_noise(last)
+    rest = left_over(last) if names else kind == "nothing" and (beyond_noise(last) or fails_held_out(last))
     if rest and names:
         sentences.append(wording.REST)
     if last.force is not None and (rest or kind == "unknown"):
         sentences += wording.force(last.force.explained, last.force.held.removed, last.force.law)
     return {"kind": kind, "effects": names, "rest": rest, "sentence": sentences[0], "details": sentences[1:]}
+
+
+def _nothing(last: Round) -> str:
+    """What to say where no effect is missing."""
+    if beyond_noise(last):
+        return wording.FAULTY
+    return wording.ASIDE if fails_held_out(last) else wording.NOTHING
 
 
 def _chance(found: Round, candidate: Candidate) -> float:

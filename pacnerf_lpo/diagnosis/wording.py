@@ -16,6 +16,10 @@ FAULTY = (
     "No missing effect is detectable: what the model leaves over is more than its own numerical error, but looks less "
     "like a force on the body than like an error of the reconstruction or of a camera."
 )
+ASIDE = (
+    "No missing effect is detectable, but the model does not hold in the views and frames kept aside: its parameters "
+    "may stand in for an effect, or the reconstruction is wrong there."
+)
 REST = "What is left is more than the model's own numerical error: a further effect, or a faulty reconstruction."
 LIKENESS = 0.5
 """Share of a force that a law explains which it is said to look like."""

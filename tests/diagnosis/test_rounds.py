@@ -109,16 +109,20 @@ def test_a_force_has_to_foretell_the_views_that_it_was_not_fitted_to():
 
 
 @pytest.mark.parametrize(
-    ("p_fitted", "moved", "kind", "rest", "said"),
+    ("p_fitted", "p_held", "above", "moved", "kind", "rest", "said"),
     [
-        (0.3, None, "nothing", False, "no more than its own numerical error"),
-        (0.01, 0.5, "nothing", True, "like an error of the reconstruction or of a camera"),
-        (0.01, 0.8, "unknown", False, "none of the known effects"),
-        (0.01, None, "unfinished", False, "more than the model's own numerical error"),
+        (0.3, 0.01, 0.1, None, "nothing", False, "no more than its own numerical error"),
+        (0.3, 1e-6, 0.1, None, "nothing", True, "does not hold in the views and frames kept aside"),
+        (0.3, 1e-6, -0.1, None, "nothing", False, "no more than its own numerical error"),  # nor is it larger
+        (0.01, 0.01, 0.1, 0.5, "nothing", True, "like an error of the reconstruction or of a camera"),
+        (0.01, 0.01, 0.1, 0.8, "unknown", False, "none of the known effects"),
+        (0.01, 0.01, 0.1, None, "unfinished", False, "more than the model's own numerical error"),
     ],
 )
-def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(p_fitted, moved, kind, rest, said):
-    only = passed(None, p_fitted, 0.01, moved=moved)
+def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(
+    p_fitted, p_held, above, moved, kind, rest, said
+):
+    only = passed(None, p_fitted, p_held, above, moved)
     only.screening, only.refits = SimpleNamespace(p_values=[0.5]), []
     if only.force is not None:
         only.force.law = SimpleNamespace(terms=[], explained=0.0)
