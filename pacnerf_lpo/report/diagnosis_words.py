@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pacnerf_lpo.diagnosis.rounds import BY_ITSELF, MORE_THAN_NOISE
+
 Result = Mapping[str, Any]
 
 
@@ -105,7 +107,8 @@ def distance(result: Result) -> str:
         "they should be. Simulated copies of this model, computed a little differently, differ from it by "
         f"{length(found.floor, result)}: "
     )
-    more = result["rounds"][0]["omnibus"]["p_value"] < 0.05
+    first = result["rounds"][0]
+    more = first["omnibus"]["p_value"] < MORE_THAN_NOISE or first["omnibus_held"]["p_value"] < BY_ITSELF
     if more and times >= 1.1:
         return f"{sentence}{measured} is {times:.1f} times as far away as that, which is too far to be an accident."
     if more:

@@ -14,7 +14,15 @@ from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
-from pacnerf_lpo.mpm.effects import CameraShift, GravityMagnitude, LinearDrag, QuadraticDrag, UniformForce, YieldStress
+from pacnerf_lpo.mpm.effects import (
+    CameraShift,
+    GravityMagnitude,
+    KelvinVoigt,
+    LinearDrag,
+    QuadraticDrag,
+    UniformForce,
+    YieldStress,
+)
 from pacnerf_lpo.mpm.effects.base import Effect
 
 
@@ -132,17 +140,21 @@ def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(
 
 
 @pytest.mark.parametrize(
-    ("effect", "by_score", "omnibus", "said"),
+    ("effect", "scores", "omnibus", "said"),
     [
-        (LinearDrag(), 0.002, 0.15, "p = 0.002"),
-        (YieldStress(), 0.002, 0.15, "p = 0.004"),  # the smaller of two
-        (YieldStress(), 1.0, 0.01, "p = 0.02"),  # its score at the null says little
+        (LinearDrag(), {"LinearDrag": 0.002, "KelvinVoigt": 0.001}, 0.15, "p = 0.002"),
+        (YieldStress(), {"YieldStress": 0.002}, 0.15, "p = 0.004"),  # the smaller of two
+        (YieldStress(), {"YieldStress": 1.0}, 0.01, "p = 0.02"),  # its score at the null says little
+        (YieldStress(), {"YieldStress": 0.3, "KelvinVoigt": 0.001}, 0.15, "p = 0.002"),  # another's made it a candidate
+        (YieldStress(), {"YieldStress": 0.3, "CameraShift@2": 0.001}, 0.15, "p = 0.3"),  # no effect on the body
     ],
 )
-def test_an_alternative_of_kind_is_as_rare_as_its_score_or_as_the_residual(effect, by_score, omnibus, said):
+def test_an_alternative_of_kind_is_as_rare_as_what_stands_out_or_as_the_residual(effect, scores, omnibus, said):
     found = passed(refitted(effect, 0.8), omnibus, 1.0)
     name = found.accepted.candidate.name
-    found.screening = SimpleNamespace(p_value=lambda _: by_score, scores=[SimpleNamespace(name="")], group=lambda _: [])
+    found.candidates = [Candidate(name, effect), Candidate("KelvinVoigt", KelvinVoigt())]
+    found.candidates.append(Candidate("CameraShift@2", CameraShift(view=2)))
+    found.screening = SimpleNamespace(p_value=lambda n: scores.get(n, 1.0), scores=[], group=lambda _: [])
     found.accepted.known, found.parameters = {}, []
     last = passed(None, 0.5, 0.5)
     last.comparison = SimpleNamespace(known={})

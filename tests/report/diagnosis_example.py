@@ -100,6 +100,7 @@ def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], acce
         "parameters": parameters,
         "undetermined": ["raising nu while lowering E changes nothing that this recording shows"],
         "omnibus": {"statistic": 9.0, "twins": [1.0, 1.1], "p_value": 1e-7},
+        "omnibus_held": {"statistic": 5.0, "twins": [1.0, 1.2], "p_value": 1e-5},
         "phases": ["free fall"] * 3 + ["impact"] + ["contact"] * 2,
         "excess": [],
         "floor": [],
@@ -155,7 +156,7 @@ def other(kind: str) -> dict[str, Any]:
     result["stages"] = result["stages"][:1]
     only["accepted"], only["refits"] = None, only["refits"][:1]
     if kind == "nothing":
-        only["omnibus"]["p_value"] = 0.4
+        only["omnibus"]["p_value"] = only["omnibus_held"]["p_value"] = 0.4
         result["stages"][0]["error"]["held"] = 0.2
     if kind == "unknown":
         result["residual_force"] = {"times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}

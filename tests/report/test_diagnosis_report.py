@@ -51,6 +51,9 @@ def test_first_screen_tells_distances_in_pixels():
     assert "1.00 pixels from where they should be" in words.distance(example.missing())
     assert "5.0 times as far away" in words.distance(example.missing())  # 1.0 / 0.2
     assert "no farther away" in words.distance(example.other("nothing"))
+    fails_aside = example.missing()
+    fails_aside["rounds"][0]["omnibus"]["p_value"] = 0.4
+    assert "5.0 times as far away" in words.distance(fails_aside)
     assert "falls from 1.00 to 0.40 pixels" in words.changes(example.missing())
 
 
