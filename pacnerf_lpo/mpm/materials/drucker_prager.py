@@ -24,13 +24,14 @@ class DruckerPrager(Material):
     for sand animation", 2016).
 
     Args:
-        theta: friction angle [deg].
+        theta: friction angle [deg]; below 65, more than sand, gravel and broken rock have: a wider cone carries
+            unconfined matter and stands in for cohesion.
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         known: names of parameters that are not identified.
     """
 
-    parameters = named(Parameter("theta", "deg", Identity(), (0.0, 90.0), "friction angle", scale=2.0), YOUNG, POISSON)
+    parameters = named(Parameter("theta", "deg", Identity(), (0.0, 65.0), "friction angle", scale=2.0), YOUNG, POISSON)
 
     def __init__(self, theta: float = 30.0, E: float = 1e6, nu: float = 0.3, known: Sequence[str] = ()):
         super().__init__({"theta": theta, "E": E, "nu": nu}, known)
