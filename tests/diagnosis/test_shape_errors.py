@@ -31,6 +31,7 @@ class Ball(StateProblem):
     erosion = 0.0
 
     def __init__(self) -> None:
+        self.physics = Physics(NeoHookean(), effects=[LinearDrag()])
         axis = torch.arange(-0.26, 0.26, DX / 2) + DX / 4
         positions = torch.cartesian_prod(axis, axis, axis)
         density = (RADIUS - positions.norm(dim=1)) * 2000
@@ -124,7 +125,6 @@ def test_matter_is_denser_here_than_there(ball):
 def test_what_an_error_of_a_reconstructed_shape_may_leave_has_to_be_removed_for_most_of_it(ball):
     """By a gradient at any time, by everything once an effect was found."""
     gradient, drag = (Candidate(kind.__name__, kind()) for kind in (StiffnessGradient, LinearDrag))
-    ball.physics = Physics(NeoHookean(), effects=[LinearDrag()])
     first, later = SimpleNamespace(effects=ball.physics.effects), SimpleNamespace(effects=[LinearDrag(), Cohesion()])
     assert least_removed(ball, first, gradient) == MOST_REMOVED > LEAST_REMOVED == least_removed(ball, first, drag)
     assert least_removed(ball, later, gradient) == MOST_REMOVED == least_removed(ball, later, drag)
