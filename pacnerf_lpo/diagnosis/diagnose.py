@@ -197,16 +197,19 @@ def _round(
         found.force = store.once(f"{number}_force", partial(residual_force, problem, comparison, progress))
     if not _suspicious(found):
         return found
-    for candidate in worth_refitting(candidates, found.screening, FALSE_ALARMS):
+    waiting, tried = worth_refitting(candidates, found.screening, FALSE_ALARMS), set()
+    while waiting:
+        candidate = waiting.pop(0)
+        tried.add(candidate.name)
         best = rival(found.refits, candidate)
-        if candidate.discrete and (settled or (best is not None and best.verdict.removed > DECISIVE)):
-            continue
-        told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
-        score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-        trial = partial(refit, problem, comparison, candidate, score, told, math.inf if best is None else best.misfit)
-        again = store.once(f"{number}_refit_{candidate.name}", trial)
-        if again is not None:
-            found.refits.append(again)
+        if not candidate.discrete or not (settled or (best is not None and best.verdict.removed > DECISIVE)):
+            told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
+            score = next((s for s in found.screening.scores if s.name == candidate.name), None)
+            least = math.inf if best is None else best.misfit
+            trial = partial(refit, problem, comparison, candidate, score, told, least)
+            again = store.once(f"{number}_refit_{candidate.name}", trial)
+            found.refits += [] if again is None else [again]
+        waiting = waiting or lookalikes(found.refits, [c for c in candidates if c.name not in tried])
     for again in ranked(found.refits):  # a finer grid is dear: only for those that would be accepted
         told = _prefixed(progress, "refit: ")
         step = partial(refine, problem, comparison, again, told)
@@ -244,6 +247,19 @@ def rival(refits: list[Refit], candidate: Candidate) -> Refit | None:
     other frames than everything else.
     """
     return next((again for again in ranked(refits) if again.candidate.view is None is candidate.view), None)
+
+
+def lookalikes(refits: list[Refit], untried: list[Candidate]) -> list[Candidate]:
+    """Those of the untried candidates that are known to be taken for the best accepted refit, or it for them: a model
+    without the effect bends its parameters to stand in for it, and there the score may name a neighbour alone.
+    """
+    best = next((again.candidate for again in ranked(refits)), None)
+    return [other for other in untried if best is not None and _confused(best, other) and other.view == best.view]
+
+
+def _confused(one: Candidate, other: Candidate) -> bool:
+    names = type(one.effect).__name__, type(other.effect).__name__
+    return names[1] in one.effect.confused_with or names[0] in other.effect.confused_with
 
 
 def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:

@@ -9,17 +9,22 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
-from pacnerf_lpo.diagnosis.diagnose import ranked, rival
+from pacnerf_lpo.diagnosis.diagnose import lookalikes, ranked, rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.rounds import left_over
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.mpm.effects import (
+    CameraRotation,
     CameraShift,
+    DensityGradient,
     GravityMagnitude,
+    InitialSpin,
     KelvinVoigt,
     LinearDrag,
     QuadraticDrag,
+    StiffnessGradient,
+    TimeOffset,
     UniformForce,
     YieldStress,
 )
@@ -45,6 +50,24 @@ def test_of_effects_that_remove_as_much_that_comes_first_which_fits_best():
     rejected = refitted(QuadraticDrag(), 0.93, accepted=False, misfit=1)
     assert ranked([camera, wind, gravity, rejected, drag]) == [drag, gravity, wind, camera]
     assert ranked([refitted(CameraShift(view=1), 0.5), camera])[0] is camera
+
+
+def test_neighbours_of_the_best_are_tried_though_no_score_names_them():
+    stiff, spin, drag = (Candidate(name_of(e), e) for e in (StiffnessGradient(), InitialSpin(), LinearDrag()))
+    heavy = refitted(DensityGradient(), 0.9)
+    assert lookalikes([heavy, refitted(LinearDrag(), 0.5)], [drag, spin, stiff]) == [spin, stiff]
+    assert lookalikes([heavy], []) == []
+    assert lookalikes([refitted(DensityGradient(), 0.9, accepted=False)], [spin, stiff]) == []
+    assert lookalikes([refitted(KelvinVoigt(), 0.9)], [drag]) == [drag]  # drag does not say so of viscosity, only
+    assert lookalikes([refitted(LinearDrag(), 0.9)], [Candidate("KelvinVoigt", KelvinVoigt())])  # viscosity of drag
+
+
+def test_neighbours_of_a_wrong_camera_are_those_of_the_same_camera():
+    shifted = refitted(CameraShift(view=1), 0.9)
+    others = [Candidate(name_of(e), e) for e in (TimeOffset(view=2), TimeOffset(view=1), UniformForce())]
+    assert lookalikes([shifted], others) == [others[1]]
+    turned = refitted(CameraRotation(view=1), 0.9)
+    assert lookalikes([turned], others) == []  # a uniform force is fitted to other frames
 
 
 def foretold(share: float, z: float = 8.0, before: float = 3.0) -> HeldOut:

@@ -21,7 +21,7 @@ class Effect(ABC):
     parameters: every coefficient; ``Parameter.scale`` is the size at which it becomes noticeable.
     null: the value of each at which the effect vanishes.
     signature: one sentence: what a video shows of it.
-    confused_with: names of the classes that leave nearly the same signature.
+    confused_with: names of the classes that leave nearly the same signature; a diagnosis that finds one tries them all.
     separating_experiment: one sentence: which other recording would separate it from those.
     like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
