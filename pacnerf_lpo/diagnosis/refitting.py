@@ -191,11 +191,10 @@ def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candi
 
 def least_removed(problem: Problem, comparison: Comparison, candidate: Candidate) -> float:
     """Share of the excess error that an effect has to remove: more where the shape was reconstructed and an error of
-    it looks like the effect, or an effect was found before and errors of the shape are most of what it leaves.
+    it looks like the effect, or the model has an effect already and errors of the shape are most of what it leaves.
     """
-    reconstructed = isinstance(problem, StateProblem)
-    found_before = len(comparison.effects) > len(problem.physics.effects)
-    return MOST_REMOVED if reconstructed and (candidate.effect.like_shape or found_before) else LEAST_REMOVED
+    doubtful = isinstance(problem, StateProblem) and (candidate.effect.like_shape or bool(comparison.effects))
+    return MOST_REMOVED if doubtful else LEAST_REMOVED
 
 
 def _adjusted(
