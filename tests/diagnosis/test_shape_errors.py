@@ -13,6 +13,7 @@ from torch import Tensor
 from benchmarks.hidden_effects.known_shape import KnownShape
 from pacnerf_lpo.diagnosis.body import Body, surface
 from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import COEFFICIENT_WIDENING, MATERIAL_WIDENING, widening
 from pacnerf_lpo.diagnosis.problem import StateProblem
 from pacnerf_lpo.diagnosis.refitting import least_removed
 from pacnerf_lpo.diagnosis.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
@@ -31,7 +32,7 @@ class Ball(StateProblem):
     erosion = 0.0
 
     def __init__(self) -> None:
-        self.physics = Physics(NeoHookean(), effects=[LinearDrag()])
+        self.physics = Physics(NeoHookean())
         axis = torch.arange(-0.26, 0.26, DX / 2) + DX / 4
         positions = torch.cartesian_prod(axis, axis, axis)
         density = (RADIUS - positions.norm(dim=1)) * 2000
@@ -130,6 +131,13 @@ def test_what_an_error_of_a_reconstructed_shape_may_leave_has_to_be_removed_for_
     assert least_removed(ball, later, gradient) == MOST_REMOVED == least_removed(ball, later, drag)
     known = KnownShape.__new__(KnownShape)
     assert least_removed(known, first, gradient) == LEAST_REMOVED == least_removed(known, later, drag)
+
+
+def test_of_a_reconstructed_body_the_material_is_known_less_well_than_twins_tell(ball):
+    known = KnownShape.__new__(KnownShape)
+    drag = {"drag": COEFFICIENT_WIDENING}
+    assert widening(ball, (LinearDrag(),)) == drag | {"E": MATERIAL_WIDENING, "nu": MATERIAL_WIDENING}
+    assert widening(known, (LinearDrag(),)) == drag and min(MATERIAL_WIDENING, COEFFICIENT_WIDENING) > 1
 
 
 def bodies(problem: StateProblem) -> Iterator[Body]:
