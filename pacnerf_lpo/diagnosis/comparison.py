@@ -29,7 +29,7 @@ COEFFICIENT_WIDENING = 1.4
 known truth lie within that, 73 % within what twins tell. Those of material and velocity cover as they are.
 """
 MATERIAL_WIDENING = 2.5
-"""The same for the material where the shape was reconstructed: eight of nine values lie within that in the videos with a
+"""The same for the material where the shape was reconstructed: eight of nine values lie within that in videos with a
 known truth, five within what twins tell, who understate the error of a reconstruction.
 """
 VALLEYS = 2
