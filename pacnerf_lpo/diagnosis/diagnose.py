@@ -44,6 +44,8 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+LEAST_REFITS = 3
+"""Effects on the body that are refitted, whatever their score, where the residual is more than noise."""
 DECISIVE = 0.9
 """Accepted effects that remove more of the held-out error than this leave nothing for those that no score names."""
 ALIKE = 0.02
@@ -197,19 +199,7 @@ def _round(
         found.force = store.once(f"{number}_force", partial(residual_force, problem, comparison, progress))
     if not _suspicious(found):
         return found
-    waiting, tried = worth_refitting(candidates, found.screening, FALSE_ALARMS), set()
-    while waiting:
-        candidate = waiting.pop(0)
-        tried.add(candidate.name)
-        best = rival(found.refits, candidate)
-        if not candidate.discrete or not (settled or (best is not None and best.verdict.removed > DECISIVE)):
-            told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
-            score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-            least = math.inf if best is None else best.misfit
-            trial = partial(refit, problem, comparison, candidate, score, told, least)
-            again = store.once(f"{number}_refit_{candidate.name}", trial)
-            found.refits += [] if again is None else [again]
-        waiting = waiting or lookalikes(found.refits, [c for c in candidates if c.name not in tried])
+    found.refits = _refitted(problem, store, number, found, settled, progress)
     for again in ranked(found.refits):  # a finer grid is dear: only for those that would be accepted
         told = _prefixed(progress, "refit: ")
         step = partial(refine, problem, comparison, again, told)
@@ -219,6 +209,37 @@ def _round(
             found.accepted = checked
             break
     return found
+
+
+def _refitted(
+    problem: Problem, store: Store, number: int, found: Round, settled: bool, progress: Callable[[str], None]
+) -> list[Refit]:
+    """With one more effect each: the best, and what the best of them is known to be taken for.
+
+    Args:
+        problem, store, number: of the round.
+        found: by its steps before.
+        settled: whether nothing is left to explain for effects that no score names.
+        progress: told what happens.
+    """
+    assert found.screening is not None
+    refits: list[Refit] = []
+    at_least = LEAST_REFITS if beyond_noise(found) and not settled else 0
+    waiting = worth_refitting(found.candidates, found.screening, at_least)
+    tried = set()
+    while waiting:
+        candidate = waiting.pop(0)
+        tried.add(candidate.name)
+        best = rival(refits, candidate)
+        if not candidate.discrete or not (settled or (best is not None and best.verdict.removed > DECISIVE)):
+            told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
+            score = next((s for s in found.screening.scores if s.name == candidate.name), None)
+            least, named = math.inf if best is None else best.misfit, found.screening.names(candidate)
+            trial = partial(refit, problem, found.comparison, candidate, score, told, least, named)
+            again = store.once(f"{number}_refit_{candidate.name}", trial)
+            refits += [] if again is None else [again]
+        waiting = waiting or lookalikes(refits, [c for c in found.candidates if c.name not in tried])
+    return refits
 
 
 def _suspicious(found: Round) -> bool:

@@ -20,7 +20,7 @@ from pacnerf_lpo.diagnosis.comparison import (
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem, StateProblem, absolute
-from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import (
     LEAST_REMOVED,
     MOST_REMOVED,
@@ -69,19 +69,26 @@ class Refit:
     verdict: Verdict
 
 
-def worth_refitting(candidates: Sequence[Candidate], screening: Screening, level: float) -> list[Candidate]:
-    """The best of the ranking that pass the threshold, at most three of a class, and every alternative of kind, because
-    a score at the null says little of those.
+def worth_refitting(candidates: Sequence[Candidate], screening: Screening, at_least: int = 0) -> list[Candidate]:
+    """The best of the ranking that the score test names, at most three of a class, and every alternative of kind,
+    because a score at the null says little of those.
+
+    Args:
+        candidates: that were screened.
+        screening: their ranking.
+        at_least: so many effects on the body beside alternatives of kind, whatever their score.
     """
     by_name = {candidate.name: candidate for candidate in candidates}
-    passed = [s.name for s, p in zip(screening.scores, screening.p_values, strict=True) if p < level]
-    chosen: list[str] = []
-    for name in passed:
-        alike = [other for other in chosen if other in screening.group(name)]
-        if len(chosen) < MOST_REFITS and len(alike) < MOST_ALIKE:
-            chosen.append(name)
-    discrete = [c.name for c in candidates if c.discrete and not c.observes and c.name not in chosen]
-    return [by_name[name] for name in [*chosen, *discrete]]
+    ranking = [by_name[score.name] for score in screening.scores]
+    chosen: list[Candidate] = []
+    for candidate in ranking:
+        alike = [other for other in chosen if other.name in screening.group(candidate.name)]
+        passed = screening.p_value(candidate.name) < FALSE_ALARMS
+        if passed and len(chosen) < MOST_REFITS and len(alike) < MOST_ALIKE:
+            chosen.append(candidate)
+    others = [c for c in ranking if c not in chosen and not c.observes and not c.discrete]
+    chosen += others[: max(0, at_least - sum(not c.observes for c in chosen))]
+    return chosen + [c for c in candidates if c.discrete and not c.observes and c not in chosen]
 
 
 def refit(
@@ -91,6 +98,7 @@ def refit(
     score: Score | None,
     progress: Progress,
     best_misfit: float = np.inf,
+    named: bool = True,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and judge it on held-out data.
 
@@ -102,6 +110,7 @@ def refit(
         score: what the score test says of it; None if it says nothing.
         progress: told what happens.
         best_misfit: of another effect that was accepted; a fit that stays far above it is given up.
+        named: whether the score test names the effect.
 
     Returns:
         None if the motion is unstable from every start.
@@ -137,13 +146,13 @@ def refit(
     leading = leading_of(candidate, intervals)
     interval = next(i for i in intervals if i.name == leading)
     verdict = acceptance(
-        _held_out(problem, comparison, after, candidate),
+        _held_out(problem, comparison, after, candidate, named),
         (float(before @ before), found.misfit),
         float(before @ before) * _noise_share(noise, comparison, fitted),
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
-        not candidate.discrete,
+        named,
     )
     return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, None, verdict)
 
@@ -175,7 +184,9 @@ def _noise_share(noise: NoiseModel, comparison: Comparison, fitted: np.ndarray) 
     return float(size.twins.mean()) / max(size.statistic, 1e-300)
 
 
-def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candidate: Candidate) -> HeldOut:
+def _held_out(
+    problem: Problem, comparison: Comparison, after: np.ndarray, candidate: Candidate, named: bool
+) -> HeldOut:
     mask = problem.usable & _masks(problem, candidate)[1][..., None]
     before = comparison.residual
     if candidate.view is None:
@@ -184,17 +195,17 @@ def _held_out(problem: Problem, comparison: Comparison, after: np.ndarray, candi
         view = problem.video.view_ids.index(candidate.view)
         noise = noise_of_held_out(problem, comparison, mask, partial(absolute, view=view))
         before, after = absolute(before, view), absolute(after, view)
-    return judge_held_out(
-        noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]), least_removed(problem, comparison, candidate)
-    )
+    least = least_removed(problem, comparison, candidate, named)
+    return judge_held_out(noise, np.nan_to_num(before[mask]), np.nan_to_num(after[mask]), least)
 
 
-def least_removed(problem: Problem, comparison: Comparison, candidate: Candidate) -> float:
-    """Share of the excess error that an effect has to remove: more where the shape was reconstructed and an error of
-    it looks like the effect, or the model has an effect already and errors of the shape are most of what it leaves.
+def least_removed(problem: Problem, comparison: Comparison, candidate: Candidate, named: bool) -> float:
+    """Share of the excess error that an effect has to remove: more where no score test names it and it is no
+    alternative of kind, of which that says little; and where the shape was reconstructed and an error of it looks like
+    the effect, or the model has an effect already and errors of the shape are most of what it leaves.
     """
-    doubtful = isinstance(problem, StateProblem) and (candidate.effect.like_shape or bool(comparison.effects))
-    return MOST_REMOVED if doubtful else LEAST_REMOVED
+    shape = isinstance(problem, StateProblem) and (candidate.effect.like_shape or bool(comparison.effects))
+    return MOST_REMOVED if shape or not (named or candidate.discrete) else LEAST_REMOVED
 
 
 def _adjusted(

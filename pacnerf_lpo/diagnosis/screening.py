@@ -130,6 +130,10 @@ class Screening:
         """Family-wise p-value of an effect; 1 if it changes nothing that can be seen."""
         return next((p for score, p in zip(self.scores, self.p_values, strict=True) if score.name == name), 1.0)
 
+    def names(self, candidate: Candidate) -> bool:
+        """Whether the score test names an effect; of an alternative of kind it says little."""
+        return not candidate.discrete and self.p_value(candidate.name) < FALSE_ALARMS
+
 
 def screen(
     problem: Problem, comparison: Comparison, candidates: Sequence[Candidate], progress: Callable[[str], None]

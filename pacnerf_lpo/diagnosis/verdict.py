@@ -72,12 +72,11 @@ def _nothing(last: Round) -> str:
 
 
 def _chance(found: Round, candidate: Candidate) -> float:
-    """Family-wise p-value of an effect. An alternative of kind is refitted whatever its score at the null, which says
-    little of it, because any effect on the body stands out or the residual is more than noise: it is as rare as the
-    rarer of these two.
+    """Family-wise p-value of an effect. One that the score test does not name was refitted because any effect on the
+    body stands out or the residual is more than noise: it is as rare as the rarer of these two.
     """
     assert found.screening is not None
-    if not candidate.discrete:
+    if found.screening.names(candidate):
         return found.screening.p_value(candidate.name)
     standing_out = min((found.screening.p_value(c.name) for c in found.candidates if not c.observes), default=1.0)
     return min(2 * min(standing_out, found.omnibus.p_value), 1.0)

@@ -11,7 +11,9 @@ import pytest
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import lookalikes, ranked, rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
+from pacnerf_lpo.diagnosis.refitting import worth_refitting
 from pacnerf_lpo.diagnosis.rounds import left_over
+from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.mpm.effects import (
@@ -36,6 +38,12 @@ def refitted(effect: Effect, removed: float, accepted: bool = True, misfit: floa
     return SimpleNamespace(candidate=Candidate(name_of(effect), effect), verdict=verdict, misfit=misfit)
 
 
+def screened(p_values: dict[str, float]) -> Screening:
+    """A ranking in which every effect is a class of its own."""
+    scores = [SimpleNamespace(name=name) for name in p_values]
+    return Screening(scores, list(p_values.values()), {}, 4.0, [(name,) for name in p_values], np.eye(len(p_values)))
+
+
 def test_only_misfits_of_the_same_data_are_compared():
     camera, wind = refitted(CameraShift(view=2), 0.95), refitted(UniformForce(), 0.6)
     drag, rejected = refitted(LinearDrag(), 0.8), refitted(LinearDrag(), 0.99, accepted=False)
@@ -50,6 +58,23 @@ def test_of_effects_that_remove_as_much_that_comes_first_which_fits_best():
     rejected = refitted(QuadraticDrag(), 0.93, accepted=False, misfit=1)
     assert ranked([camera, wind, gravity, rejected, drag]) == [drag, gravity, wind, camera]
     assert ranked([refitted(CameraShift(view=1), 0.5), camera])[0] is camera
+
+
+def test_the_best_are_refitted_whatever_their_score_where_the_residual_is_more_than_noise():
+    effects = LinearDrag(), CameraShift(view=2), GravityMagnitude(), UniformForce(), InitialSpin(), YieldStress()
+    candidates = [Candidate(name_of(effect), effect) for effect in effects]
+    drag, camera, gravity, wind, _, plastic = candidates
+    ranking = screened(dict(zip([c.name for c in candidates], [0.001, 0.02, 0.03, 0.2, 0.5, 0.9], strict=True)))
+    assert worth_refitting(candidates, ranking) == [drag, plastic]  # an alternative of kind is refitted always
+    assert worth_refitting(candidates, ranking, 3) == [drag, gravity, wind, plastic]
+    assert worth_refitting(candidates, screened({"LinearDrag": 1.0}), 3) == [drag, plastic]
+    assert worth_refitting(candidates, screened({"CameraShift@2": 0.001, "LinearDrag": 0.4}), 1) == [
+        camera,
+        drag,
+        plastic,
+    ]
+    assert [ranking.names(candidate) for candidate in candidates] == [True, False, False, False, False, False]
+    assert not screened({"YieldStress": 0.001}).names(plastic)  # says little of it
 
 
 def test_neighbours_of_the_best_are_tried_though_no_score_names_them():
@@ -166,18 +191,20 @@ def test_without_an_effect_the_verdict_depends_on_what_the_residual_looks_like(
     ("effect", "scores", "omnibus", "said"),
     [
         (LinearDrag(), {"LinearDrag": 0.002, "KelvinVoigt": 0.001}, 0.15, "p = 0.002"),
+        (LinearDrag(), {"LinearDrag": 0.3, "KelvinVoigt": 0.001}, 0.15, "p = 0.002"),  # its neighbour's made it one
+        (LinearDrag(), {"LinearDrag": 0.3}, 0.01, "p = 0.02"),  # what is left over did
         (YieldStress(), {"YieldStress": 0.002}, 0.15, "p = 0.004"),  # the smaller of two
         (YieldStress(), {"YieldStress": 1.0}, 0.01, "p = 0.02"),  # its score at the null says little
         (YieldStress(), {"YieldStress": 0.3, "KelvinVoigt": 0.001}, 0.15, "p = 0.002"),  # another's made it a candidate
         (YieldStress(), {"YieldStress": 0.3, "CameraShift@2": 0.001}, 0.15, "p = 0.3"),  # no effect on the body
     ],
 )
-def test_an_alternative_of_kind_is_as_rare_as_what_stands_out_or_as_the_residual(effect, scores, omnibus, said):
+def test_what_no_score_names_is_as_rare_as_what_stands_out_or_as_the_residual(effect, scores, omnibus, said):
     found = passed(refitted(effect, 0.8), omnibus, 1.0)
     name = found.accepted.candidate.name
     found.candidates = [Candidate(name, effect), Candidate("KelvinVoigt", KelvinVoigt())]
     found.candidates.append(Candidate("CameraShift@2", CameraShift(view=2)))
-    found.screening = SimpleNamespace(p_value=lambda n: scores.get(n, 1.0), scores=[], group=lambda _: [])
+    found.screening, found.refits = screened(scores), [found.accepted]
     found.accepted.known, found.parameters = {}, []
     last = passed(None, 0.5, 0.5)
     last.comparison = SimpleNamespace(known={})
