@@ -28,7 +28,15 @@ from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
-from pacnerf_lpo.diagnosis.rounds import Round, above_floor, beyond_noise, fires, leaves_more_than_noise
+from pacnerf_lpo.diagnosis.rounds import (
+    Round,
+    above_floor,
+    beyond_noise,
+    fails_held_out,
+    fires,
+    glaring,
+    leaves_more_than_noise,
+)
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
@@ -47,7 +55,7 @@ RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
 LEAST_REFITS = 3
 """Effects on the body that are refitted, whatever their score, where the residual is more than noise."""
 DECISIVE = 0.9
-"""Accepted effects that remove more of the held-out error than this leave nothing for those that no score names."""
+"""Accepted effects that remove more of the held-out error than this leave nothing for what no score singles out."""
 ALIKE = 0.02
 """Shares of the held-out error that differ by no more than this count as the same."""
 
@@ -128,7 +136,8 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    asked = leaves_more_than_noise(last) if len(rounds) > 1 else fires(last)  # as the verdict does
+    first = fires(last) or (fails_held_out(last) and glaring(last))
+    asked = leaves_more_than_noise(last) if len(rounds) > 1 else first  # as the verdict does
     if options.until == "refit" and asked:
         last.force = store.once(f"{len(rounds)}_force", partial(residual_force, problem, last.comparison, progress))
         write(problem, store.folder, rounds)
@@ -219,26 +228,32 @@ def _refitted(
     Args:
         problem, store, number: of the round.
         found: by its steps before.
-        settled: whether nothing is left to explain for effects that no score names.
+        settled: whether nothing is left to explain for effects that no score singles out.
         progress: told what happens.
     """
     assert found.screening is not None
+    screening, untried = found.screening, list(found.candidates)
     refits: list[Refit] = []
-    at_least = LEAST_REFITS if beyond_noise(found) and not settled else 0
-    waiting = worth_refitting(found.candidates, found.screening, at_least)
-    tried = set()
-    while waiting:
-        candidate = waiting.pop(0)
-        tried.add(candidate.name)
+
+    def try_out(candidate: Candidate) -> None:
         best = rival(refits, candidate)
-        if not candidate.discrete or not (settled or (best is not None and best.verdict.removed > DECISIVE)):
-            told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
-            score = next((s for s in found.screening.scores if s.name == candidate.name), None)
-            least, named = math.inf if best is None else best.misfit, found.screening.names(candidate)
-            trial = partial(refit, problem, found.comparison, candidate, score, told, least, named)
-            again = store.once(f"{number}_refit_{candidate.name}", trial)
-            refits += [] if again is None else [again]
-        waiting = waiting or lookalikes(refits, [c for c in found.candidates if c.name not in tried])
+        told = _prefixed(progress, f"refit with {wording.readable(candidate.name)}: ")
+        score = next((s for s in screening.scores if s.name == candidate.name), None)
+        least, named = math.inf if best is None else best.misfit, screening.names(candidate)
+        trial = partial(refit, problem, found.comparison, candidate, score, told, least, named)
+        again = store.once(f"{number}_refit_{candidate.name}", trial)
+        refits.extend([] if again is None else [again])
+        untried.remove(candidate)
+
+    at_least = LEAST_REFITS if beyond_noise(found) and not settled else 0
+    for candidate in worth_refitting(found.candidates, screening, at_least):
+        best = rival(refits, candidate)
+        decisive = settled or (best is not None and best.verdict.removed > DECISIVE)
+        if not decisive or not candidate.discrete or screening.p_value(candidate.name) < FALSE_ALARMS:
+            try_out(candidate)
+    while neighbours := lookalikes(refits, untried):
+        for candidate in neighbours:
+            try_out(candidate)
     return refits
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
@@ -19,6 +21,11 @@ AGREEMENT = 0.2
 """Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
 BY_ITSELF = 0.001
 """Held-out data that are as bad with less chance than this are told of, though the fitted data are noise."""
+
+MUCH_MORE = 4.0
+"""Times the twins' mean square: a held-out error so large is neither explained by what was found nor an error of a
+reconstruction, whose known directions count as noise.
+"""
 
 
 @dataclass
@@ -94,6 +101,11 @@ def matters(found: Round) -> bool:
 def above_floor(found: Round) -> bool:
     """Whether the error is larger than the twins' in the fitted or in the held-out data."""
     return any(square > 0 for square in found.excess.values())
+
+
+def glaring(found: Round) -> bool:
+    """Whether the held-out error is much larger than the twins', in units of its noise."""
+    return found.held.statistic > MUCH_MORE * float(np.mean(found.held.twins))
 
 
 def is_force(found: Round) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, fails_held_out, is_force, left_over
+from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, fails_held_out, glaring, is_force, left_over
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
@@ -54,7 +54,7 @@ def verdict(problem: Problem, rounds: list[Round]) -> dict:
         )
     elif unexplained(rounds):
         kind = "unknown"
-        sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds), ENOUGH)]
+        sentences = [wording.UNKNOWN, wording.nearest(names, removed_by(rounds), _remaining(rounds))]
         names = []
     rest = left_over(last) if names else kind == "nothing" and (beyond_noise(last) or fails_held_out(last))
     if rest and names:
@@ -83,13 +83,22 @@ def _chance(found: Round, candidate: Candidate) -> float:
 
 
 def unexplained(rounds: list[Round]) -> bool:
-    """Whether more than noise is left that looks like a smooth force, or what was accepted removes less than half of
-    the held-out error.
+    """Whether more than noise is left that looks like a smooth force, or that is much more in the held-out data, or
+    what was accepted removes less than half of the held-out error.
     """
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
-        return beyond_noise(last) and is_force(last)
-    return left_over(last) and (is_force(last) or removed_by(rounds) < ENOUGH)
+        doubtful = beyond_noise(last) or fails_held_out(last)
+        return (beyond_noise(last) and is_force(last)) or (doubtful and glaring(last))
+    return left_over(last) and (is_force(last) or glaring(last) or removed_by(rounds) < ENOUGH)
+
+
+def _remaining(rounds: list[Round]) -> str:
+    """What the accepted effects leave, where that is no explanation."""
+    if removed_by(rounds) < ENOUGH:
+        return wording.MORE_THAN_HALF
+    held = rounds[-1].held
+    return wording.LIKE_A_FORCE if is_force(rounds[-1]) else wording.times(held.statistic / float(np.mean(held.twins)))
 
 
 def _unfinished(found: Round) -> bool:

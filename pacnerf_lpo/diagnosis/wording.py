@@ -58,17 +58,25 @@ def missing(candidate: Candidate, alike: Sequence[str], p: float, removed: float
     return f"{what[0].upper()}{what[1:]} ({probability(p)}); adding it removes {removed:.0%} of the held-out error."
 
 
-def nearest(names: Sequence[str], removed: float, enough: float) -> str:
+def nearest(names: Sequence[str], removed: float, remaining: str) -> str:
     """What the effects do that were accepted and do not explain it.
 
     Args:
         names: of the effects.
         removed: share of the held-out error that they remove together.
-        enough: the share below which that is no explanation by itself.
+        remaining: about the rest of it.
     """
     tried = " and ".join(readable(name) for name in names)
-    left = "more than half remains" if removed < enough else "what remains still looks like a force"
-    return f"Nearest comes {tried}, which removes {removed:.0%} of the held-out error; {left}."
+    return f"Nearest comes {tried}, which removes {removed:.0%} of the held-out error; {remaining}."
+
+
+MORE_THAN_HALF = "more than half remains"
+LIKE_A_FORCE = "what remains still looks like a force"
+
+
+def times(ratio: float) -> str:
+    """About an error whose mean square is so many times that of the twins."""
+    return f"what remains is {ratio**0.5:.1f} times the model's own numerical error"
 
 
 def moved(parameter: Parameter, before: float, after: float) -> str:

@@ -139,6 +139,20 @@ def test_what_an_effect_removes_is_told_by_the_next_pass_in_units_of_its_own_noi
     assert removed_by([camera, noisy]) == pytest.approx(0.95)  # relative to frame 0 a shift does not show
 
 
+def test_what_leaves_much_more_than_noise_is_no_explanation():
+    """Nine tenths may be removed of a very large error, and the rest be far beyond what noise leaves."""
+    first, last = passed(refitted(UniformForce(), 0.9), 1e-5, 1e-5), passed(None, 0.003, 1e-9)
+    first.held.statistic = 100.0
+    for statistic, beyond in ((3.9, False), (4.1, True)):
+        last.held.statistic = statistic
+        assert unexplained([first, last]) is beyond and removed_by([first, last]) > 0.95
+    faithful = passed(None, 0.07, 1e-9)  # fits its own data
+    faithful.held.statistic = 6.0
+    assert unexplained([faithful])
+    faithful.held.p_value = 0.01
+    assert not unexplained([faithful])  # may be an accident
+
+
 def test_a_residual_that_a_smooth_force_removes_is_missing_physics():
     wind = refitted(UniformForce(), 0.8)
     assert unexplained([passed(wind, 1e-5, 1e-5), passed(None, 0.01, 0.01, moved=0.75)])
