@@ -31,10 +31,8 @@ from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
 from pacnerf_lpo.diagnosis.rounds import (
     Round,
     above_floor,
-    beyond_noise,
-    fails_held_out,
+    asks_for_an_effect,
     fires,
-    glaring,
     leaves_more_than_noise,
 )
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
@@ -136,7 +134,7 @@ def investigate(problem: Problem, store: Store, options: Options, progress: Call
             break
         effects, known = (*effects, found.accepted.candidate.effect), found.accepted.known
     last = rounds[-1]
-    first = fires(last) or (fails_held_out(last) and glaring(last))
+    first = fires(last) or asks_for_an_effect(last)
     asked = leaves_more_than_noise(last) if len(rounds) > 1 else first  # as the verdict does
     if options.until == "refit" and asked:
         last.force = store.once(f"{len(rounds)}_force", partial(residual_force, problem, last.comparison, progress))
@@ -245,11 +243,11 @@ def _refitted(
         refits.extend([] if again is None else [again])
         untried.remove(candidate)
 
-    at_least = LEAST_REFITS if beyond_noise(found) and not settled else 0
+    at_least = LEAST_REFITS if asks_for_an_effect(found) and not settled else 0
     for candidate in worth_refitting(found.candidates, screening, at_least):
         best = rival(refits, candidate)
         decisive = settled or (best is not None and best.verdict.removed > DECISIVE)
-        if not decisive or not candidate.discrete or screening.p_value(candidate.name) < FALSE_ALARMS:
+        if not decisive or not candidate.discrete or screening.singles_out(candidate):
             try_out(candidate)
     while neighbours := lookalikes(refits, untried):
         for candidate in neighbours:
@@ -258,9 +256,9 @@ def _refitted(
 
 
 def _suspicious(found: Round) -> bool:
-    """Whether the residual is more than noise, or an effect stands out."""
+    """Whether the residual asks for an effect, or one stands out."""
     assert found.screening is not None
-    return beyond_noise(found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
+    return asks_for_an_effect(found) or min(found.screening.p_values, default=1.0) < FALSE_ALARMS
 
 
 def ranked(refits: list[Refit]) -> list[Refit]:

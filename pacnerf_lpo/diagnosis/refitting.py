@@ -20,7 +20,7 @@ from pacnerf_lpo.diagnosis.comparison import (
 from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
 from pacnerf_lpo.diagnosis.model import Model
 from pacnerf_lpo.diagnosis.problem import Problem, StateProblem, absolute
-from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening
+from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import (
     LEAST_REMOVED,
     MOST_REMOVED,
@@ -70,7 +70,7 @@ class Refit:
 
 
 def worth_refitting(candidates: Sequence[Candidate], screening: Screening, at_least: int = 0) -> list[Candidate]:
-    """The best of the ranking that the score test names, at most three of a class, and every alternative of kind,
+    """The best of the ranking that their score singles out, at most three of a class, and every alternative of kind,
     because a score at the null says little of those.
 
     Args:
@@ -83,8 +83,7 @@ def worth_refitting(candidates: Sequence[Candidate], screening: Screening, at_le
     chosen: list[Candidate] = []
     for candidate in ranking:
         alike = [other for other in chosen if other.name in screening.group(candidate.name)]
-        passed = screening.p_value(candidate.name) < FALSE_ALARMS
-        if passed and len(chosen) < MOST_REFITS and len(alike) < MOST_ALIKE:
+        if screening.singles_out(candidate) and len(chosen) < MOST_REFITS and len(alike) < MOST_ALIKE:
             chosen.append(candidate)
     others = [c for c in ranking if c not in chosen and not c.observes and not c.discrete]
     chosen += others[: max(0, at_least - sum(not c.observes for c in chosen))]

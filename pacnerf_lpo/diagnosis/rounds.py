@@ -103,9 +103,19 @@ def above_floor(found: Round) -> bool:
     return any(square > 0 for square in found.excess.values())
 
 
+def asks_for_an_effect(found: Round) -> bool:
+    """Whether the residual is beyond noise, or the model fits its own data and fails in the held-out ones by far."""
+    return beyond_noise(found) or (fails_held_out(found) and glaring(found))
+
+
 def glaring(found: Round) -> bool:
     """Whether the held-out error is much larger than the twins', in units of its noise."""
-    return found.held.statistic > MUCH_MORE * float(np.mean(found.held.twins))
+    return times_noise(found.held) > MUCH_MORE
+
+
+def times_noise(size: Omnibus) -> float:
+    """Mean square of a residual beside that of the twins."""
+    return size.statistic / float(np.mean(size.twins))
 
 
 def is_force(found: Round) -> bool:

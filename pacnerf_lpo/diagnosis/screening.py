@@ -130,9 +130,13 @@ class Screening:
         """Family-wise p-value of an effect; 1 if it changes nothing that can be seen."""
         return next((p for score, p in zip(self.scores, self.p_values, strict=True) if score.name == name), 1.0)
 
+    def singles_out(self, candidate: Candidate) -> bool:
+        """Whether the score of an effect is rarer than a false alarm may be."""
+        return self.p_value(candidate.name) < FALSE_ALARMS
+
     def names(self, candidate: Candidate) -> bool:
         """Whether the score test names an effect; of an alternative of kind it says little."""
-        return not candidate.discrete and self.p_value(candidate.name) < FALSE_ALARMS
+        return not candidate.discrete and self.singles_out(candidate)
 
 
 def screen(

@@ -9,7 +9,16 @@ import numpy as np
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.rounds import Round, beyond_noise, fails_held_out, glaring, is_force, left_over
+from pacnerf_lpo.diagnosis.rounds import (
+    Round,
+    asks_for_an_effect,
+    beyond_noise,
+    fails_held_out,
+    glaring,
+    is_force,
+    left_over,
+    times_noise,
+)
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
 
@@ -88,8 +97,7 @@ def unexplained(rounds: list[Round]) -> bool:
     """
     last = rounds[-1]
     if all(found.accepted is None for found in rounds):
-        doubtful = beyond_noise(last) or fails_held_out(last)
-        return (beyond_noise(last) and is_force(last)) or (doubtful and glaring(last))
+        return asks_for_an_effect(last) and (glaring(last) or is_force(last))
     return left_over(last) and (is_force(last) or glaring(last) or removed_by(rounds) < ENOUGH)
 
 
@@ -97,8 +105,8 @@ def _remaining(rounds: list[Round]) -> str:
     """What the accepted effects leave, where that is no explanation."""
     if removed_by(rounds) < ENOUGH:
         return wording.MORE_THAN_HALF
-    held = rounds[-1].held
-    return wording.LIKE_A_FORCE if is_force(rounds[-1]) else wording.times(held.statistic / float(np.mean(held.twins)))
+    last = rounds[-1]
+    return wording.LIKE_A_FORCE if is_force(last) else wording.times(times_noise(last.held))
 
 
 def _unfinished(found: Round) -> bool:
@@ -106,7 +114,7 @@ def _unfinished(found: Round) -> bool:
     the residual looks like.
     """
     passed = found.screening is not None and min(found.screening.p_values, default=1.0) < FALSE_ALARMS
-    return (passed and not found.refits) or (beyond_noise(found) and found.force is None)
+    return (passed and not found.refits) or (asks_for_an_effect(found) and found.force is None)
 
 
 def _not_told_apart(found: Round) -> list[str]:

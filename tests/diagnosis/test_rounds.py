@@ -12,7 +12,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import lookalikes, ranked, rival
 from pacnerf_lpo.diagnosis.problem import absolute, relative
 from pacnerf_lpo.diagnosis.refitting import worth_refitting
-from pacnerf_lpo.diagnosis.rounds import left_over
+from pacnerf_lpo.diagnosis.rounds import asks_for_an_effect, left_over
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
@@ -148,9 +148,9 @@ def test_what_leaves_much_more_than_noise_is_no_explanation():
         assert unexplained([first, last]) is beyond and removed_by([first, last]) > 0.95
     faithful = passed(None, 0.07, 1e-9)  # fits its own data
     faithful.held.statistic = 6.0
-    assert unexplained([faithful])
+    assert asks_for_an_effect(faithful) and unexplained([faithful])
     faithful.held.p_value = 0.01
-    assert not unexplained([faithful])  # may be an accident
+    assert not asks_for_an_effect(faithful) and not unexplained([faithful])  # may be an accident
 
 
 def test_a_residual_that_a_smooth_force_removes_is_missing_physics():

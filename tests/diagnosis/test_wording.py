@@ -21,3 +21,11 @@ def test_a_force_is_said_to_look_like_a_law_only_where_that_explains_it(law: Law
     assert found[0] == "A smooth force on the body would remove 52% of what is left, and 40% in the views kept aside."
     assert "nothing in the views kept aside" in wording.force(0.52, -0.1, law)[0]
     assert found[1].startswith(sentence)
+
+
+def test_what_remains_is_told_as_a_length_not_as_a_square():
+    said = wording.nearest(["UniformForce", "InitialSpin"], 0.88, wording.times(12.25))
+    assert said == (
+        "Nearest comes uniform force and initial spin, which removes 88% of the held-out error; what remains is 3.5 times "
+        "the model's own numerical error."
+    )
