@@ -67,8 +67,8 @@ def nearest(names: Sequence[str], removed: float, remaining: str) -> str:
         remaining: about the rest of it.
     """
     tried = " and ".join(readable(name) for name in names)
-    head = f"Nearest comes {tried}, which removes" if len(names) == 1 else f"Nearest come {tried}, which together remove"
-    return f"{head} {removed:.0%} of the held-out error; {remaining}."
+    comes, removes = ("comes", "removes") if len(names) == 1 else ("come", "together remove")
+    return f"Nearest {comes} {tried}, which {removes} {removed:.0%} of the held-out error; {remaining}."
 
 
 MORE_THAN_HALF = "more than half remains"

@@ -25,6 +25,8 @@ def test_a_force_is_said_to_look_like_a_law_only_where_that_explains_it(law: Law
 
 def test_what_remains_is_told_as_a_length_not_as_a_square():
     said = wording.nearest(["UniformForce"], 0.88, wording.times(12.25))
-    assert said.endswith("removes 88% of the held-out error; what remains is 3.5 times the model's own numerical error.")
+    assert said.startswith(
+        "Nearest comes uniform force, which removes 88% of the held-out error; what remains is 3.5 times"
+    )
     said = wording.nearest(["UniformForce", "InitialSpin"], 0.3, wording.MORE_THAN_HALF)
     assert said.startswith("Nearest come uniform force and initial spin, which together remove 30%")
