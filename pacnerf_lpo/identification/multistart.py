@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from scipy.stats import qmc
 
-from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit_or_none
-from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Fit, Residual, fit_or_none
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.parameters import Log10, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 
