@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import pacnerf_lpo.mpm.effects
 import pacnerf_lpo.mpm.materials
 import pacnerf_lpo.phases.schedules
-import pacnerf_lpo.phases.static_grid  # noqa: F401  (short class names in YAML exist once their modules are imported)
+import pacnerf_lpo.phases.static_grid
+import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo import cli
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm.physics import Physics
