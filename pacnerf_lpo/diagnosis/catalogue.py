@@ -41,7 +41,7 @@ class Candidate:
 
     @property
     def discrete(self) -> bool:
-        """Whether it is an alternative of kind, which a small change of a coefficient does not lead to."""
+        """Whether it is non-local: no small change of a coefficient leads from its null to it."""
         nulls, probes = self.effect.null, self.effect.probes
         far = [abs(null) > FAR * max(abs(probe[name]) for probe in probes) for name, null in nulls.items() if null]
         return isinstance(self.effect, GroundEffect) or any(far)
@@ -63,6 +63,10 @@ class Candidate:
             return probes
         null = self.effect.null
         return [{**null, name: self._farthest(name)} for name in null]
+
+    def width(self, name: str) -> float:
+        """Prior standard deviation of one coefficient [its unit]: the largest probe of it, counted from the null."""
+        return abs(self._farthest(name) - self.effect.null[name])
 
     def _farthest(self, name: str) -> float:
         """The probe of one coefficient that is farthest from its null."""

@@ -1,265 +1,195 @@
-"""Steps 1 and 2: fit the model as it is, and learn from twins how large its residual may be."""
+"""Fit the model as it is, and learn what its residual may be where nothing is missing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from pacnerf_lpo.diagnosis.replicates import replicates
 from pacnerf_lpo.diagnosis.shape_errors import shape_errors
-from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
-from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
-from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
-from pacnerf_lpo.diagnosis.statistics.score import Remainder
-from pacnerf_lpo.diagnosis.twins import twins
-from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.diagnosis.smooth_force import force_changes
+from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
+from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Residual, fit, sensitivities
-from pacnerf_lpo.identification.multistart import MUCH_LOWER, best_beside, best_fitted, points, promising, span
-from pacnerf_lpo.identification.problem import Problem, StateProblem
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
+from pacnerf_lpo.inference.intervals import Interval, posterior_intervals
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-FIRST_ITERATIONS = 10
-WHITENED_ITERATIONS = 5
+WHITENED_ITERATIONS = 8
 CONFIDENCE = 0.9
 """Of all intervals."""
-COEFFICIENT_WIDENING = 1.4
-"""Intervals of effects' coefficients are so many times as wide as twins tell: nine tenths of 41 in blind scenes with a
-known truth lie within that, 73 % within what twins tell. Those of material and velocity cover as they are.
-"""
-MATERIAL_WIDENING = 2.5
-"""The same for the material where the shape was reconstructed: eight of nine values lie within that in videos with a
-known truth, five within what twins tell, who understate the error of a reconstruction.
-"""
-VALLEYS = 2
-DECADES = 3.0
-SAMPLES, STARTS = 16, 2  # samples for each parameter
-COARSER = 1.4
-"""Node spacing of a search beside that of the diagnosis."""
+FORCE = 0.02
+"""Prior standard deviation of the unknown smooth force in every model [m/s^2]: what the replicates of recordings without
+any leave; a known cause of a force as small is of no interest."""
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A fitted model beside the measurements.
+    """A fitted model and the measurements.
 
-    effects: of the model.
-    names: of its unknowns.
+    names: of the model's unknowns.
     free: their free coordinates at the best fit [(K,)]
     known: every value there [SI]
-    residual: measured minus predicted [pixels, (V, F, 11)]; NaN where not usable
-    jacobian: change of the residual by the unknowns [(V, F, 11, K)]
-    twins: residuals of simulated nulls [(T, V, F, 11)]
-    shape_errors: changes of the residual by errors of the reconstructed body [(V, F, 11, M)]
+    mean, deviation: of the unknowns' priors, in free coordinates [(K,)]
+    cost: sum of squares of the standardised residual and of the priors' terms in the fitted entries.
+    residual: measured minus predicted [pixels, (R, F, 11)]; NaN where not usable
+    jacobian: change of the residual by the unknowns [(R, F, 11, K)]
+    replicates: residuals of simulated nulls [(T, R, F, 11)]
+    shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
+    force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
+    notes: sentences about estimates at a bound or far from what was expected.
+    rollouts: simulations that it took.
     """
 
-    effects: tuple[Effect, ...]
     names: tuple[str, ...]
     free: np.ndarray
     known: dict[str, float]
+    mean: np.ndarray
+    deviation: np.ndarray
+    cost: float
     residual: np.ndarray
     jacobian: np.ndarray
-    twins: np.ndarray
+    replicates: np.ndarray
     shape_errors: np.ndarray
+    force: np.ndarray
+    notes: tuple[str, ...]
+    rollouts: int
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
-        """Of the entries of a mask [(V, F, 11), bool]."""
-        return noise_of(problem, self.twins, mask, self.shape_errors)
+        """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
+        known = np.concatenate((self.shape_errors[mask], FORCE * self.force[mask]), axis=1)
+        return noise_of(problem, self.replicates, mask, np.nan_to_num(known))
+
+    def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
+        """The same with the unknowns of the model, which move with their priors."""
+        return self.noise(problem, mask).with_directions(np.nan_to_num(self.jacobian[mask]) * self.deviation)
+
+    def checks(self, problem: Problem) -> tuple[Check, Check]:
+        """Whether the residual is what the model predicts: in the fitted entries, and in the held-out ones."""
+        fitted, usable = problem.fitted, problem.usable
+        part, whole = self.marginal(problem, fitted), self.marginal(problem, usable)
+        found = check_fitted(part, self.residual[fitted])
+        return found, check_held_out(whole, part, self.residual[usable], fitted[usable])
+
+
+class Objective:
+    """Standardised residual of a model in some entries, then how far each unknown is from the mean of its prior in standard
+    deviations [(D + K,)], as a function of free coordinates [(K,)]; raises SimulationError.
+    """
+
+    def __init__(self, residual: Residual, noise: NoiseModel, mean: np.ndarray, deviation: np.ndarray):
+        self.residual, self.noise, self.mean, self.deviation = residual, noise, mean, deviation
+
+    def __call__(self, free: np.ndarray) -> np.ndarray:
+        standardised = self.noise.whiten_residual(self.residual(free))
+        return np.concatenate((standardised, (free - self.mean) / self.deviation))
 
 
 def compare(
     problem: Problem,
     effects: Sequence[Effect],
     known: dict[str, float],
-    count: int,
-    seed: int,
+    settings: tuple[int, int],
+    searched: bool,
     progress: Progress,
 ) -> Comparison:
-    """Fit material, effects and velocity to the fitted views and frames; simulate twins at the best fit.
+    """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
-    First with the same weight for all summaries, then whitened by the noise that the twins show. A rebound that comes a
-    frame late fits almost as well as the right one; so fits from moduli beside the best ones are tried, too, and one
-    that is much better takes its place, with twins of its own.
+    First with the same weight for all silhouette moments, then standardised by the noise that the replicates show.
 
     Args:
         problem: the run.
         effects: of the model.
         known: values to start from [SI].
-        count: number of twins.
-        seed: of the twins.
+        settings: number of replicates, and their seed.
+        searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
         progress: told what happens.
 
     Raises:
-        SimulationError: the motion at the values to start from is unstable.
+        SimulationError: the motion is unstable at every start.
     """
-    model = problem.model(effects, known)
-    raw = problem.residual_of(model, problem.fitted)
-    weighted, report = problem.weighted_residual_of(model), reporter(model, progress)
-    free = fit(weighted, model.start, model.scales, model.bounds, FIRST_ITERATIONS, report).free
-    for attempt in range(VALLEYS):
-        found = twins(problem, effects, free, model, count, seed, lambda k: progress(f"twin {k} of {count}"))
-        wrong = shape_errors(problem, effects, free, model)
-        noise = noise_of(problem, found, problem.fitted, wrong)
-        whitened = whitened_by(noise, raw)
-        best = fit(whitened, free, model.scales, model.bounds, WHITENED_ITERATIONS, report)
-        free = best.free
-        if attempt == VALLEYS - 1:
-            break
-        progress("looking into the next valleys")
-        moduli = problem.physics.material.free_names
-        other = best_beside(model, moduli, whitened, best, FIRST_ITERATIONS)
-        if other.misfit > MUCH_LOWER * best.misfit:
-            break
-        free = other.free
+    model, rollouts = problem.model(effects, known), 0
+    free = model.start
+    if searched:
+        begun = base_fit(problem, effects, known, progress)
+        model, free, rollouts = begun.model, begun.free, begun.rollouts
+    mean, deviation = priors(problem, model)
+    count, seed = settings
+    found = replicates(problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}"))
+    wrong = shape_errors(problem, effects, free, model)
+    force = force_changes(problem, effects, model.physical(free), progress)
     everywhere = problem.residual_of(model, problem.usable)
-    residual = everywhere(free)
-    jacobian = sensitivities(everywhere, free, residual, model.scales, model.bounds)
+    mask = problem.fitted
+    directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
+    noise = noise_of(problem, found, mask, directions)
+    objective = Objective(problem.residual_of(model, mask), noise, mean, deviation)
+    best = fit(objective, free, model.scales, model.bounds, WHITENED_ITERATIONS, reporter(model, progress))
+    residual = everywhere(best.free)
+    jacobian = sensitivities(everywhere, best.free, residual, model.scales, model.bounds)
+    simulated = best.rollouts + len(found) + wrong.shape[-1] + force.shape[-1] + len(model.names) + 2
     return Comparison(
-        tuple(effects),
         model.names,
-        free,
-        model.physical(free),
-        _spread(residual, problem.usable),
-        _spread(jacobian, problem.usable),
+        best.free,
+        model.physical(best.free),
+        mean,
+        deviation,
+        best.cost,
+        spread(residual, problem.usable),
+        spread(jacobian, problem.usable),
         found,
         wrong,
+        force,
+        tuple(notes(model, best.free, mean, deviation)),
+        rollouts + simulated,
     )
 
 
-def searched(
-    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
-) -> dict[str, float]:
-    """Values to start from when the run has not identified its physics [SI]: of short fits from what it says and from
-    the best of a search on a coarse body, the best.
+def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:
+    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)] and, where there are
+    any, errors that are known beforehand [(D, M)].
     """
-    spacing = problem.spacing * COARSER
-    coarse = problem.model(effects, known, problem.sample(spacing, seed=0))
-    spans = {
-        parameter.name: ends
-        for parameter, value in zip(coarse.unknowns, coarse.start, strict=True)
-        if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
-    }
-
-    def watched(losses: Iterator[float], count: int) -> Iterator[float]:
-        for number, loss in enumerate(losses, 1):
-            progress(f"search of {', '.join(spans)}: {number} of {count}")
-            yield loss
-
-    tried = points(coarse, spans, SAMPLES * len(spans))
-    found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS, watched)
-    fine = problem.model(effects, known)
-    progress("fits from the best points and from the guess")
-    return fine.physical(best_fitted(fine, problem.weighted_residual_of(fine), found, STARTS))
+    found = np.nan_to_num(residuals[:, mask])
+    return NoiseModel.from_replicates(found, problem.sensor[mask], problem.layout(mask), known)
 
 
-def whitened_by(noise: NoiseModel, residual: Residual) -> Residual:
-    """A residual of free coordinates [(K,)] in units of its noise [(D,)]."""
-    return lambda free: noise.whiten_residual(residual(free))
-
-
-def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, wrong: np.ndarray | None = None) -> NoiseModel:
-    """The noise model in the entries of a mask [(V, F, 11), bool], from twins [(T, V, F, 11)] and, where there are any,
-    errors of the body [(V, F, 11, M)].
-    """
-    directions = None if wrong is None else np.nan_to_num(wrong[mask])
-    twins = np.nan_to_num(residuals[:, mask])
-    return NoiseModel.from_twins(twins, problem.sensor[mask], problem.layout(mask), directions)
-
-
-def noise_of_held_out(
-    problem: Problem,
-    comparison: Comparison,
-    mask: np.ndarray,
-    seen_as: Callable[[np.ndarray], np.ndarray] = lambda residuals: residuals,
-) -> NoiseModel:
-    """The noise model in held-out entries [(V, F, 11), bool], where an error of the fit adds to the twins'.
-
-    ``seen_as`` is the linear change of residuals [(..., V, F, 11)] in which they are judged.
-    """
-
-    def columns(changes: np.ndarray) -> np.ndarray:
-        return np.moveaxis(seen_as(np.moveaxis(changes, -1, 0)), 0, -1)[mask]
-
-    return held_out_noise(
-        comparison.noise(problem, problem.fitted),
-        comparison.jacobian[problem.fitted],
-        np.nan_to_num(seen_as(comparison.twins)[:, mask]),
-        columns(comparison.jacobian),
-        problem.sensor[mask],
-        problem.layout(mask),
-        np.nan_to_num(columns(comparison.shape_errors)),
-    )
-
-
-def more_than_noise(problem: Problem, comparison: Comparison) -> tuple[Omnibus, Omnibus]:
-    """Whether the residual is larger than the twins' are: in the fitted entries, and in the held-out ones."""
-    fitted, held = problem.fitted, problem.usable & problem.split.held[..., None]
-    noise = comparison.noise(problem, fitted), noise_of_held_out(problem, comparison, held)
-    residual = np.nan_to_num(comparison.residual[held])
-    return (
-        omnibus(noise[0], comparison.residual[fitted], comparison.jacobian[fitted]),
-        omnibus(noise[1], residual, np.zeros((len(residual), 0))),
-    )
-
-
-def intervals(problem: Problem, comparison: Comparison, noise: NoiseModel) -> tuple[list[Interval], list[str]]:
+def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
-    mask = problem.fitted
-    jacobian, residual = comparison.jacobian[mask], comparison.residual[mask]
-    remainder = Remainder.of(noise, jacobian)
-    dispersion = overdispersion(remainder.residual(residual), remainder.dof)
-    model = problem.model(comparison.effects, comparison.known)
-    return laplace_in_si(model, comparison.free, noise, jacobian, dispersion, widening(problem, comparison.effects))
+    mask, model = problem.fitted, problem.model(effects, comparison.known)
+    noise = comparison.noise(problem, mask)
+    return intervals_in_si(
+        model, comparison.free, comparison.deviation, noise, comparison.residual[mask], comparison.jacobian[mask]
+    )
 
 
-def widening(problem: Problem, effects: Sequence[Effect]) -> dict[str, float]:
-    """How many times as wide as twins tell the intervals of some unknowns are, by their names."""
-    factors = {name: COEFFICIENT_WIDENING for effect in effects for name in effect.parameters}
-    if isinstance(problem, StateProblem):
-        factors |= dict.fromkeys(problem.physics.material.free_names, MATERIAL_WIDENING)
-    return factors
-
-
-def laplace_in_si(
+def intervals_in_si(
     model: Model,
     free: np.ndarray,
+    deviation: np.ndarray,
     noise: NoiseModel,
+    residual: np.ndarray,
     jacobian: np.ndarray,
-    dispersion: float,
-    wider: Mapping[str, float] | None = None,
 ) -> tuple[list[Interval], list[str]]:
-    """Intervals of every unknown of a fitted model [SI], and what is not determined, in words.
+    """Posterior intervals of every unknown of a fitted model [SI], and what is not determined, in words.
 
     Args:
         model: whose unknowns they are.
-        free: coordinates at the fit [(K,)]
+        free, deviation: coordinates at the fit, standard deviations of their priors [(K,)]
         noise: of the fitted entries.
-        jacobian: sensitivities there, not whitened [(D, K)]
-        dispersion: factor on all variances.
-        wider: factor on the intervals of some unknowns, by their names.
+        residual, jacobian: there, not standardised [(D,), (D, K)]
     """
-    laplace = laplace_intervals(
-        noise.whiten(jacobian),
-        list(free),
-        model.names,
-        list(model.scales),
-        CONFIDENCE,
-        twin_inflation(noise, jacobian) * np.sqrt(dispersion),
-        len(noise.twins) - 1,
+    found, unknown = posterior_intervals(
+        noise, residual, jacobian, free.tolist(), model.names, deviation.tolist(), CONFIDENCE
     )
-    found = [_widened(interval, (wider or {}).get(interval.name, 1.0)) for interval in laplace.intervals]
-    return [in_si(model, interval) for interval in found], [d.sentence for d in laplace.undetermined]
-
-
-def _widened(interval: Interval, factor: float) -> Interval:
-    value = interval.value
-    low, high = value + factor * (interval.low - value), value + factor * (interval.high - value)
-    return replace(interval, low=low, high=high, error=factor * interval.error)
+    return [in_si(model, interval) for interval in found], unknown
 
 
 def in_si(model: Model, interval: Interval) -> Interval:
-    """An interval of a free coordinate in SI units."""
+    """An interval of a free coordinate in SI units, within the bounds of the parameter."""
     index = model.names.index(interval.name)
     low, high = model.bounds[0][index], model.bounds[1][index]
 
@@ -273,18 +203,18 @@ def in_si(model: Model, interval: Interval) -> Interval:
 
 
 def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarray], None]:
-    """Tells iteration, misfit and the parameters with their units."""
+    """Tells iteration, cost and the parameters with their units."""
 
-    def report(iteration: int, misfit: float, free: np.ndarray) -> None:
+    def report(iteration: int, cost: float, free: np.ndarray) -> None:
         values = model.physical(free)
         shown = ", ".join(f"{p.name} {p.show(values[p.name])}" for p in model.unknowns)
-        progress(f"iteration {iteration}: misfit {misfit:.4g}, {shown}")
+        progress(f"iteration {iteration}: cost {cost:.4g}, {shown}")
 
     return report
 
 
-def _spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Entries of a mask [(D, ...)] in their places [(V, F, 11, ...)], NaN elsewhere."""
+def spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Entries of a mask [(D, ...)] in their places [(R, F, 11, ...)], NaN elsewhere."""
     whole = np.full((*mask.shape, *values.shape[1:]), np.nan)
     whole[mask] = values
     return whole

@@ -1,6 +1,8 @@
-"""Step 3: where the residual exceeds the noise floor, by view, frame and phase of the motion."""
+"""Where the residual exceeds the noise floor, by view, frame and phase of the motion."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -8,19 +10,20 @@ import torch
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
+from pacnerf_lpo.mpm.effects.base import Effect
 
 PHASES = ("free fall", "impact", "contact", "rebound")
 REACH = 1.0
 """A particle within so many node spacings of the ground touches it."""
 
 
-def phases(problem: Problem, comparison: Comparison) -> list[str]:
+def phases(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> list[str]:
     """Phase of the simulated motion in every frame.
 
     Free fall until the first contact; impact until the body is lowest; contact while it touches; rebound afterwards in
     the air.
     """
-    model = problem.model(comparison.effects, comparison.known)
+    model = problem.model(effects, comparison.known)
     return phases_of(model.path(comparison.free), model.body.spacing, comparison.known["ground_height"])
 
 
@@ -39,9 +42,9 @@ def phases_of(path: torch.Tensor, spacing: float, ground: float) -> list[str]:
 
 
 def floor(comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
-    """Bias [pixels] and variance [pixels^2] of the residual under the model, from the twins [(V, F, 11) each]."""
-    bias = comparison.twins.mean(0)
-    variance = comparison.twins.var(0, ddof=1) * (1 + 1 / len(comparison.twins))
+    """Bias [pixels] and variance [pixels^2] of the residual under the model, from the replicates [(V, F, 11) each]."""
+    bias = comparison.replicates.mean(0)
+    variance = comparison.replicates.var(0, ddof=1) * (1 + 1 / len(comparison.replicates))
     return bias, variance
 
 

@@ -1,4 +1,4 @@
-"""Step 4, first half: what each effect would change, by one simulation for each probe."""
+"""What every hypothesis would change, by one simulation for each probe, and how well that explains the residual."""
 
 from __future__ import annotations
 
@@ -6,57 +6,151 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
-from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
-from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
-from pacnerf_lpo.diagnosis.statistics.intervals import overdispersion
-from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, score_test
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.inference.calibration import Calibration, calibrate
+from pacnerf_lpo.inference.classes import correlation
+from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.evidence import Score, score
+from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.mpm.effects.base import Effect
 
-FALSE_ALARMS = 0.01
-"""Probability of a false alarm, over the whole catalogue."""
+FORCE, SHAPE = "UnknownForce", "WrongShape"
+"""Hypotheses that are no effect of the catalogue: a smooth force on the body, and errors of the reconstruction."""
+FORCES = (0.3, 1.0, 3.0, 10.0)
+"""Prior standard deviations of an unknown force, with equal probability [m/s^2]: from a breeze to the gravity."""
+SHAPES = (2.0, 4.0)
+"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect."""
 MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
+"""Views whose faults of one kind show how large such residuals are by themselves."""
 LEAST_CHANGE = 1e-4
-"""A trial that moves no summary by so much [pixels] changes nothing."""
+"""A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 
 
-def probe_all(
+@dataclass(frozen=True)
+class Screening:
+    """All hypotheses, ranked by how well their linear change explains the residual.
+
+    scores: best first.
+    calibrations: of the fitted data and, where cameras were held out, of the fitted frames of all views.
+    outside: names of the faults of held-out cameras, which the second calibration is for.
+    correlations: of the signatures, in the order of ``scores`` [(K, K)]
+    simulated: simulations that it took.
+    """
+
+    scores: list[Score]
+    calibrations: list[Calibration]
+    outside: list[str]
+    correlations: np.ndarray
+    simulated: int
+
+    def score(self, name: str) -> Score | None:
+        """Of a hypothesis; None if it changes nothing that can be seen."""
+        return next((found for found in self.scores if found.name == name), None)
+
+    def p_value(self, name: str, log_bayes_factor: float) -> float:
+        """Probability that the best of all hypotheses reaches this where nothing is missing; both families count."""
+        return min(1.0, len(self.calibrations) * self._calibration(name).p_value(log_bayes_factor))
+
+    def scale(self, name: str) -> float:
+        """Factor on the noise along a hypothesis; that of a typical one where it changes nothing that can be seen."""
+        scales = self._calibration(name).scales
+        return scales.get(name, float(np.median(list(scales.values()))))
+
+    @property
+    def threshold(self) -> float:
+        """Of the log Bayes factor of the best hypothesis in the fitted data."""
+        return self.calibrations[0].threshold
+
+    def _calibration(self, name: str) -> Calibration:
+        return self.calibrations[-1 if name in self.outside else 0]
+
+
+def screen(
     problem: Problem,
-    installed: Sequence[Effect],
+    effects: Sequence[Effect],
+    comparison: Comparison,
+    candidates: Sequence[Candidate],
+    progress: Callable[[str], None],
+) -> Screening:
+    """Score every hypothesis at the fitted model, and calibrate the selection among all of them on the replicates.
+
+    Effects, and faults of the fitted cameras, are scored in the fitted views and frames; faults of held-out cameras in
+    the fitted frames of all views. Half the error level goes to either family.
+    """
+    held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
+    outside = [c for c in candidates if c.observes and c.view in held]
+    inside = [candidate for candidate in candidates if candidate not in outside]
+    families = [(inside, problem.fitted)]
+    if outside:
+        families.append((outside, problem.usable & problem.split.frames[:, None]))
+    null = problem.model(effects, comparison.known)
+    scores: list[Score] = []
+    calibrations, simulated = [], 0
+    for number, (family, mask) in enumerate(families):
+        hypotheses, count = probed(problem, effects, null, comparison.free, family, mask, progress)
+        simulated += count
+        hypotheses += discrepancies(comparison, mask) if number == 0 else []
+        if not hypotheses:
+            continue
+        noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
+        calibration = calibrate(noise, hypotheses, LEVEL / len(families))
+        found = [score(noise, residual, one, calibration.scales[one.name]) for one in hypotheses]
+        scales = {name: s * usual_fault(found, name) for name, s in calibration.scales.items()}
+        calibrations.append(replace(calibration, scales=scales))
+        found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
+        scores += [replace(one, signature=_whole(one.signature, mask)) for one in found]
+    scores.sort(key=lambda one: -one.log_bayes_factor)
+    signatures = np.stack([one.signature for one in scores])
+    return Screening(scores, calibrations, [c.name for c in outside], correlation(signatures), simulated)
+
+
+def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
+    """What is no effect of the catalogue, in the entries of a mask [(R, F, 11), bool]."""
+    found = [_discrepancy(FORCE, comparison.force[mask], FORCES)]
+    if comparison.shape_errors.shape[-1]:
+        found.append(_discrepancy(SHAPE, np.nan_to_num(comparison.shape_errors[mask]), SHAPES))
+    return found
+
+
+def _discrepancy(name: str, changes: np.ndarray, sizes: Sequence[float]) -> Hypothesis:
+    widths = tuple(np.full(changes.shape[1], size) for size in sizes)
+    return Hypothesis(name, tuple(changes * size for size in sizes), widths)
+
+
+def probed(
+    problem: Problem,
+    effects: Sequence[Effect],
     null: Model,
     free: np.ndarray,
     candidates: Sequence[Candidate],
     mask: np.ndarray,
     progress: Callable[[str], None] = lambda _: None,
-) -> list[Probe]:
-    """The change of the residual by every candidate, in the entries of a mask [(V, F, 11), bool].
+) -> tuple[list[Hypothesis], int]:
+    """Every candidate as a hypothesis about the entries of a mask [(R, F, 11), bool], and the number of simulations.
+
+    The prior standard deviation of a coefficient is its largest probe. A trial whose motion is unstable, or that changes
+    nothing there, is left out; so is a candidate without a trial.
 
     Args:
-        problem: the run.
-        installed: effects of the null model.
-        null: the fitted model.
-        free: its coordinates [(K,)]
-        candidates: effects to try beside the installed ones.
+        problem, effects: the run, and the effects of its model.
+        null, free: the fitted model, and its coordinates [(K,)]
+        candidates: effects to try beside those of the model.
         mask: entries to return.
         progress: called with the name of each candidate.
-
-    A trial whose motion is unstable, or that changes nothing there, is left out; so is a candidate without a trial.
     """
     path, known = null.path(free), null.physical(free)
     before = null.observe(path, free)
     trials = [list(candidate.trials()) for candidate in candidates]
     models = (
-        [problem.model([*installed, candidate.effect], {**known, **trial}) for trial in tried]
+        [problem.model([*effects, candidate.effect], {**known, **trial}) for trial in tried]
         for candidate, tried in zip(candidates, trials, strict=True)
     )
     seen = each(
@@ -66,26 +160,29 @@ def probe_all(
     found = []
     for candidate, tried, predicted in zip(candidates, trials, seen, strict=True):
         progress(candidate.name)
-        columns, sizes = [], []
+        columns, sizes, widths = [], [], []
         for trial, after in zip(tried, predicted, strict=True):
             if after is None:
                 continue
             change = np.nan_to_num(problem.relative(after - before)[mask])
             if np.abs(change).max() > LEAST_CHANGE:
+                name, size = size_of(candidate, trial)
                 columns.append(change)
-                sizes.append(size_of(candidate, trial))
+                sizes.append(size)
+                widths.append(1.0 if candidate.discrete else candidate.width(name))
         if columns:
-            stacked = np.stack(columns, axis=1)
-            found.append(Probe(candidate.name, stacked, tuple(sizes), candidate.effect.one_sided, candidate.joint))
-    return found
+            arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
+            one_sided = candidate.effect.one_sided
+            found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.joint))
+    return found, sum(len(tried) for c, tried in zip(candidates, trials, strict=True) if not c.observes)
 
 
 def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> list[np.ndarray | None]:
-    """What models predict at their start [(V, F, 11)]; None where the motion is unstable.
+    """What models predict at their start [(R, F, 11)]; None where the motion is unstable.
 
     Args:
         models: one for each trial.
-        motion: known already, and its summaries, where the models differ in their cameras only.
+        motion: known already, and its silhouette moments, where the models differ in their cameras only.
     """
     found: list[np.ndarray | None] = []
     for model in models:
@@ -96,134 +193,28 @@ def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> 
     return found
 
 
-def size_of(candidate: Candidate, trial: dict[str, float]) -> float:
-    """How far a trial is from the null, in the unit of its coefficient; 1 for alternatives of kind."""
-    if candidate.discrete:
-        return 1.0
-    return max((trial[name] - null for name, null in candidate.effect.null.items()), key=abs)
-
-
-@dataclass(frozen=True)
-class Screening:
-    """The catalogue, ranked.
-
-    scores: best first.
-    p_values: family-wise, of every score.
-    intervals: of every coefficient by name, counted from the null: the bound where nothing is found.
-    threshold: of |z|.
-    groups: names that cannot be told apart in this recording.
-    correlations: of the signatures, in the order of ``scores`` [(K, K)]
+def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:
+    """The coefficient that is farthest from its null in a trial, and how far [its unit]; 1 where the null is no number
+    that a straight line leads to.
     """
-
-    scores: list[Score]
-    p_values: list[float]
-    intervals: dict[str, list[tuple[float, float]]]
-    threshold: float
-    groups: list[tuple[str, ...]]
-    correlations: np.ndarray
-
-    def group(self, name: str) -> tuple[str, ...]:
-        """The names that cannot be told apart from this one, itself among them."""
-        return next(group for group in self.groups if name in group)
-
-    def p_value(self, name: str) -> float:
-        """Family-wise p-value of an effect; 1 if it changes nothing that can be seen."""
-        return next((p for score, p in zip(self.scores, self.p_values, strict=True) if score.name == name), 1.0)
-
-    def singles_out(self, candidate: Candidate) -> bool:
-        """Whether the score of an effect is rarer than a false alarm may be."""
-        return self.p_value(candidate.name) < FALSE_ALARMS
-
-    def names(self, candidate: Candidate) -> bool:
-        """Whether the score test names an effect; of an alternative of kind it says little."""
-        return not candidate.discrete and self.singles_out(candidate)
+    null = candidate.effect.null
+    name = max(null, key=lambda other: abs(trial[other] - null[other]))
+    return name, 1.0 if candidate.discrete else trial[name] - null[name]
 
 
-def screen(
-    problem: Problem, comparison: Comparison, candidates: Sequence[Candidate], progress: Callable[[str], None]
-) -> Screening:
-    """Score every candidate at the fitted model (no refit), and calibrate on the twins.
+def usual_fault(scores: Sequence[Score], name: str) -> float:
+    """By how much faults of the kind of this one are larger in a typical camera than noise, at least 1.
 
-    Physics, and faults of the fitted cameras, are scored in the fitted views and frames. Held-out cameras are scored in
-    the fitted frames of all views; half the error level goes to either family.
+    Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to view;
+    so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
     """
-    held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
-    outside = [c for c in candidates if c.observes and c.view in held]
-    inside = [candidate for candidate in candidates if candidate not in outside]
-    families = [(inside, problem.fitted)]
-    if outside:
-        families.append((outside, problem.usable & problem.split.frames[:, None]))
-    null = problem.model(comparison.effects, comparison.known)
-    scores, p_values, thresholds, intervals = [], [], [], {}
-    for family, mask in families:
-        probes = probe_all(problem, comparison.effects, null, comparison.free, family, mask, progress)
-        if not probes:
-            continue
-        noise = comparison.noise(problem, mask)
-        residual, jacobian = comparison.residual[mask], comparison.jacobian[mask]
-        calibration = calibrate(noise, jacobian, probes, FALSE_ALARMS / len(families))
-        ranked = score_test(noise, residual, jacobian, probes, calibration.scales)
-        remainder = Remainder.of(noise, jacobian)
-        statistic = overdispersion(remainder.residual(residual), remainder.dof)
-        for score in beside_their_like([_dispersed(score, statistic) for score in ranked], family is outside):
-            scores.append(replace(score, signature=_whole(score.signature, mask)))
-            p_values.append(min(1.0, len(families) * calibration.p_value(score)))
-            intervals[score.name] = calibration.interval(score)
-        thresholds.append(calibration.threshold)
-    order = sorted(range(len(scores)), key=lambda index: -abs(scores[index].z))
-    scores = [scores[index] for index in order]
-    signatures, names = np.stack([score.signature for score in scores]), [score.name for score in scores]
-    return Screening(
-        scores,
-        [p_values[index] for index in order],
-        intervals,
-        max(thresholds),
-        classes(signatures, names),
-        correlation(signatures),
-    )
-
-
-def _dispersed(score: Score, statistic: float) -> Score:
-    """A score in units of what would still be left over, if that is more than noise: the twins do not know every error
-    of a reconstruction.
-
-    Args:
-        score: of one effect.
-        statistic: ||M r||^2 / dof, at least 1.
-    """
-    factor = np.sqrt(max(1.0, (1 - score.fraction) * statistic))
-    return replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error))
-
-
-def beside_their_like(scores: Sequence[Score], held: bool = False) -> list[Score]:
-    """A fault of one camera must stand out among the cameras: scores of the same kind of fault are divided by the
-    factor by which their median exceeds that of a normal deviate.
-
-    No twin knows how wrong the shape is where the reconstruction did not look. So for held-out cameras the scale is
-    known from the others only, and a score is that of Student's t with as many degrees of freedom as they have
-    coefficients.
-
-    Args:
-        scores: of one family of effects.
-        held: whether its cameras are held out.
-    """
-    found = []
-    for score in scores:
-        kind, at, _ = score.name.partition("@")
-        alike = [abs(other.z) for other in scores if other.name.startswith(kind + "@")] if at else []
-        factor = 1.0
-        if len(alike) >= LEAST_CAMERAS:
-            factor = max(1.0, float(np.median(alike)) / MEDIAN_DEVIATE)
-            if held:
-                factor *= _students_excess(score.z / factor, len(score.coefficient) * (len(alike) - 1))
-        found.append(replace(score, z=score.z / factor, error=tuple(factor * error for error in score.error)))
-    return found
-
-
-def _students_excess(deviate: float, freedom: int) -> float:
-    """How much larger a deviate of Student's t is than a normal one that is as rare."""
-    normal = -norm.ppf(student.sf(abs(deviate), freedom))
-    return max(1.0, abs(deviate) / normal) if normal > 0 else 1.0
+    kind, at, _ = name.partition("@")
+    deviates = [
+        float(np.sqrt(max(one.gain, 0.0) / len(one.coefficient)))
+        for one in scores
+        if at and one.name.startswith(kind + "@")
+    ]
+    return max(1.0, float(np.median(deviates)) / MEDIAN_DEVIATE) if len(deviates) >= LEAST_CAMERAS else 1.0
 
 
 def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.diagnosis.twins import distortion
+from pacnerf_lpo.diagnosis.replicates import distortion
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome

@@ -1,14 +1,14 @@
-"""The error of a comparison where the physics is right: bias and covariance of the residual, learnt from twins.
+"""The error of a comparison where the physics is right: bias and covariance of the residual, learnt from replicates.
 
-A twin is the residual of data simulated from the fitted null model itself, by a finer grid, with other particle seeds,
+A replicate is the residual of data simulated from the fitted null model itself, by a finer grid, with other particle seeds,
 a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24, and D >> T entries, so that the sample
-covariance alone is singular, and far too small along directions that the twins did not happen to take. It is shrunk
+covariance alone is singular, and far too small along directions that the replicates did not happen to take. It is shrunk
 towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
 
     C = S^2 + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'| within one view and kind,
 
-S the sensor noise, G^2 the rest of the twins' variance, smoothed over neighbouring frames and shared between views, X
-the twins' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out twin most likely, and B
+S the sensor noise, G^2 the rest of the replicates' variance, smoothed over neighbouring frames and shared between views, X
+the replicates' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely, and B
 the directions of errors that are known beforehand, each of one standard deviation.
 """
 
@@ -21,13 +21,13 @@ import numpy as np
 
 from pacnerf_lpo.inference.layout import Layout
 
-LEAST_TWINS = 4
+LEAST_REPLICATES = 4
 SHRINKAGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 LARGEST_CORRELATION = 0.98
 WINDOW = 2
 """Variances are averaged over this many frames to either side."""
 SHARING = 8.0
-"""Number of twins at which an entry's own variance and that of the same kind in all views weigh the same."""
+"""Number of replicates at which an entry's own variance and that of the same kind in all views weigh the same."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class NoiseModel:
     """Mean and covariance of the residual under the null model.
 
     mean: the model's numerical bias (D,)
-    twins: what it was learnt from (T, D)
+    replicates: what it was learnt from (T, D)
     sensor_sigma: standard deviation of the sensor noise of every entry (D,)
     directions: B, one column for each known error (D, M)
     layout: view, frame and kind of every entry
@@ -89,7 +89,7 @@ class NoiseModel:
     """
 
     mean: np.ndarray
-    twins: np.ndarray = field(repr=False)
+    replicates: np.ndarray = field(repr=False)
     sensor_sigma: np.ndarray = field(repr=False)
     directions: np.ndarray = field(repr=False)
     layout: Layout = field(repr=False)
@@ -101,23 +101,23 @@ class NoiseModel:
     weights: np.ndarray = field(repr=False)
 
     @classmethod
-    def from_twins(
-        cls, twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout, directions: np.ndarray | None = None
+    def from_replicates(
+        cls, replicates: np.ndarray, sensor_sigma: np.ndarray, layout: Layout, directions: np.ndarray | None = None
     ) -> NoiseModel:
         """Learn bias and covariance.
 
         Args:
-            twins: residuals of simulated nulls, sensor noise included (T, D), T >= 4
+            replicates: residuals of simulated nulls, sensor noise included (T, D), T >= 4
             sensor_sigma: standard deviation of the sensor noise (D,), positive
             layout: view, frame and kind of every entry
             directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
 
         Raises:
-            ValueError: shapes do not agree, fewer than four twins, values not finite, or a sigma that is not positive.
+            ValueError: shapes do not agree, fewer than four replicates, values not finite, or a sigma that is not positive.
         """
-        twins, sensor_sigma = np.asarray(twins, float), np.asarray(sensor_sigma, float)
-        _check(twins, sensor_sigma, layout)
-        series, deviations = Series.of(layout), (twins - twins.mean(0)).T
+        replicates, sensor_sigma = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
+        _check(replicates, sensor_sigma, layout)
+        series, deviations = Series.of(layout), (replicates - replicates.mean(0)).T
         spread = _numerical_spread(deviations, sensor_sigma, series)
         correlation = _frame_correlation(deviations, spread, series)
         target = _target(spread, correlation, series)
@@ -128,12 +128,12 @@ class NoiseModel:
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
         known = np.zeros((len(sensor_sigma), 0)) if directions is None else directions
-        return cls._assemble(twins, sensor_sigma, known, layout, series, shrinkage, correlation)
+        return cls._assemble(replicates, sensor_sigma, known, layout, series, shrinkage, correlation)
 
     @classmethod
     def _assemble(
         cls,
-        twins: np.ndarray,
+        replicates: np.ndarray,
         sensor_sigma: np.ndarray,
         directions: np.ndarray,
         layout: Layout,
@@ -141,16 +141,16 @@ class NoiseModel:
         shrinkage: float,
         correlation: float,
     ) -> NoiseModel:
-        mean = twins.mean(0)
-        deviations = (twins - mean).T
+        mean = replicates.mean(0)
+        deviations = (replicates - mean).T
         target = _target(_numerical_spread(deviations, sensor_sigma, series), correlation, series)
         smooth = _filtered(deviations, target, sensor_sigma, series)
         whitener = _whitener(target, sensor_sigma, series, shrinkage)
-        shown = smooth * np.sqrt((1 - shrinkage) / (len(twins) - 1))
+        shown = smooth * np.sqrt((1 - shrinkage) / (len(replicates) - 1))
         low_rank = series.multiply(whitener, np.concatenate((shown, directions), axis=1))
         basis, weights, _ = np.linalg.svd(low_rank, full_matrices=False)
         return cls(
-            mean, twins, sensor_sigma, directions, layout, shrinkage, correlation, series, whitener, basis, weights
+            mean, replicates, sensor_sigma, directions, layout, shrinkage, correlation, series, whitener, basis, weights
         )
 
     def whiten(self, changes: np.ndarray) -> np.ndarray:
@@ -160,33 +160,39 @@ class NoiseModel:
         """
         scaled = self.series.multiply(self.whitener, changes)
         shorter = (1 / np.sqrt(1 + self.weights**2) - 1) * self.basis
-        return (scaled + shorter @ (self.basis.T @ scaled)) / np.sqrt(1 + 1 / len(self.twins))
+        return (scaled + shorter @ (self.basis.T @ scaled)) / np.sqrt(1 + 1 / len(self.replicates))
 
     def whiten_residual(self, residual: np.ndarray) -> np.ndarray:
         """W (r - mean) (D,): standard normal where the null model holds."""
         return self.whiten(residual - self.mean)
 
+    def with_directions(self, changes: np.ndarray) -> NoiseModel:
+        """The same with further known errors, one column for each of one standard deviation (D, M)."""
+        directions = np.concatenate((self.directions, changes), axis=1)
+        kept = self.layout, self.series, self.shrinkage, self.correlation
+        return self._assemble(self.replicates, self.sensor_sigma, directions, *kept)
+
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
-        """For each twin: the model learnt from the others (shrinkage and correlation kept), and the twin (D,)."""
+        """For each replicate: the model learnt from the others (shrinkage and correlation kept), and the replicate (D,)."""
         kept = self.sensor_sigma, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
-            (self._assemble(np.delete(self.twins, index, axis=0), *kept), twin) for index, twin in enumerate(self.twins)
+            (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate) for index, replicate in enumerate(self.replicates)
         ]
 
 
-def _check(twins: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:
-    if twins.ndim != 2 or len(twins) < LEAST_TWINS:
-        raise ValueError(f"twins have shape {twins.shape}; at least {LEAST_TWINS} residual vectors are needed")
+def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:
+    if replicates.ndim != 2 or len(replicates) < LEAST_REPLICATES:
+        raise ValueError(f"replicates have shape {replicates.shape}; at least {LEAST_REPLICATES} residual vectors are needed")
     for name, array in (("sensor_sigma", sensor_sigma), ("layout.view", layout.view), ("layout.frame", layout.frame)):
-        if np.shape(array) != twins.shape[1:]:
-            raise ValueError(f"{name} has shape {np.shape(array)}, but the twins have {twins.shape[1]} entries")
-    if not (np.isfinite(twins).all() and np.isfinite(sensor_sigma).all() and (sensor_sigma > 0).all()):
-        raise ValueError("twins and sensor_sigma must be finite, and sensor_sigma positive")
+        if np.shape(array) != replicates.shape[1:]:
+            raise ValueError(f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries")
+    if not (np.isfinite(replicates).all() and np.isfinite(sensor_sigma).all() and (sensor_sigma > 0).all()):
+        raise ValueError("replicates and sensor_sigma must be finite, and sensor_sigma positive")
 
 
 def _numerical_spread(deviations: np.ndarray, sensor_sigma: np.ndarray, series: Series) -> np.ndarray:
-    """G (D,): root of the twins' variance less the sensor's, averaged over neighbouring frames and over views."""
+    """G (D,): root of the replicates' variance less the sensor's, averaged over neighbouring frames and over views."""
     count = deviations.shape[1]
     excess = (deviations**2).sum(1) / (count - 1) - sensor_sigma**2
     near = (series.gap <= WINDOW) * series.gather(np.ones_like(excess))[:, None]
@@ -229,10 +235,10 @@ def _filtered(deviations: np.ndarray, target: np.ndarray, sensor_sigma: np.ndarr
 def _left_out_likelihood(
     deviations: np.ndarray, smooth: np.ndarray, whitener: np.ndarray, series: Series, shrinkage: float
 ) -> float:
-    """Log-likelihood, up to a constant, of every twin under mean and low-rank part of the others, summed.
+    """Log-likelihood, up to a constant, of every replicate under mean and low-rank part of the others, summed.
 
     Args:
-        deviations, smooth: of all twins from their mean, as they are and filtered (D, T)
+        deviations, smooth: of all replicates from their mean, as they are and filtered (D, T)
         whitener: L^-1 with L L^T = S^2 + a G K G
         series: of the layout
         shrinkage: a
@@ -240,13 +246,13 @@ def _left_out_likelihood(
     whitened = series.multiply(whitener, np.concatenate((deviations, smooth), axis=1))
     gram, count = whitened.T @ whitened, deviations.shape[1]
     total = 2 * count * float(np.log(np.diagonal(whitener, axis1=1, axis2=2)).sum())
-    for twin in range(count):
-        # From the mean of the others: twin i deviates by x_i T/(T-1), twin j by x_j + x_i/(T-1).
-        others = np.delete(np.arange(count), twin)
+    for replicate in range(count):
+        # From the mean of the others: replicate i deviates by x_i T/(T-1), replicate j by x_j + x_i/(T-1).
+        others = np.delete(np.arange(count), replicate)
         mix = np.zeros((2 * count, count))
-        mix[twin, 0] = count / (count - 1)
+        mix[replicate, 0] = count / (count - 1)
         mix[count + others, np.arange(1, count)] = 1.0
-        mix[count + twin, 1:] = 1 / (count - 1)
+        mix[count + replicate, 1:] = 1 / (count - 1)
         mix[:, 1:] *= np.sqrt((1 - shrinkage) / (count - 2))
         small = mix.T @ gram @ mix
         inner = np.eye(count - 1) + small[1:, 1:]

@@ -1,4 +1,4 @@
-"""Twins: what the residual would be if the fitted model were true, from other discretisations of the same motion."""
+"""Null replicates: what the residual would be if the fitted model were true, from other discretisations of its motion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)
-"""Twins move on grids that are finer than the model's by factors from this range."""
+"""Replicates move on grids that are finer than the model's by factors from this range."""
 LEAST_DISTORTION = 0.15
 """Least error of the reconstructed shape, in voxels of the run."""
 WAVES = 3
@@ -27,7 +27,7 @@ SINGLE_CAMERAS = 0.2
 """Of all views, may be wrong."""
 
 
-def twins(
+def replicates(
     problem: Problem,
     effects: Sequence[Effect],
     free: np.ndarray,
@@ -38,17 +38,17 @@ def twins(
 ) -> np.ndarray:
     """Residuals [(T, V, F, 11)] of data simulated from the model itself.
 
-    Each twin has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly by as
+    Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly by as
     much as the outlines at frame 0 disagree, and fresh sensor noise.
 
     Args:
         problem: the run.
         effects: of the model.
         free: coordinates at which the model was fitted [(K,)]
-        model: whose prediction takes the place of the truth's opponent.
+        model: reference prediction.
         count: T.
         seed: of all random choices.
-        progress: called with the number of each finished twin.
+        progress: called with the number of each finished replicate.
 
     Raises:
         SimulationError: a finer motion is unstable.
@@ -63,7 +63,7 @@ def twins(
         for attempt, random in zip(attempts, draws, strict=True):
             body = problem.sample(model.body.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
             others.append(problem.model(effects, known, distorted(body, sigma, random)))
-        for random, predicted in zip(draws, each(outcome, ((twin,) for twin in others)), strict=True):
+        for random, predicted in zip(draws, each(outcome, ((other,) for other in others)), strict=True):
             if isinstance(predicted, SimulationError):
                 unstable = predicted
                 continue

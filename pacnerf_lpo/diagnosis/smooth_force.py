@@ -1,0 +1,104 @@
+"""A smooth force on the body that no law gives: the discrepancy that every model has, and what an unknown effect does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import outcome
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.mpm.differentiation import maximum
+from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
+from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.point import Point
+
+KNOTS = 5
+AXES = "xyz"
+PARTS = ("1", *AXES)
+"""Constant, and linear in the position in the body at frame 0."""
+PROBE = 0.5  # m/s^2 at the rim of the body
+
+
+def names_of_force() -> list[str]:
+    return [f"force_{axis}_{part}_{knot}" for knot in range(KNOTS) for part in PARTS for axis in AXES]
+
+
+class SmoothForce(BodyForce):
+    """A body acceleration that is piecewise linear in time and affine in the position in the body at frame 0: a_i(X, t)
+    = sum_k hat_k(t) (a_ki + A_kij (X - X_c)_j / L), with evenly spaced knots k. Not a law of nature: a probe.
+
+    Args:
+        duration: of the video [s].
+        centre: X_c [m, (3,)].
+        extent: L [m].
+    """
+
+    parameters = {name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()}  # noqa: RUF012
+    null = dict.fromkeys(parameters, 0.0)
+    signature = "anything that a smooth force can do"
+    probes = ()
+
+    def __init__(self, duration: float, centre: tuple[float, float, float], extent: float):
+        constants = {"force_interval": duration / (KNOTS - 1), "force_extent": extent}
+        super().__init__(self.null, constants | {f"force_centre_{a}": x for a, x in zip(AXES, centre, strict=True)})
+
+    @staticmethod
+    def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
+        named = vars(c)
+        inside = [(x - named[f"force_centre_{a}"]) / c.force_extent for a, x in zip(AXES, point.X, strict=True)]
+        total: list[Any] = [0.0, 0.0, 0.0]
+        for knot in range(KNOTS):
+            hat = _hat(point.t / c.force_interval - float(knot))
+            for index, axis in enumerate(AXES):
+                value = named[f"force_{axis}_1_{knot}"]
+                for other, x in zip(AXES, inside, strict=True):
+                    value = value + named[f"force_{axis}_{other}_{knot}"] * x
+                total[index] = total[index] + hat * value
+        return total
+
+
+def _hat(offset: Any) -> Any:
+    """Triangle of height 1 between -1 and 1."""
+    return maximum(1.0 - maximum(offset, -offset), 0.0)
+
+
+def force_of(problem: Problem) -> SmoothForce:
+    """The smooth force on the body of a problem."""
+    positions, times = problem.body.positions, problem.video.times
+    centre = positions.mean(0)
+    extent = float((positions - centre).norm(dim=1).max())
+    return SmoothForce(float(times[-1] - times[0]), tuple(centre.tolist()), extent)
+
+
+def force_changes(
+    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
+) -> np.ndarray:
+    """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
+    simulation each; zero where that is unstable.
+
+    Args:
+        problem: the run.
+        effects, known: of the model, and every value [SI].
+        progress: told what happens.
+
+    Raises:
+        SimulationError: the motion without the force is unstable.
+    """
+    models = [*effects, force_of(problem)]
+    still = problem.model(models, known)
+    base = problem.residual(still.predict(still.start))
+    pushed = ((problem.model(models, {**known, name: PROBE}),) for name in names_of_force())
+    columns = []
+    for number, predicted in enumerate(each(outcome, pushed), 1):
+        if number % len(PARTS) == 0:
+            progress(f"smooth force: {number} of {len(SmoothForce.parameters)}")
+        unstable = isinstance(predicted, SimulationError)
+        columns.append(0 * base if unstable else (base - problem.residual(predicted)) / PROBE)
+    return np.nan_to_num(np.stack(columns, -1))
+
+

@@ -1,0 +1,123 @@
+"""How large a Bayes factor has to be: the distribution of the largest of all hypotheses where nothing is missing.
+
+Along any one direction the covariance learnt from a few replicates is off by an unknown factor, most of all along the
+smooth motions that effects and numerical errors share. So each replicate is scored under the noise model of the others.
+The mean square of its coordinates along a hypothesis is the square of that hypothesis' scale; like every variance from
+few samples it is moderated towards the mean of all hypotheses, as if that were LENDING further replicates (Smyth 2004),
+and never taken below 1. A residual in units of its scale then has the tails of Student's t, and the selection among
+correlated hypotheses is simulated as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from pacnerf_lpo.inference.evidence import Alternative
+from pacnerf_lpo.inference.hypotheses import Hypothesis
+from pacnerf_lpo.inference.noise import NoiseModel
+
+LENDING = 4.0
+"""Prior degrees of freedom of a scale: as many as limma finds in data of this size, where the mean of all hypotheses
+tells about as much as a few replicates of its own."""
+DRAWS = 10_000
+"""Simulated selections: a p-value of 0.01 is found to a tenth of itself."""
+TAIL_DRAWS = 50
+"""Fewer simulated maxima than this beyond a score: the p-value is extrapolated."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What Bayes factors are compared with.
+
+    scales: factor on the noise along every hypothesis, by name, >= 1
+    dof: degrees of freedom of Student's t that a residual in units of its scale follows
+    level: family-wise false-alarm rate
+    threshold: of the log Bayes factor of the best hypothesis
+    draws: simulated log Bayes factors of the best hypothesis where nothing is missing, ascending
+    """
+
+    scales: dict[str, float]
+    dof: float
+    level: float
+    threshold: float
+    draws: np.ndarray = field(repr=False)
+
+    def p_value(self, log_bayes_factor: float) -> float:
+        """Probability that the best of all hypotheses reaches this though nothing is missing.
+
+        Beyond the simulated maxima by the tail of Student's t, x^-dof in the deviate x and so of power -dof/2 in the
+        logarithm of a Bayes factor, which is x^2 / 2.
+        """
+        beyond = len(self.draws) - int(np.searchsorted(self.draws, log_bayes_factor))
+        if beyond >= TAIL_DRAWS:
+            return (beyond + 1) / (len(self.draws) + 1)
+        last = float(self.draws[-TAIL_DRAWS])
+        return TAIL_DRAWS / len(self.draws) * (last / max(log_bayes_factor, last)) ** (self.dof / 2)
+
+
+def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float, seed: int = 0) -> Calibration:
+    """Scales, threshold and null distribution for all hypotheses of one decision.
+
+    Args:
+        noise: of the residual, with the fitted parameters and the discrepancies among its directions
+        hypotheses: all that compete, camera faults and discrepancies included
+        level: family-wise false-alarm rate
+        seed: of the simulated selections
+    """
+    names = [hypothesis.name for hypothesis in hypotheses]
+    scales = dict(zip(names, moderated_scales(left_out_squares(noise, hypotheses)).tolist(), strict=True))
+    dof = len(noise.replicates) - 1 + LENDING / 2
+    draws = np.sort(_simulated_maxima(noise, hypotheses, scales, dof, np.random.default_rng(seed)))
+    return Calibration(scales, dof, level, float(np.quantile(draws, 1 - level)), draws)
+
+
+def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+    """Mean square of every replicate's coordinates along every hypothesis, under the noise model of the others (T, H)."""
+    changes = np.concatenate([change for h in hypotheses for change in h.alternatives], axis=1)
+    rows = []
+    for model, replicate in noise.left_out:
+        whitened, left, row, at = model.whiten(changes), model.whiten_residual(replicate), [], 0
+        for hypothesis in hypotheses:
+            squares = []
+            for change in hypothesis.alternatives:
+                axes = np.linalg.svd(whitened[:, at : at + change.shape[1]], full_matrices=False)[0]
+                squares.append(float(np.mean((axes.T @ left) ** 2)))
+                at += change.shape[1]
+            row.append(float(np.mean(squares)))
+        rows.append(row)
+    return np.array(rows)
+
+
+def moderated_scales(squares: np.ndarray) -> np.ndarray:
+    """Scale of every direction (K,), at least 1, from the squares of left-out replicates along it (T, K)."""
+    own = squares.mean(0)
+    common = max(float(own.mean()), 1.0)
+    return np.sqrt(np.maximum((len(squares) * own + LENDING * common) / (len(squares) + LENDING), 1.0))
+
+
+def _simulated_maxima(
+    noise: NoiseModel,
+    hypotheses: Sequence[Hypothesis],
+    scales: Mapping[str, float],
+    dof: float,
+    random: np.random.Generator,
+) -> np.ndarray:
+    """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
+    found = [[Alternative.of(noise, change) for change in h.alternatives] for h in hypotheses]
+    basis = np.linalg.qr(np.concatenate([a.axes for tried in found for a in tried], axis=1))[0]
+    heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
+    residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]
+    outside = random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS)
+    largest = np.full(DRAWS, -np.inf)
+    for hypothesis, tried in zip(hypotheses, found, strict=True):
+        s, factors = scales[hypothesis.name], []
+        for alternative in tried:
+            u = s * residuals @ (basis.T @ alternative.axes)
+            rest = outside + (residuals**2).sum(1) - (u / s) ** 2 @ np.ones(u.shape[1])
+            factors.append(alternative.log_bayes_factor(u, rest, s, hypothesis.one_sided))
+        largest = np.maximum(largest, logsumexp(factors, axis=0) - np.log(len(tried)))
+    return largest

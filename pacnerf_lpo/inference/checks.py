@@ -1,0 +1,78 @@
+"""Is what is left of a residual what the model predicts? Posterior predictive checks against left-out replicates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from pacnerf_lpo.inference.noise import NoiseModel
+
+
+@dataclass(frozen=True)
+class Check:
+    """Size of a residual relative to what the model predicts.
+
+    statistic: mean square of the standardised residual; about 1 where the model is right
+    replicates: the same of every replicate under the noise model of the others (T,)
+    p_value: probability of a residual as large where the model is right
+    """
+
+    statistic: float
+    replicates: np.ndarray
+    p_value: float
+
+    @property
+    def excess(self) -> float:
+        """Mean square above that of the replicates."""
+        return self.statistic - float(np.mean(self.replicates))
+
+    @property
+    def times_noise(self) -> float:
+        """Mean square relative to that of the replicates."""
+        return self.statistic / float(np.mean(self.replicates))
+
+
+def check_fitted(noise: NoiseModel, residual: np.ndarray) -> Check:
+    """Of the fitted entries.
+
+    Args:
+        noise: of these entries, with the fitted parameters and the discrepancies among its directions
+        residual: measured minus predicted (D,)
+    """
+    return _check(_square(noise, residual), [_square(m, r) for m, r in noise.left_out], len(residual))
+
+
+def check_held_out(whole: NoiseModel, part: NoiseModel, residual: np.ndarray, fitted: np.ndarray) -> Check:
+    """Of held-out entries, given the fitted ones: the square of a Gaussian's conditional deviation is the square of the
+    whole less that of the part.
+
+    Args:
+        whole: noise of all entries, with the fitted parameters and the discrepancies among its directions
+        part: the same of the fitted entries
+        residual: measured minus predicted, all entries (D,)
+        fitted: which entries were fitted [(D,), bool]
+    """
+    size = len(residual) - int(fitted.sum())
+    replicates = [
+        _square(outer, replicate) - _square(inner, replicate[fitted])
+        for (outer, replicate), (inner, _) in zip(whole.left_out, part.left_out, strict=True)
+    ]
+    return _check(_square(whole, residual) - _square(part, residual[fitted]), replicates, size)
+
+
+def _square(noise: NoiseModel, residual: np.ndarray) -> float:
+    left = noise.whiten_residual(residual)
+    return float(left @ left)
+
+
+def _check(square: float, replicates: list[float], size: int) -> Check:
+    """The logarithm of the statistic is compared with that of the left-out replicates by Student's t for one further draw;
+    its spread is not believed to be below that of chi^2 with as many degrees of freedom.
+    """
+    squares, least = np.maximum(replicates, 1e-6 * size) / size, 1e-6
+    logs, count = np.log(squares), len(replicates)
+    spread = max(float(logs.std(ddof=1)), np.sqrt(2 / size))
+    deviate = (np.log(max(square / size, least)) - logs.mean()) / spread / np.sqrt(1 + 1 / count)
+    return Check(square / size, squares, float(student.sf(deviate, count - 1)))
