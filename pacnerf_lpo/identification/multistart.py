@@ -1,0 +1,188 @@
+"""Least squares with many local minima: one search from many points, whose stages are data.
+
+The cost of a whole video has a minimum for every bounce and turn of the body; that of the first frames after contact
+has one, and whoever is at its bottom stays near the right minimum as more frames are taken in. So a stage names a
+residual (of a coarse body first, of a fine one last) and the rows of it that are taken in one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from pacnerf_lpo.diagnosis.processes import each
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, fit_or_none
+
+FIRST_AFTER_CONTACT = 2
+"""Frames after the first contact that a search begins with: a stiffness shows in the second, not in the first."""
+Watch = Callable[[Iterable, int], Iterable]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a search; it begins with what the stage before it kept.
+
+    residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
+    scales, bounds: of the coordinates [(K,)], [(K,), (K,)], as for :func:`~.least_squares.fit`.
+    rows: which rows count, as a list [(D,), bool]. Fits go through it, each from where the one before ended. Points that
+        are only evaluated are ranked by each, and the best of each are kept. None in it: all rows.
+    keep: at most so many points or fits (evaluated points: by each of ``rows``).
+    iterations: of a fit of each of ``rows``, at most; 0: points are evaluated only.
+    spans: coordinates, by their index, that this stage tries elsewhere, each between two ends.
+    samples: so many quasi-random points within the spans are tried, besides what was kept.
+    offsets: changes of each coordinate of ``spans``, one at a time, at the best of what was kept; tried besides.
+    apart: two points or fits are the same if they differ by less in all coordinates [(K,)]; None: by the longest first
+        step of a fit, which a fit from one of them bridges at once.
+    rival: a fit that ends above this multiple of the best cost is not kept.
+    confirm: a fit ends only with a Jacobian that was measured there.
+    """
+
+    residual: Residual
+    scales: np.ndarray
+    bounds: Bounds
+    rows: Sequence[np.ndarray | None] = (None,)
+    keep: int = 1
+    iterations: int = 0
+    spans: Mapping[int, tuple[float, float]] | None = None
+    samples: int = 0
+    offsets: Sequence[float] = ()
+    apart: np.ndarray | None = None
+    rival: float = np.inf
+    confirm: bool = False
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where a search ended.
+
+    fits: that the last stage kept, best first; empty where every motion was unstable.
+    rollouts: how often a residual was computed.
+    unstable: how many points were left out because the motion is unstable there.
+    """
+
+    fits: list[Fit]
+    rollouts: int
+    unstable: int
+
+
+def multistart(
+    stages: Iterable[Stage], starts: Sequence[np.ndarray | Fit], watch: Watch = lambda items, _: items
+) -> Search:
+    """Go through the stages; one in which every motion is unstable is passed over.
+
+    Args:
+        stages: in their order, for instance coarse bodies before fine ones; made when they are needed.
+        starts: points to begin with [(K,) each], or fits.
+        watch: passes points on as they are tried; told how many, such as tqdm.
+    """
+    kept, rollouts, unstable = list(starts), 0, 0
+    fits: list[Fit] = []
+    for stage in stages:
+        tried = [*kept, *_elsewhere(stage, kept)]
+        found = _fitted(stage, tried, watch) if stage.iterations else _evaluated(stage, tried, watch)
+        rollouts += sum(other.rollouts if other else 1 for other in found)
+        fits = _kept(stage, [other for other in found if other is not None]) or fits
+        unstable += sum(other is None for other in found)
+        kept = list(fits) or kept
+    return Search(fits, rollouts, unstable)
+
+
+def horizons(contact: int, frames: int) -> list[int]:
+    """Numbers of frames that are taken in one after the other, half as many again after contact each time, up to all."""
+    after, found = FIRST_AFTER_CONTACT, []
+    while contact + after < frames:
+        found.append(contact + after)
+        after += max(after // 2, 1)
+    return [*found, frames]
+
+
+def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarray]:
+    """Points that a stage tries besides those that were kept [(K,) each]."""
+    if not stage.spans or not kept:
+        return []
+    best = _free(kept[0])
+    sample = qmc.Sobol(len(stage.spans), seed=0).random(stage.samples) if stage.samples else []
+    found = []
+    for shares in sample:
+        point = best.copy()
+        for (index, (low, high)), share in zip(stage.spans.items(), shares, strict=True):
+            point[index] = low + share * (high - low)
+        found.append(point)
+    for index in stage.spans if stage.offsets else ():
+        for offset in stage.offsets:
+            point = best.copy()
+            point[index] += offset
+            found.append(point)
+    return found
+
+
+def _evaluated(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+    points = [np.clip(_free(start), *stage.bounds) for start in tried]
+    found = list(watch(each(_value, ((stage.residual, point) for point in points)), len(points)))
+    known = [start.jacobian if isinstance(start, Fit) else None for start in tried]
+    return [other and replace(other, jacobian=jacobian) for other, jacobian in zip(found, known, strict=True)]
+
+
+def _value(residual: Residual, point: np.ndarray) -> Fit | None:
+    """A fit of no steps; None where the motion is unstable."""
+    try:
+        return Fit(point, residual(point), rollouts=1)
+    except SimulationError:
+        return None
+
+
+def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+    """Fits from every start; one that stays far above the best one so far is given up."""
+    found: list[Fit | None] = []
+    lowest: list[float | None] = [None] * len(stage.rows)
+    for start in watch(tried, len(tried)):
+        now, used = start, 0
+        for place, rows in enumerate(stage.rows):
+            last = place == len(stage.rows) - 1
+            ended = fit_or_none(
+                stage.residual,
+                now,
+                stage.scales,
+                stage.bounds,
+                stage.iterations,
+                abort_above=lowest[place],
+                rows=rows,
+                confirm=stage.confirm and last,
+            )
+            if ended is None:
+                break
+            used += ended.rollouts
+            now, cost = ended, ended.cost_of(rows)
+            lowest[place] = min(cost, lowest[place] or np.inf)
+        else:
+            found.append(Fit(ended.free, ended.residual, ended.jacobian, used))
+            continue
+        found.append(None)
+    return found
+
+
+def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
+    """The best, of those that are nearly the same only the best one."""
+    apart = LONGEST_STEP * stage.scales if stage.apart is None else stage.apart
+    chosen: list[Fit] = []
+    for rows in stage.rows[-1:] if stage.iterations else stage.rows:
+        ranked = sorted(found, key=lambda other: other.cost_of(rows))
+        count = 0
+        for other in ranked:
+            near = other.cost_of(rows) <= stage.rival * ranked[0].cost_of(rows)
+            if count < stage.keep and near and _is_apart(other.free, chosen, apart):
+                chosen.append(other)
+                count += 1
+    return chosen
+
+
+def _is_apart(point: np.ndarray, others: Sequence[Fit], apart: np.ndarray) -> bool:
+    return all((np.abs(point - other.free) > apart).any() for other in others)
+
+
+def _free(start: np.ndarray | Fit) -> np.ndarray:
+    return start.free if isinstance(start, Fit) else start
