@@ -16,7 +16,7 @@ from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 
 COARSER = 1.4
 """Node spacing of the search relative to that of the problem: a rollout costs a third."""
-SAMPLES = 8
+SAMPLES = 4
 """Points tried for each material parameter that is searched."""
 FAR = 2.0
 """Standard deviations of a prior: an estimate farther away is reported."""
@@ -99,7 +99,7 @@ def base_fit(
     spans = _spans(problem, coarse, mean, deviation)
     stages = [
         Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS),
-        Stage(searched, *settings, [rows[0], None], 2, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
+        Stage(searched, *settings, [rows[-min(len(rows), 3)], None], 2, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
         Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS, rival=RIVAL),
     ]
     found = multistart(stages, starts)

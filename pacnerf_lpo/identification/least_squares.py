@@ -24,15 +24,17 @@ PROBES = (0.5, -0.5, 0.1, -0.1)
 """Of an unknown's scale: changes by which a sensitivity is measured; the later ones where the motion is unstable."""
 CONVERGED = 0.1
 """Of an unknown's scale: a change that nobody would notice."""
-LEAST_GAIN = 2e-3
+LEAST_GAIN = 5e-4
 """Part of the cost: a step that gains less is not worth the simulations of another Jacobian."""
+ROUGH_GAIN = 1e-2
+"""The same for a fit that another one follows."""
 PATIENCE = 2
 LIVELY = 0.15
 """Part of the cost: a fit far above ``abort_above`` goes on only while each step gains that much."""
 TRUSTED = 0.6
 """A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
-OLDEST = 4
-"""Steps after which a Jacobian is measured again: that many secants do not span the unknowns of a model."""
+MOST_SURPRISES = 2
+"""Steps that gain less than that before the Jacobian is measured again."""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
 
@@ -45,12 +47,14 @@ class Fit:
     residual: there, in units of its error [(D,)]
     jacobian: derivative of the residual, measured or updated there [(D, K)]; None: not known.
     rollouts: how often the residual was computed.
+    of: the residual that was minimised, as a function; None: another one.
     """
 
     free: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray | None = None
     rollouts: int = 0
+    of: Residual | None = None
 
     @property
     def cost(self) -> float:
@@ -78,8 +82,8 @@ def fit(
 
     Args:
         residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError anywhere but at the start.
-        start: free coordinates to begin with [(K,)], or a fit of a similar residual, whose Jacobian serves until a step
-            contradicts it.
+        start: free coordinates to begin with [(K,)], or a fit of this or a similar residual, whose Jacobian serves until
+            steps contradict it.
         scales: noticeable change of each coordinate [(K,)]
         bounds: least and largest value of each [(K,), (K,)]
         iterations: accepted steps, at most.
@@ -117,9 +121,9 @@ class _Descent:
         self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
         known = start if isinstance(start, Fit) else None
         self.free = np.clip(start if known is None else known.free, *bounds)
-        self.now = self._at(self.free)
+        self.now = known.residual if known is not None and known.of is residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
-        self.damping, self.longest, self.age = 1e-2, LONGEST_STEP, 1
+        self.damping, self.longest, self.age, self.surprises = 1e-2, LONGEST_STEP, 1, 0
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
             self._measure()
         else:
@@ -146,14 +150,15 @@ class _Descent:
             moved, kept, stretched = stepped
             gain = 1 - self.cost / before
             far = abort_above is not None and self.cost > abort_above
-            small = moved < CONVERGED or gain < LEAST_GAIN
+            small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
                 break
             if small and (self.age <= 1 or not confirm):
                 break
-            if iteration + 1 < iterations and (small or not kept or self.age > OLDEST):
+            self.surprises += not kept
+            if iteration + 1 < iterations and (small or self.surprises >= MOST_SURPRISES):
                 self._measure()
-        return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts)
+        return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
 
     def _step(self) -> tuple[float, bool, bool] | None:
         """One step that lowers the cost: its length in scales, whether it gained about what was promised, and whether
@@ -178,7 +183,7 @@ class _Descent:
                 self.longest *= 2 if stretched else 1
                 self.damping, self.age = max(self.damping / 5, 1e-7), self.age + 1
                 self.free, self.now = trial, after
-                if kept and moved > 0:
+                if moved > 0:
                     self.scaled = self.scaled + np.outer(change, step) / (step @ step)
                 return float(moved), kept, stretched
             if self.age > 0:
@@ -189,7 +194,7 @@ class _Descent:
 
     def _measure(self) -> None:
         jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
-        self.scaled, self.age = jacobian * self.scales, 0
+        self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
         self.rollouts += used
 
     def _at(self, free: np.ndarray) -> np.ndarray:

@@ -92,8 +92,10 @@ def multistart(
 
 
 def horizons(contact: int, frames: int) -> list[int]:
-    """Numbers of frames that are taken in one after the other, half as many again after contact each time, up to all."""
-    after, found = FIRST_AFTER_CONTACT, []
+    """Numbers of frames that are taken in one after the other: half of the fall, in which a body may turn only once, then
+    half as many again after contact each time, up to all.
+    """
+    after, found = FIRST_AFTER_CONTACT, [contact // 2 + 1] if 2 <= contact < frames else []
     while contact + after < frames:
         found.append(contact + after)
         after += max(after // 2, 1)
@@ -121,10 +123,9 @@ def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarra
 
 
 def _evaluated(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
-    points = [np.clip(_free(start), *stage.bounds) for start in tried]
-    found = list(watch(each(_value, ((stage.residual, point) for point in points)), len(points)))
-    known = [start.jacobian if isinstance(start, Fit) else None for start in tried]
-    return [other and replace(other, jacobian=jacobian) for other, jacobian in zip(found, known, strict=True)]
+    known = [replace(s, rollouts=0) for s in tried if isinstance(s, Fit) and s.of is stage.residual]
+    points = [np.clip(_free(s), *stage.bounds) for s in tried if not (isinstance(s, Fit) and s.of is stage.residual)]
+    return [*known, *watch(each(_value, ((stage.residual, point) for point in points)), len(points))]
 
 
 def _value(residual: Residual, point: np.ndarray) -> Fit | None:
@@ -140,6 +141,9 @@ def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> li
     found: list[Fit | None] = []
     lowest: list[float | None] = [None] * len(stage.rows)
     for start in watch(tried, len(tried)):
+        if isinstance(start, Fit) and start.of is stage.residual and start.jacobian is not None:
+            found.append(replace(start, rollouts=0))  # a stage before this one has fitted it
+            continue
         now, used = start, 0
         for place, rows in enumerate(stage.rows):
             last = place == len(stage.rows) - 1
@@ -159,7 +163,7 @@ def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> li
             now, cost = ended, ended.cost_of(rows)
             lowest[place] = min(cost, lowest[place] or np.inf)
         else:
-            found.append(Fit(ended.free, ended.residual, ended.jacobian, used))
+            found.append(replace(ended, rollouts=used))
             continue
         found.append(None)
     return found

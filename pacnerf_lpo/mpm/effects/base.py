@@ -15,8 +15,10 @@ from pacnerf_lpo.mpm.point import Law, Point
 
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
-PROBES = 2.0
-"""Standard deviation of a coefficient in units of the farthest probe: probes show what is easily visible."""
+PROBES = 10.0
+"""Standard deviation of a coefficient in units of the farthest probe: a probe is what is just visible, and an effect ten
+times as strong is nothing unusual.
+"""
 
 
 class Effect(ABC):
