@@ -42,10 +42,10 @@ from benchmarks.hidden_effects.setting import Size, draw_setting
 from pacnerf_lpo.diagnosis.catalogue import read_candidates
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate, overlay, summary
 from pacnerf_lpo.diagnosis.localising import excess
-from pacnerf_lpo.diagnosis.model import MARGIN
+from pacnerf_lpo.identification.forward_model import MARGIN
 from pacnerf_lpo.diagnosis.screening import screen
 from pacnerf_lpo.diagnosis.store import Store
-from pacnerf_lpo.diagnosis.summaries import summarise
+from pacnerf_lpo.identification.silhouette_moments import summarise
 from pacnerf_lpo.mpm.effects import LinearDrag
 
 torch.set_num_threads(1)

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 FIRST = [
-    "pacnerf_lpo.diagnosis.fitting",
+    "pacnerf_lpo.identification.least_squares",
     "pacnerf_lpo.phases",
     "pacnerf_lpo.commands.diagnose",
     "pacnerf_lpo.evaluation.prediction",

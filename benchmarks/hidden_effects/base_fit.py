@@ -22,7 +22,7 @@ from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
 from benchmarks.hidden_effects.plan import PHYSICS
 from benchmarks.hidden_effects.setting import Setting, Size, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, course_of
-from pacnerf_lpo.diagnosis.split import HELD_FRAMES
+from pacnerf_lpo.identification.split import HELD_FRAMES
 from pacnerf_lpo.errors import RunError, SimulationError, UserInputError
 from pacnerf_lpo.mpm import effects
 from pacnerf_lpo.mpm.effects.base import Effect

@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from benchmarks.hidden_effects.setting import FRAME_RATE, Setting
-from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.model import MARGIN, Model
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import MARGIN, Model
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 

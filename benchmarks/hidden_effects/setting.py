@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pacnerf_lpo.data import shapes
 from pacnerf_lpo.data.synthetic import hemisphere_rig
-from pacnerf_lpo.diagnosis.split import held_views
+from pacnerf_lpo.identification.split import held_views
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.types import Video

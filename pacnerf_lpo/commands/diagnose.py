@@ -9,7 +9,7 @@ from typing import Literal
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
 from pacnerf_lpo.diagnosis.diagnose import diagnose as find
-from pacnerf_lpo.diagnosis.problem import PARTICLES
+from pacnerf_lpo.identification.problem import PARTICLES
 
 
 def run(

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.fitting import Residual, fit, sensitivities
-from pacnerf_lpo.diagnosis.model import VELOCITY, Model
-from pacnerf_lpo.diagnosis.problem import Problem, StateProblem
-from pacnerf_lpo.diagnosis.search import MUCH_LOWER, best_beside, best_fitted, points, promising, span
 from pacnerf_lpo.diagnosis.shape_errors import shape_errors
 from pacnerf_lpo.diagnosis.statistics.acceptance import held_out_noise
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_intervals, overdispersion, twin_inflation
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.identification.least_squares import Residual, fit, sensitivities
+from pacnerf_lpo.identification.multistart import MUCH_LOWER, best_beside, best_fitted, points, promising, span
+from pacnerf_lpo.identification.problem import Problem, StateProblem
+from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FIRST_ITERATIONS = 10

@@ -23,8 +23,6 @@ from pacnerf_lpo.diagnosis.catalogue import (
     whole_catalogue,
 )
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, more_than_noise, searched
-from pacnerf_lpo.diagnosis.problem import PARTICLES, Problem, RunProblem
-from pacnerf_lpo.diagnosis.processes import check_jobs, processes
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, refine, refit, worth_refitting
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce, residual_force
@@ -35,6 +33,7 @@ from pacnerf_lpo.diagnosis.rounds import (
     fires,
     leaves_more_than_noise,
 )
+from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS, Screening, screen
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
@@ -42,6 +41,8 @@ from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.identification.problem import PARTICLES, Problem
+from pacnerf_lpo.identification.processes import check_jobs, processes
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Parameter

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison
-from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.summaries import KINDS
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.silhouette_moments import KINDS
 
 PHASES = ("free fall", "impact", "contact", "rebound")
 REACH = 1.0

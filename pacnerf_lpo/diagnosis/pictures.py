@@ -17,10 +17,10 @@ from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import excess, floor
-from pacnerf_lpo.diagnosis.model import MARGIN
-from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.screening import size_of
-from pacnerf_lpo.diagnosis.summaries import KINDS
+from pacnerf_lpo.identification.forward_model import MARGIN
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 
 if TYPE_CHECKING:

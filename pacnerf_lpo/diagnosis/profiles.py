@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress
-from pacnerf_lpo.diagnosis.fitting import fit
-from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.statistics.intervals import Profile, overdispersion, profile_likelihood
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.identification.least_squares import fit
+from pacnerf_lpo.identification.problem import Problem
 
 ITERATIONS = 3
 

@@ -17,9 +17,6 @@ from pacnerf_lpo.diagnosis.comparison import (
     reporter,
     whitened_by,
 )
-from pacnerf_lpo.diagnosis.fitting import LONGEST_STEP, Fit, Residual, fit, sensitivities
-from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem, StateProblem, absolute
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.statistics.acceptance import (
     LEAST_REMOVED,
@@ -31,10 +28,13 @@ from pacnerf_lpo.diagnosis.statistics.acceptance import (
     survival,
 )
 from pacnerf_lpo.diagnosis.statistics.intervals import Interval, overdispersion
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.omnibus import omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Score
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Fit, Residual, fit, sensitivities
+from pacnerf_lpo.identification.problem import Problem, StateProblem, absolute
+from pacnerf_lpo.inference.noise import NoiseModel
 
 ITERATIONS = 10
 REFINED_ITERATIONS = 3

@@ -12,13 +12,13 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, noise_of_held_out
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
-from pacnerf_lpo.diagnosis.model import outcome
-from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, judge_held_out
 from pacnerf_lpo.diagnosis.statistics.residual_force import Law, name_force
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import outcome
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.effects.base import BodyForce
 from pacnerf_lpo.mpm.parameters import Identity, Parameter

@@ -12,14 +12,14 @@ from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
-from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem
-from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.statistics.calibration import calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
 from pacnerf_lpo.diagnosis.statistics.intervals import overdispersion
 from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, score_test
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FALSE_ALARMS = 0.01

@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.model import Model, outcome
-from pacnerf_lpo.diagnosis.problem import Problem, StateProblem
-from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.diagnosis.twins import distortion
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import Model, outcome
+from pacnerf_lpo.identification.problem import Problem, StateProblem
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05

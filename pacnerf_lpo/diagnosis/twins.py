@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.model import Model, outcome
-from pacnerf_lpo.diagnosis.problem import Problem, beside_median
-from pacnerf_lpo.diagnosis.processes import each
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import Model, outcome
+from pacnerf_lpo.identification.problem import Problem, beside_median
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)

@@ -8,7 +8,6 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import wording
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.problem import Problem
 from pacnerf_lpo.diagnosis.rounds import (
     Round,
     asks_for_an_effect,
@@ -21,6 +20,7 @@ from pacnerf_lpo.diagnosis.rounds import (
 )
 from pacnerf_lpo.diagnosis.screening import FALSE_ALARMS
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
+from pacnerf_lpo.identification.problem import Problem
 
 ENOUGH = 0.5
 """Accepted effects that remove less of the held-out error than this do not explain it."""

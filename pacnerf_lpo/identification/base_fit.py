@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.model import Model
-from pacnerf_lpo.diagnosis.problem import Problem
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import CONVERGED
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pacnerf_lpo.diagnosis.processes import each
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations, damped_step
+from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations, damped_step
 
 LONGEST_STEP = 5.0
 """Of an unknown's scale, at first. Steps of that length that gain what they promise double it, failures shorten it."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from pacnerf_lpo.diagnosis.processes import each
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, fit_or_none
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.optimisation.levenberg_marquardt import LevenbergMarquardt, NormalEquations
+from pacnerf_lpo.identification.levenberg_marquardt import LevenbergMarquardt, NormalEquations
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule

@@ -12,11 +12,11 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from pacnerf_lpo.diagnosis.fitting import Fit, fit, fit_or_none, sensitivities
-from pacnerf_lpo.diagnosis.model import VELOCITY, Model
-from pacnerf_lpo.diagnosis.problem import StateProblem
-from pacnerf_lpo.diagnosis.processes import check_jobs, each, processes
-from pacnerf_lpo.diagnosis.search import (
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.identification.least_squares import Fit, fit, fit_or_none, sensitivities
+from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations
+from pacnerf_lpo.identification.multistart import (
     HALVINGS,
     MUCH_LOWER,
     best_beside,
@@ -27,12 +27,12 @@ from pacnerf_lpo.diagnosis.search import (
     shortlist,
     span,
 )
-from pacnerf_lpo.diagnosis.split import Split
-from pacnerf_lpo.diagnosis.summaries import KINDS
-from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.identification.problem import StateProblem
+from pacnerf_lpo.identification.processes import check_jobs, each, processes
+from pacnerf_lpo.identification.silhouette_moments import KINDS
+from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.optimisation.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, finite_loss
 
 if TYPE_CHECKING:
@@ -58,13 +58,13 @@ SUNK = 1.0
 
 class OutlineGaussNewton(GaussNewton):
     """Levenberg-Marquardt on ten numbers for each outline (centroid, area, widths, edges; see
-    :mod:`pacnerf_lpo.diagnosis.summaries`), relative to frame 0, instead of on pixels.
+    :mod:`pacnerf_lpo.identification.silhouette_moments`), relative to frame 0, instead of on pixels.
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
     sample of the parameter space is tried on a coarse body, and short fits lead from points that lie well apart: from
     the best by all frames, and from the best by the first frames after contact, whose fits take in more and more frames
-    (see :func:`~pacnerf_lpo.diagnosis.search.grown`). From there the best go on with finer bodies, and at last some
-    start in the valleys beside the best. Where one there is a little better, fits of both with still finer bodies
+    (see :func:`~pacnerf_lpo.identification.multistart.grown`). From there the best go on with finer bodies, and at last
+    some start in the valleys beside the best. Where one there is a little better, fits of both with still finer bodies
     decide. Shading, which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from pacnerf_lpo.diagnosis.split import Split
-from pacnerf_lpo.diagnosis.summaries import summarise
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.identification.silhouette_moments import summarise
+from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
@@ -213,7 +213,7 @@ class StaticGridModule(AbstractPhase):
         """Raw density above that of the visible surface where the body is as large as in the mattes of the training
         views.
         """
-        from pacnerf_lpo.diagnosis.problem import StateProblem  # it looks at states of phases
+        from pacnerf_lpo.identification.problem import StateProblem  # it looks at states of phases
 
         video = self.data.video
         views = np.isin(np.arange(len(video.images)), self.data.train)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from pacnerf_lpo.diagnosis.layout import Layout
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, acceptance, held_out_noise, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import (
     laplace_intervals,
@@ -14,8 +13,9 @@ from pacnerf_lpo.diagnosis.statistics.intervals import (
     profile_likelihood,
     twin_inflation,
 )
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.residual_force import name_force
+from pacnerf_lpo.inference.layout import Layout
+from pacnerf_lpo.inference.noise import NoiseModel
 from tests.diagnosis import toy
 
 JACOBIAN = toy.jacobian()

@@ -9,14 +9,14 @@ import torch
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints
 from pacnerf_lpo.data.point_residuals import CLOUD_KINDS
 from pacnerf_lpo.data.synthetic import hemisphere_rig
-from pacnerf_lpo.diagnosis.body import Body
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import COEFFICIENT_WIDENING, compare, intervals, laplace_in_si, noise_of
-from pacnerf_lpo.diagnosis.points import Points
-from pacnerf_lpo.diagnosis.problem import Problem, relative
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.screening import screen
-from pacnerf_lpo.diagnosis.split import Split
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.points import Points
+from pacnerf_lpo.identification.problem import Problem, relative
+from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics

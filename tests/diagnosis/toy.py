@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.layout import Layout
 from pacnerf_lpo.diagnosis.statistics.score import Probe
+from pacnerf_lpo.inference.layout import Layout
 
 VIEWS, FRAMES = 4, 12
 KINDS = ("x", "y", "size", "height")

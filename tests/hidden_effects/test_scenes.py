@@ -13,9 +13,9 @@ from benchmarks.hidden_effects.score import page
 from benchmarks.hidden_effects.setting import Size
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import Options
-from pacnerf_lpo.diagnosis.fitting import sensitivities
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.identification.least_squares import sensitivities
 from pacnerf_lpo.mpm.effects import UniformForce
 
 TINY = Size(particles=300, views=4, held=2, frames=8, image_size=48)

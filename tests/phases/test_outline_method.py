@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from pacnerf_lpo.diagnosis.fitting import Fit
-from pacnerf_lpo.diagnosis.search import points, span
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.identification.least_squares import Fit
+from pacnerf_lpo.identification.multistart import points, span
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule

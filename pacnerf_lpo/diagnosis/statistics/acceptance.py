@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from pacnerf_lpo.diagnosis.layout import Layout
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.inference.layout import Layout
+from pacnerf_lpo.inference.noise import NoiseModel
 
 STANDARD_ERRORS = 2.0
 LEAST_REMOVED = 0.25

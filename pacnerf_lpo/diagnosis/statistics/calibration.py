@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import t as student
 
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, Score, equivalent_z
+from pacnerf_lpo.inference.noise import NoiseModel
 
 LENDING = 4.0
 DRAWS = 20_000

@@ -11,8 +11,8 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from pacnerf_lpo.diagnosis.statistics.calibration import moderated_scales
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
+from pacnerf_lpo.inference.noise import NoiseModel
 
 LEAST_STRENGTH = 1.0
 """A combination of parameters is undetermined if a change by its scale moves the residual by less than one sigma."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
+from pacnerf_lpo.inference.noise import NoiseModel
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import gammaln, ndtri_exp
 from scipy.stats import chi2
 
-from pacnerf_lpo.diagnosis.statistics.noise import NoiseModel
+from pacnerf_lpo.inference.noise import NoiseModel
 
 CONFOUNDED = 1e-6
 """An effect of which less than this part is left beside the fitted parameters is one of them."""

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.layout import Layout
+from pacnerf_lpo.inference.layout import Layout
 
 LEAST_TWINS = 4
 SHRINKAGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)

@@ -10,7 +10,7 @@ from torch import Tensor
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints
 from pacnerf_lpo.data.point_residuals import CLOUD_KINDS, attach, cloud_residuals, cloud_sigma, track_residuals
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.diagnosis.summaries import KINDS
+from pacnerf_lpo.identification.silhouette_moments import KINDS
 
 COLUMNS = len(KINDS) + 1
 CLOUD_COLUMNS = 8

@@ -5,9 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pacnerf_lpo.diagnosis.fitting import Fit, fit
-from pacnerf_lpo.diagnosis.search import best_beside, best_fits, best_fitted, grown, horizons, rivals, shortlist
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.multistart import (
+    best_beside,
+    best_fits,
+    best_fitted,
+    grown,
+    horizons,
+    rivals,
+    shortlist,
+)
 from pacnerf_lpo.mpm.materials import NeoHookean
 
 MATERIAL = NeoHookean()

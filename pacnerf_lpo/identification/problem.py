@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,16 +12,14 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.diagnosis import body as bodies
-from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.layout import Layout
-from pacnerf_lpo.diagnosis.model import MARGIN, Model, with_effects
-from pacnerf_lpo.diagnosis.points import Points
-from pacnerf_lpo.diagnosis.split import Split, split
-from pacnerf_lpo.diagnosis.summaries import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
-from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.identification import body as bodies
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import MARGIN, Model, with_effects
+from pacnerf_lpo.identification.points import Points
+from pacnerf_lpo.identification.silhouette_moments import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
+from pacnerf_lpo.identification.split import Split
+from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState, Video
@@ -36,8 +33,6 @@ BISECTIONS = 9
 LEAST_SHADING = 0.01
 MODEL_ERROR = 0.1
 """Error of a summary that the model makes, before twins tell [pixels]."""
-LEAST_FITTED = 30
-"""Numbers of points that make a fit, where there is nothing else."""
 
 
 class Problem(ABC):
@@ -265,58 +260,6 @@ class StateProblem(Problem):
         believed = torch.stack([mean_brightness(image, opacity) for image, opacity in reference])
         measured = mean_brightness(video.images, video.silhouettes)
         return (measured / believed[:, None]).clamp_min(1e-3).log().numpy().astype(float)
-
-
-class RunProblem(StateProblem):
-    """A run: its video and its model.
-
-    Args:
-        run: the run; its last phase before a correction supplies the body and the first guess of the motion.
-        stem: another phase, such as ``01_velocity``.
-        particles: the body is sampled by about so many.
-        tracks, clouds: measured beside the video, in place of the run's own; None: as the run has them.
-        images: False: only points are compared.
-
-    Raises:
-        UserInputError: too few views or frames, or wrong or too few points.
-    """
-
-    def __init__(
-        self,
-        run: Run,
-        stem: str | None = None,
-        particles: int = PARTICLES,
-        tracks: str | None = None,
-        clouds: str | None = None,
-        images: bool = True,
-    ):
-        self.run, self.stage, self.images = run, run.stage(stem) if stem else run.uncorrected, images
-        data = run.data
-        if tracks is not None or clouds is not None:
-            data.measure(data.video, tracks or data.tracks, clouds or data.clouds)
-        if not images and data.tracked_points is None and data.point_clouds is None:
-            raise UserInputError("diagnose: --images false leaves nothing to compare; give --tracks or --clouds")
-        held = split(data)
-        super().__init__(run.scene, data, self.stage.state, run.physics, held, images, particles, images)
-        if self.points is not None:
-            self.split = replace(self.split, points=self.points.fitted)
-        if not images:
-            self._check_points()
-
-    def _check_points(self) -> None:
-        fitted, held = int(self.fitted.sum()), int((self.usable & self.split.held[..., None]).sum())
-        if fitted < LEAST_FITTED or held == 0:
-            raise UserInputError(
-                f"diagnose: the points give {fitted} numbers to fit and {held} to judge by, in the last frames and "
-                f"every third tracked point; {LEAST_FITTED} and 1 are needed, give more points or compare the images"
-            )
-
-    @property
-    def fingerprint(self) -> bytes:
-        """Differs for runs whose diagnosis may differ."""
-        config = json.dumps([self.run.config["data"], self.run.config["physics"]], default=str)
-        points = b"" if self.points is None else self.points.fingerprint + bytes([self.images])
-        return self.stage.state_path.read_bytes() + config.encode() + points
 
 
 def shading(brightness: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from pacnerf_lpo.diagnosis.outlines import splat
-from pacnerf_lpo.diagnosis.summaries import KINDS, TAIL, mean_brightness, sensor_noise, summarise
+from pacnerf_lpo.identification.silhouette_moments import KINDS, TAIL, mean_brightness, sensor_noise, summarise
+from pacnerf_lpo.identification.splatting import splat
 
 
 def rectangle(left, right, top, bottom, size=(60, 80)):

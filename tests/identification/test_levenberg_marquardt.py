@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pacnerf_lpo.optimisation.levenberg_marquardt import LevenbergMarquardt, NormalEquations, damped_step
+from pacnerf_lpo.identification.levenberg_marquardt import LevenbergMarquardt, NormalEquations, damped_step
 
 TIMES = torch.linspace(0, 2, 40, dtype=torch.float64)
 

@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
-from pacnerf_lpo.diagnosis.body import Body
-from pacnerf_lpo.diagnosis.outlines import splat
-from pacnerf_lpo.diagnosis.points import Points
-from pacnerf_lpo.diagnosis.summaries import KINDS, summarise
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.points import Points
+from pacnerf_lpo.identification.silhouette_moments import KINDS, summarise
+from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics

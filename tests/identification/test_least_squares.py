@@ -1,11 +1,10 @@
-"""The damped Gauss-Newton fit on problems with known minima, and the ridge of the residual force."""
+"""The damped Gauss-Newton fit on problems with known minima."""
 
 import numpy as np
 import pytest
 
-from pacnerf_lpo.diagnosis.fitting import fit, sensitivities
-from pacnerf_lpo.diagnosis.residual_force import SmoothForce, ridge
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.least_squares import fit, sensitivities
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -68,27 +67,6 @@ def test_a_hopeless_start_is_given_up():
 def test_a_fit_whose_steps_keep_their_promise_and_could_be_longer_is_not_given_up():
     found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10, hopeless=1.0)
     assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
-
-
-def test_ridge_finds_what_is_there_and_little_where_there_is_noise_alone():
-    random = np.random.default_rng(0)
-    design = random.standard_normal((200, 30)) * np.logspace(0, -3, 30)
-    true = np.zeros(30)
-    true[:3] = (1.0, -2.0, 0.5)
-    noise = 0.1 * random.standard_normal(200)
-    # 30 coefficients from 200 values at 0.1: the strong ones are known to about 0.1 / sqrt(200)
-    assert ridge(design, design @ true + noise)[:3] == pytest.approx(true[:3], abs=0.05)
-    assert np.linalg.norm(design @ ridge(design, noise)) < np.linalg.norm(noise) * np.sqrt(2 * 30 / 200)
-
-
-def test_a_smooth_force_is_the_interpolation_of_its_knots():
-    from types import SimpleNamespace
-
-    effect = SmoothForce(duration=2.0, centre=(1.0, 0.0, 0.0), extent=2.0)
-    values = {**effect.null, **effect.constants, "force_y_1_1": 4.0, "force_x_x_2": 6.0}
-    point = SimpleNamespace(t=0.75, X=[2.0, 0.0, 0.0])  # half way between knots 1 (0.5 s) and 2 (1 s)
-    found = effect.acceleration(point, SimpleNamespace(**values))
-    assert found == pytest.approx([0.5 * 6.0 * 0.5, 0.5 * 4.0, 0.0])
 
 
 def test_an_unknown_at_its_bound_does_not_hold_up_the_others():

@@ -1,1 +1,0 @@
-"""Optimisers for a handful of parameters."""
