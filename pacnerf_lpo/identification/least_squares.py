@@ -1,4 +1,8 @@
-"""Few parameters, cheap residuals: damped Gauss-Newton with the sensitivities that the score test needs anyway."""
+"""Nonlinear least squares for few unknowns and residuals that cost a simulation each (Levenberg 1944, Marquardt 1963).
+
+The Jacobian is measured by one-sided differences and then updated by what the steps show (Broyden 1965). A residual that
+cannot be computed because the simulation is unstable is a step that failed: the next one is shorter.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +12,31 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations, damped_step
-from pacnerf_lpo.identification.processes import each
 
 LONGEST_STEP = 5.0
-"""Of a parameter's scale, at first. Steps of that length that gain what they promise double it, failures quarter it."""
-ATTEMPTS = 5
-PROBE = 0.5  # of a parameter's scale
-CONVERGED = 0.1  # of a parameter's scale
-LEAST_GAIN = 2e-3
+"""Of an unknown's scale, at first. Steps of that length that gain what they promise double it, failures shorten it."""
+ATTEMPTS = 6
+"""Steps from the same point before the fit ends: each is at least half as long, so the last is a thirtieth."""
+PROBES = (0.5, -0.5, 0.1, -0.1)
+"""Of an unknown's scale: changes by which a sensitivity is measured; the later ones where the motion is unstable."""
+CONVERGED = 0.1
+"""Of an unknown's scale: a change that nobody would notice."""
+LEAST_GAIN = 5e-4
+"""Part of the cost: a step that gains less is not worth the simulations of another Jacobian."""
+ROUGH_GAIN = 1e-2
+"""The same for a fit that another one follows."""
 PATIENCE = 2
 LIVELY = 0.15
+"""Part of the cost: a fit far above ``abort_above`` goes on only while each step gains that much."""
 TRUSTED = 0.6
 """A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
-OLDEST = 3
-"""Steps after which a Jacobian is measured again."""
+MOST_SURPRISES = 2
+"""Steps that gain less than that before the Jacobian is measured again."""
 Residual = Callable[[np.ndarray], np.ndarray]
+Bounds = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -32,126 +44,202 @@ class Fit:
     """Where a fit ended.
 
     free: coordinates [(K,)]
-    residual: whitened residual there [(D,)]
+    residual: there, in units of its error [(D,)]
+    jacobian: derivative of the residual, measured or updated there [(D, K)]; None: not known.
+    rollouts: how often the residual was computed.
+    of: the residual that was minimised, as a function; None: another one.
     """
 
     free: np.ndarray
     residual: np.ndarray
+    jacobian: np.ndarray | None = None
+    rollouts: int = 0
+    of: Residual | None = None
 
     @property
-    def misfit(self) -> float:
+    def cost(self) -> float:
         """Sum of squares."""
         return float(self.residual @ self.residual)
+
+    def cost_of(self, rows: np.ndarray | None) -> float:
+        """Sum of squares over some rows [(D,), bool]; None: all."""
+        seen = self.residual if rows is None else self.residual[rows]
+        return float(seen @ seen)
 
 
 def fit(
     residual: Residual,
-    start: np.ndarray,
+    start: np.ndarray | Fit,
     scales: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
+    bounds: Bounds,
     iterations: int,
     report: Callable[[int, float, np.ndarray], None] = lambda *_: None,
-    hopeless: float | None = None,
+    abort_above: float | None = None,
+    rows: np.ndarray | None = None,
+    confirm: bool = True,
 ) -> Fit:
-    """Minimise ||residual||^2 (Levenberg-Marquardt), with one-sided differences.
-
-    One residual costs a simulation, a Jacobian one for each unknown; so a Jacobian that keeps its promises is only
-    updated by what the last step showed (Broyden 1965).
+    """Minimise ||residual[rows]||^2 within bounds.
 
     Args:
-        residual: of free coordinates [(K,)]; may raise SimulationError anywhere but at the start.
-        start: free coordinates to begin with [(K,)]
-        scales: noticeable change of each [(K,)]
+        residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError anywhere but at the start.
+        start: free coordinates to begin with [(K,)], or a fit of this or a similar residual, whose Jacobian serves until
+            steps contradict it.
+        scales: noticeable change of each coordinate [(K,)]
         bounds: least and largest value of each [(K,), (K,)]
-        iterations: at most.
-        report: called with iteration, misfit and coordinates.
-        hopeless: a misfit above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
+        iterations: accepted steps, at most.
+        report: called with iteration, cost and coordinates.
+        abort_above: a cost above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
             part in each, or as promised by a step that could not be longer; None: never.
+        rows: which of the residual count [(D,), bool]; None: all. The Jacobian is that of all.
+        confirm: end only with a Jacobian that was measured, not updated, where no step gains anything.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
     """
-    free, now, damping = start.copy(), residual(start), 1e-2
-    scaled, age, longest = sensitivities(residual, free, now, scales, bounds) * scales, 0, LONGEST_STEP
-    for iteration in range(iterations):
-        report(iteration, float(now @ now), free)
-        for _ in range(ATTEMPTS):
-            low, high = (np.clip((bound - free) / scales, -longest, longest) for bound in bounds)
-            step = _step_within(scaled, now, damping, low, high)
-            trial = np.clip(free + step * scales, *bounds)
-            after = _or_infinite(residual, trial, now)
-            if after @ after < now @ now:
-                break
-            if age > 0:
-                scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
-            else:
-                damping, longest = 5 * damping, max(longest / 4, LONGEST_STEP)
-        else:
-            break
-        step = (trial - free) / scales
-        moved, change = np.abs(step).max(), after - now - scaled @ step
-        gain, promised = 1 - (after @ after) / (now @ now), now @ now - np.sum((now + scaled @ step) ** 2)
-        kept = now @ now - after @ after > TRUSTED * promised
-        stretched = kept and moved > 0.99 * longest
-        if stretched:
-            longest *= 2
-        free, now, damping, age = trial, after, max(damping / 5, 1e-7), age + 1
-        far = hopeless is not None and now @ now > hopeless
-        lost = far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched
-        if lost or (age == 1 and (moved < CONVERGED or gain < LEAST_GAIN)):
-            break
-        if kept and age < OLDEST and moved >= CONVERGED and gain >= LEAST_GAIN:
-            scaled = scaled + np.outer(change, step) / (step @ step)
-        elif iteration + 1 < iterations:
-            scaled, age = sensitivities(residual, free, now, scales, bounds) * scales, 0
-    return Fit(free, now)
+    return _Descent(residual, start, scales, bounds, rows).run(iterations, report, abort_above, confirm)
 
 
-def fit_or_none(
-    residual: Residual,
-    start: np.ndarray,
-    scales: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    iterations: int,
-    hopeless: float | None = None,
-) -> Fit | None:
+def fit_or_none(residual: Residual, start: np.ndarray | Fit, *settings, **more) -> Fit | None:
     """:func:`fit`, or None where the motion at the start is unstable."""
     try:
-        return fit(residual, start, scales, bounds, iterations, hopeless=hopeless)
+        return fit(residual, start, *settings, **more)
     except SimulationError:
         return None
 
 
-def _step_within(scaled: np.ndarray, now: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The damped step between two ends [scales, (K,)]."""
-    model = NormalEquations(float(now @ now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
-    return damped_step(model, damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
+class _Descent:
+    """A fit on its way; arguments as of :func:`fit`."""
+
+    def __init__(
+        self,
+        residual: Residual,
+        start: np.ndarray | Fit,
+        scales: np.ndarray,
+        bounds: Bounds,
+        rows: np.ndarray | None,
+    ):
+        self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
+        known = start if isinstance(start, Fit) else None
+        self.free = np.clip(start if known is None else known.free, *bounds)
+        self.now = known.residual if known is not None and known.of is residual else self._at(self.free)
+        self.rows = np.ones(len(self.now), bool) if rows is None else rows
+        self.damping, self.longest, self.age, self.surprises = 1e-2, LONGEST_STEP, 1, 0
+        if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
+            self._measure()
+        else:
+            self.scaled = known.jacobian * scales
+
+    @property
+    def cost(self) -> float:
+        return _square(self.now[self.rows])
+
+    def run(
+        self,
+        iterations: int,
+        report: Callable[[int, float, np.ndarray], None],
+        abort_above: float | None,
+        confirm: bool,
+    ) -> Fit:
+        """Steps until nothing is gained."""
+        for iteration in range(iterations):
+            report(iteration, self.cost, self.free)
+            before = self.cost
+            stepped = self._step()
+            if stepped is None:
+                break
+            moved, kept, stretched = stepped
+            gain = 1 - self.cost / before
+            far = abort_above is not None and self.cost > abort_above
+            small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
+            if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
+                break
+            if small and (self.age <= 1 or not confirm):
+                break
+            self.surprises += not kept
+            if iteration + 1 < iterations and (small or self.surprises >= MOST_SURPRISES):
+                self._measure()
+        return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
+
+    def _step(self) -> tuple[float, bool, bool] | None:
+        """One step that lowers the cost: its length in scales, whether it gained about what was promised, and whether
+        it might have been longer; None where there is none.
+        """
+        for _ in range(ATTEMPTS):
+            low, high = (np.clip((bound - self.free) / self.scales, -self.longest, self.longest) for bound in self.bounds)
+            step = _step_within(self.scaled[self.rows], self.now[self.rows], self.damping, low, high)
+            moved = np.abs(step).max()
+            trial = np.clip(self.free + step * self.scales, *self.bounds)
+            try:
+                after = self._at(trial)
+            except SimulationError:
+                self.damping, self.longest = 5 * self.damping, min(self.longest, moved) / 2
+                continue
+            promised = self.cost - _square((self.now + self.scaled @ step)[self.rows])
+            gained = self.cost - _square(after[self.rows])
+            change = after - self.now - self.scaled @ step
+            if gained > 0:
+                kept = gained > TRUSTED * promised
+                stretched = kept and moved > 0.99 * self.longest
+                self.longest *= 2 if stretched else 1
+                self.damping, self.age = max(self.damping / 5, 1e-7), self.age + 1
+                self.free, self.now = trial, after
+                if moved > 0:
+                    self.scaled = self.scaled + np.outer(change, step) / (step @ step)
+                return float(moved), kept, stretched
+            if self.age > 0:
+                self._measure()
+            else:
+                self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
+        return None
+
+    def _measure(self) -> None:
+        jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
+        self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
+        self.rollouts += used
+
+    def _at(self, free: np.ndarray) -> np.ndarray:
+        self.rollouts += 1
+        return self.residual(free)
 
 
 def sensitivities(
-    residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+    residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: Bounds
 ) -> np.ndarray:
-    """Derivative of the residual [(D, K)]; each unknown is moved by half its scale, away from a bound."""
+    """Derivative of the residual [(D, K)] by one-sided differences away from a bound; 0 where the motion is unstable to
+    either side.
+    """
+    return _jacobian(residual, free, now, scales, bounds)[0]
+
+
+def _jacobian(
+    residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: Bounds
+) -> tuple[np.ndarray, int]:
+    """:func:`sensitivities`, and how often the residual was computed."""
     columns = each(_column, ((residual, free, now, k, scale, bounds[1][k]) for k, scale in enumerate(scales)))
-    return np.stack(list(columns), axis=1)
+    found, used = zip(*columns, strict=True)
+    return np.stack(found, axis=1), sum(used)
 
 
 def _column(
     residual: Residual, free: np.ndarray, now: np.ndarray, index: int, scale: float, highest: float
-) -> np.ndarray:
-    """Derivative of the residual by one unknown [(D,)]; 0 where the motion is unstable to either side."""
-    for sign in (1.0, -1.0) if free[index] + PROBE * scale < highest else (-1.0, 1.0):
+) -> tuple[np.ndarray, int]:
+    """Derivative of the residual by one unknown [(D,)], and how often the residual was computed."""
+    side = 1.0 if free[index] + PROBES[0] * scale < highest else -1.0
+    for used, probe in enumerate(PROBES, 1):
         moved = free.copy()
-        moved[index] += sign * PROBE * scale
+        moved[index] += side * probe * scale
         try:
-            return (residual(moved) - now) / (sign * PROBE * scale)
+            return (residual(moved) - now) / (side * probe * scale), used
         except SimulationError:
             continue
-    return np.zeros_like(now)
+    return np.zeros_like(now), len(PROBES)
 
 
-def _or_infinite(residual: Residual, free: np.ndarray, like: np.ndarray) -> np.ndarray:
-    try:
-        return residual(free)
-    except SimulationError:
-        return np.full_like(like, np.inf)
+def _step_within(scaled: np.ndarray, now: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The damped step between two ends [scales, (K,)]."""
+    model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
+    return damped_step(model, damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
+
+
+def _square(values: np.ndarray) -> float:
+    return float(values @ values)

@@ -1,304 +1,192 @@
-"""Looks at the parameter space beyond a local fit: the whole of it on a coarse body before, the next valleys after."""
+"""Least squares with many local minima: one search from many points, whose stages are data.
+
+The cost of a whole video has a minimum for every bounce and turn of the body; that of the first frames after contact
+has one, and whoever is at its bottom stays near the right minimum as more frames are taken in. So a stage names a
+residual (of a coarse body first, of a fine one last) and the rows of it that are taken in one after the other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from scipy.stats import qmc
 
-from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Fit, Residual, fit_or_none
 from pacnerf_lpo.identification.processes import each
-from pacnerf_lpo.mpm.parameters import Log10, Parameter
-from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, fit_or_none
 
-LOCAL_ITERATIONS = 5
-GENERATIONS, CHILDREN, ELITE = 3, 8, 6  # children for each parameter
-FIRST_REACH = 0.12
-"""Standard deviation of the first generation's steps, as a part of the span."""
-APART = 0.2
-"""Of its span in one of the coordinates that are searched: so far apart lie the starts of local fits."""
-HALVINGS = 1
-"""Of the time step: what needs a finer one is not worth its time here."""
 FIRST_AFTER_CONTACT = 2
-"""Frames that the first fits of :func:`grown` see after the first contact."""
-RIVAL = 2.0
-"""Of the misfit of the best: a fit that ends at more is not followed."""
-NEXT_VALLEY = 0.2
-"""Of a log10 parameter: the next valley of a modulus is about so far away, where the body rebounds a frame later."""
-MUCH_LOWER = 0.9
-"""Of the misfit: a fit from another start that is so much better has found a better valley."""
-Watch = Callable[[Iterator[float], int], Iterable[float]]
-WatchStarts = Callable[[Iterator[np.ndarray], int], Iterable[np.ndarray]]
+"""Frames after the first contact that a search begins with: a stiffness shows in the second, not in the first."""
+Watch = Callable[[Iterable, int], Iterable]
 
 
-def span(parameter: Parameter, start: float, decades: float) -> tuple[float, float] | None:
-    """Free coordinates between which a parameter is searched; None where there is nothing to search.
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a search; it begins with what the stage before it kept.
+
+    residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
+    scales, bounds: of the coordinates [(K,)], [(K,), (K,)], as for :func:`~.least_squares.fit`.
+    rows: which rows count, as a list [(D,), bool]. Fits go through it, each from where the one before ended. Points that
+        are only evaluated are ranked by each, and the best of each are kept. None in it: all rows.
+    keep: at most so many points or fits (evaluated points: by each of ``rows``).
+    iterations: of a fit of each of ``rows``, at most; 0: points are evaluated only.
+    spans: coordinates, by their index, that this stage tries elsewhere, each between two ends.
+    samples: so many quasi-random points within the spans are tried, besides what was kept.
+    offsets: changes of each coordinate of ``spans``, one at a time, at the best of what was kept; tried besides.
+    apart: two points or fits are the same if they differ by less in all coordinates [(K,)]; None: by the longest first
+        step of a fit, which a fit from one of them bridges at once.
+    rival: a fit that ends above this multiple of the best cost is not kept.
+    confirm: a fit ends only with a Jacobian that was measured there.
+    """
+
+    residual: Residual
+    scales: np.ndarray
+    bounds: Bounds
+    rows: Sequence[np.ndarray | None] = (None,)
+    keep: int = 1
+    iterations: int = 0
+    spans: Mapping[int, tuple[float, float]] | None = None
+    samples: int = 0
+    offsets: Sequence[float] = ()
+    apart: np.ndarray | None = None
+    rival: float = np.inf
+    confirm: bool = False
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where a search ended.
+
+    fits: that the last stage kept, best first; empty where every motion was unstable.
+    rollouts: how often a residual was computed.
+    unstable: how many points were left out because the motion is unstable there.
+    """
+
+    fits: list[Fit]
+    rollouts: int
+    unstable: int
+
+
+def multistart(
+    stages: Iterable[Stage], starts: Sequence[np.ndarray | Fit], watch: Watch = lambda items, _: items
+) -> Search:
+    """Go through the stages; one in which every motion is unstable is passed over.
 
     Args:
-        parameter: what is searched.
-        start: free coordinate of the guess.
-        decades: log10 parameters, to either side.
+        stages: in their order, for instance coarse bodies before fine ones; made when they are needed.
+        starts: points to begin with [(K,) each], or fits.
+        watch: passes points on as they are tried; told how many, such as tqdm.
     """
-    low, high = parameter.bounds
-    lattice = [
-        point
-        for point in parameter.transform.lattice(start, decades)
-        if low < float(parameter.transform.to_physical(torch.tensor(point, dtype=torch.float64))) < high
-    ]
-    return (min(lattice), max(lattice)) if len(lattice) > 1 else None
-
-
-def points(model: Model, spans: Mapping[str, tuple[float, float]], samples: int) -> list[np.ndarray]:
-    """The guess, then quasi-random points within the spans, everything else as at the guess [(K,) each]."""
-    found = [model.start.copy()]
-    if spans:
-        for sample in qmc.Sobol(len(spans), seed=0).random(samples):
-            point = model.start.copy()
-            for (name, (low, high)), share in zip(spans.items(), sample, strict=True):
-                point[model.names.index(name)] = low + share * (high - low)
-            found.append(point)
-    return found
-
-
-def promising(
-    model: Model,
-    residual: Residual,
-    tried: Sequence[np.ndarray],
-    spans: Mapping[str, tuple[float, float]],
-    starts: int,
-    watch: Watch = lambda losses, _: losses,
-) -> list[np.ndarray]:
-    """The best few points, and where a short local fit leads from each; none if the motion is unstable at all of them.
-
-    The points are followed by generations around the best of them, each half as far: valleys are narrow, and few points
-    of a whole space fall into one. The best are kept apart, because a coarse body may like the wrong valley more.
-
-    Args:
-        model: of a coarse body.
-        residual: of its free coordinates.
-        tried: points to try [(K,) each]
-        spans: of the coordinates that are searched.
-        starts: how many of the best are improved.
-        watch: passes losses on as they come; told how many, such as tqdm.
-    """
-    model.physics.most_halvings = HALVINGS
-    known = _ranked(_losses(model, residual, tried, watch))
-    random = np.random.default_rng(0)
-    reach = FIRST_REACH * _widths(model, spans, 0.0)
-    for _ in range(GENERATIONS if spans else 0):
-        elite = _apart(known, ELITE, reach)
-        around = [
-            elite[k % len(elite)] + reach * random.standard_normal(len(reach))
-            for k in range(CHILDREN * len(spans))
-            if elite
-        ]
-        inside = [np.clip(point, *model.bounds) for point in around]
-        known = _ranked([*known, *_losses(model, residual, inside, watch)])
-        reach = reach / 2
-    best = _apart(known, starts, reach)
-    settings = model.scales, model.bounds, LOCAL_ITERATIONS
-    improved = each(fit_or_none, ((residual, point, *settings) for point in best))
-    return [*best, *(found.free for found in improved if found is not None)]
-
-
-def shortlist(
-    model: Model,
-    residual: Residual,
-    tried: Sequence[np.ndarray],
-    spans: Mapping[str, tuple[float, float]],
-    count: int,
-    watch: Watch = lambda losses, _: losses,
-) -> list[np.ndarray]:
-    """The best points of those that lie well apart in the space that is searched, best first.
-
-    Args:
-        model: whose free coordinates they are.
-        residual: of the free coordinates.
-        tried: points to try [(K,) each]; those with an unstable motion are left out.
-        spans: of the coordinates that are searched; neighbours are closer than :data:`APART` of it in all of them.
-        count: at most so many.
-        watch: as for :func:`promising`.
-    """
-    model.physics.most_halvings = HALVINGS
-    ranked = _ranked(_losses(model, residual, tried, watch))
-    return _apart(ranked, count, APART * _widths(model, spans, np.inf))
-
-
-def best_fits(model: Model, residual: Residual, starts: Iterable[np.ndarray], iterations: int) -> list[Fit]:
-    """Short fits, best first; one that stays above the best misfit so far is given up.
-
-    Args:
-        model: whose free coordinates are fitted.
-        residual: of the free coordinates.
-        starts: points within the bounds [(K,) each]; one with an unstable motion is left out.
-        iterations: of each fit, at most.
-    """
+    kept, rollouts, unstable = list(starts), 0, 0
     fits: list[Fit] = []
-    for start in starts:
-        model.physics.halvings = 0
-        hopeless = min((other.misfit for other in fits), default=None)
-        tried = fit_or_none(residual, start, model.scales, model.bounds, iterations, hopeless)
-        if tried is not None:
-            fits.append(tried)
-    return sorted(fits, key=lambda found: found.misfit)
-
-
-def rivals(
-    model: Model,
-    residual: Residual,
-    starts: Sequence[np.ndarray],
-    iterations: int,
-    watch: WatchStarts = lambda starts, _: starts,
-) -> list[Fit]:
-    """Short fits that end apart from one another, and not at a misfit :data:`RIVAL` times as large; best first.
-
-    Args:
-        model, residual, iterations: as for :func:`best_fits`.
-        starts: points [(K,) each]; one with an unstable motion is left out.
-        watch: passes starts on as they come; told how many, such as tqdm.
-    """
-    inside = [np.clip(start, *model.bounds) for start in starts]
-    fits = best_fits(model, residual, watch(iter(inside), len(inside)), iterations)
-    kept: list[Fit] = []
-    for found in fits:
-        near = found.misfit <= RIVAL * fits[0].misfit
-        if near and _is_apart(found.free, [other.free for other in kept], LONGEST_STEP * model.scales):
-            kept.append(found)
-    return kept
+    for stage in stages:
+        tried = [*kept, *_elsewhere(stage, kept)]
+        found = _fitted(stage, tried, watch) if stage.iterations else _evaluated(stage, tried, watch)
+        rollouts += sum(other.rollouts if other else 1 for other in found)
+        fits = _kept(stage, [other for other in found if other is not None]) or fits
+        unstable += sum(other is None for other in found)
+        kept = list(fits) or kept
+    return Search(fits, rollouts, unstable)
 
 
 def horizons(contact: int, frames: int) -> list[int]:
-    """Numbers of frames of fits that take in more and more after contact, half as many again each time, up to all."""
-    after, found = FIRST_AFTER_CONTACT, []
+    """Numbers of frames that are taken in one after the other: half of the fall, in which a body may turn only once, then
+    half as many again after contact each time, up to all.
+    """
+    after, found = FIRST_AFTER_CONTACT, [contact // 2 + 1] if 2 <= contact < frames else []
     while contact + after < frames:
         found.append(contact + after)
         after += max(after // 2, 1)
     return [*found, frames]
 
 
-def grown(
-    stages: Iterable[tuple[Model, Residual]],
-    starts: Sequence[np.ndarray],
-    iterations: int,
-    watch: WatchStarts = lambda starts, _: starts,
-) -> list[Fit]:
-    """Where fits lead that begin with the first frames after contact and take in more and more; the rivals, best first.
-
-    A motion soon depends so strongly on a modulus that the misfit of a whole video has a valley for every bounce and
-    every turn. That of the first frames has one, and whoever is at its bottom stays in the right valley.
-
-    Args:
-        stages: models and the residuals of their free coordinates, each with more frames than the one before.
-        starts: points to begin with [(K,) each]
-        iterations: of each fit in each stage, at most.
-        watch: as for :func:`rivals`.
-    """
-    fits: list[Fit] = []
-    for model, residual in stages:
-        fits = rivals(model, residual, starts, iterations, watch)
-        starts = [found.free for found in fits]
-    return fits
+def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarray]:
+    """Points that a stage tries besides those that were kept [(K,) each]."""
+    if not stage.spans or not kept:
+        return []
+    best = _free(kept[0])
+    sample = qmc.Sobol(len(stage.spans), seed=0).random(stage.samples) if stage.samples else []
+    found = []
+    for shares in sample:
+        point = best.copy()
+        for (index, (low, high)), share in zip(stage.spans.items(), shares, strict=True):
+            point[index] = low + share * (high - low)
+        found.append(point)
+    for index in stage.spans if stage.offsets else ():
+        for offset in stage.offsets:
+            point = best.copy()
+            point[index] += offset
+            found.append(point)
+    return found
 
 
-def best_fitted(model: Model, residual: Residual, found: Iterable[np.ndarray], entrants: int) -> np.ndarray:
-    """Where the best of short fits leads [(K,)], from the model's own start and from points found on another body.
-
-    Misfits of points tell little where valleys are narrow: a point in the right valley may lie farther from the bottom
-    than one in a wrong valley does. Of the points found, the best few enter that differ by more than a step of a fit;
-    one that stays above the best misfit so far is given up. The start itself where the motion is unstable everywhere.
-
-    Args:
-        model: whose free coordinates are fitted; the ground of the points found is put back to where its start has it.
-        residual: of the free coordinates.
-        found: points [(K,) each]
-        entrants: how many of them are fitted at most, beside the start.
-    """
-    inside = _inside(model, found)
-    losses = each(loss, ((model, residual, point) for point in inside))
-    ranked = _ranked(zip(losses, inside, strict=True))
-    starts = (*_apart(ranked, entrants, LONGEST_STEP * model.scales), model.start)
-    fits = best_fits(model, residual, starts, LOCAL_ITERATIONS)
-    return fits[0].free if fits else model.start
+def _evaluated(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+    known = [replace(s, rollouts=0) for s in tried if isinstance(s, Fit) and s.of is stage.residual]
+    points = [np.clip(_free(s), *stage.bounds) for s in tried if not (isinstance(s, Fit) and s.of is stage.residual)]
+    return [*known, *watch(each(_value, ((stage.residual, point) for point in points)), len(points))]
 
 
-def _inside(model: Model, found: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """Points within the bounds of a model, with its ground."""
-    ground = [model.names.index(name) for name in (GROUND_HEIGHT.name,) if name in model.names]
-    inside = [np.clip(point, *model.bounds) for point in found]
-    for point in inside:
-        point[ground] = model.start[ground]
-    return inside
-
-
-def best_beside(
-    model: Model,
-    names: Collection[str],
-    residual: Residual,
-    best: Fit,
-    iterations: int,
-    reach: float = NEXT_VALLEY,
-) -> Fit:
-    """The best of fits that start beside another one; that one itself where the motion is unstable at every start.
-
-    Args:
-        model: whose free coordinates are fitted.
-        names: unknowns of which each that is searched by its logarithm is made larger and smaller, one at a time.
-        residual: of the free coordinates.
-        best: the fit to start beside; a start that stays far above its misfit is given up.
-        iterations: of each fit, at most.
-        reach: by how much the logarithm changes.
-    """
-    starts = []
-    for index, unknown in enumerate(model.unknowns):
-        if isinstance(unknown.transform, Log10) and unknown.name in names:
-            for sign in (-1.0, 1.0):
-                start = best.free.copy()
-                start[index] += sign * reach
-                starts.append(np.clip(start, *model.bounds))
-    settings = model.scales, model.bounds, iterations, best.misfit
-    found = each(fit_or_none, ((residual, start, *settings) for start in starts))
-    return min((other for other in found if other is not None), key=lambda other: other.misfit, default=best)
-
-
-def _widths(model: Model, spans: Mapping[str, tuple[float, float]], otherwise: float) -> np.ndarray:
-    """Width of the span of every unknown [(K,)], and of one that is not searched."""
-    return np.array([np.ptp(spans[name]) if name in spans else otherwise for name in model.names])
-
-
-def _losses(
-    model: Model, residual: Residual, tried: Sequence[np.ndarray], watch: Watch
-) -> Iterator[tuple[float, np.ndarray]]:
-    """The loss at every point [(K,) each], and the point."""
-    losses = each(loss, ((model, residual, point) for point in tried))
-    return zip(watch(losses, len(tried)), tried, strict=True)
-
-
-def loss(model: Model, residual: Residual, point: np.ndarray) -> float:
-    """Sum of squares; infinite where the motion is unstable."""
-    model.physics.halvings = 0
+def _value(residual: Residual, point: np.ndarray) -> Fit | None:
+    """A fit of no steps; None where the motion is unstable."""
     try:
-        return float(np.sum(residual(point) ** 2))
+        return Fit(point, residual(point), rollouts=1)
     except SimulationError:
-        return np.inf
+        return None
 
 
-def _ranked(entries: Iterable[tuple[float, np.ndarray]]) -> list[tuple[float, np.ndarray]]:
-    """Best first, the unstable left out."""
-    return sorted((entry for entry in entries if np.isfinite(entry[0])), key=lambda entry: entry[0])
+def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+    """Fits from every start; one that stays far above the best one so far is given up."""
+    found: list[Fit | None] = []
+    lowest: list[float | None] = [None] * len(stage.rows)
+    for start in watch(tried, len(tried)):
+        if isinstance(start, Fit) and start.of is stage.residual and start.jacobian is not None:
+            found.append(replace(start, rollouts=0))  # a stage before this one has fitted it
+            continue
+        now, used = start, 0
+        for place, rows in enumerate(stage.rows):
+            last = place == len(stage.rows) - 1
+            ended = fit_or_none(
+                stage.residual,
+                now,
+                stage.scales,
+                stage.bounds,
+                stage.iterations,
+                abort_above=lowest[place],
+                rows=rows,
+                confirm=stage.confirm and last,
+            )
+            if ended is None:
+                break
+            used += ended.rollouts
+            now, cost = ended, ended.cost_of(rows)
+            lowest[place] = min(cost, lowest[place] or np.inf)
+        else:
+            found.append(replace(ended, rollouts=used))
+            continue
+        found.append(None)
+    return found
 
 
-def _apart(known: Sequence[tuple[float, np.ndarray]], count: int, reach: np.ndarray) -> list[np.ndarray]:
-    """The best points, of neighbours only the better one: those that differ by less than ``reach`` in everything."""
-    chosen: list[np.ndarray] = []
-    for _, point in known:
-        if len(chosen) < count and _is_apart(point, chosen, reach):
-            chosen.append(point)
+def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
+    """The best, of those that are nearly the same only the best one."""
+    apart = LONGEST_STEP * stage.scales if stage.apart is None else stage.apart
+    chosen: list[Fit] = []
+    for rows in stage.rows[-1:] if stage.iterations else stage.rows:
+        ranked = sorted(found, key=lambda other: other.cost_of(rows))
+        count = 0
+        for other in ranked:
+            near = other.cost_of(rows) <= stage.rival * ranked[0].cost_of(rows)
+            if count < stage.keep and near and _is_apart(other.free, chosen, apart):
+                chosen.append(other)
+                count += 1
     return chosen
 
 
-def _is_apart(point: np.ndarray, others: Sequence[np.ndarray], reach: np.ndarray) -> bool:
-    return all((np.abs(point - other) > reach).any() for other in others)
+def _is_apart(point: np.ndarray, others: Sequence[Fit], apart: np.ndarray) -> bool:
+    return all((np.abs(point - other.free) > apart).any() for other in others)
+
+
+def _free(start: np.ndarray | Fit) -> np.ndarray:
+    return start.free if isinstance(start, Fit) else start

@@ -11,6 +11,11 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 
+GUESSED_WITHIN = 1.0
+"""Decades: standard deviation of a guessed modulus, which people know to a factor of ten."""
+GUESSED_SCALES = 10.0
+"""Noticeable changes: standard deviation of any other guess, so wide that any video outvotes it."""
+
 
 class Transform(Protocol):
     """A smooth bijection between a physical value and an unconstrained coordinate."""
@@ -82,7 +87,9 @@ class Parameter:
         scale: a noticeable change of the free coordinate (0.1 is a quarter, for Log10): sensitivities are probed at a
             fraction of it, and one Gauss-Newton step moves at most a few of them.
         usual: mean and standard deviation of the value where nothing is known, for a parameter that some videos hardly
-            tell; None: every value is as likely.
+            tell; None: the user's guess is all that is known.
+        spread: standard deviation of the free coordinate around the user's guess; None: :data:`GUESSED_WITHIN` for a
+            logarithm, :data:`GUESSED_SCALES` scales for the others.
     """
 
     name: str
@@ -92,6 +99,18 @@ class Parameter:
     label: str
     scale: float = 0.1
     usual: tuple[float, float] | None = None
+    spread: float | None = None
+
+    def prior(self, guess: float) -> tuple[float, float]:
+        """Mean and standard deviation of the free coordinate, before anything is measured, given the user's guess."""
+        if self.usual is not None:
+            mean, deviation = self.usual
+            low, high = (self.transform.to_free(mean + half) for half in (-deviation / 2, deviation / 2))
+            return self.transform.to_free(mean), high - low
+        if self.spread is not None:
+            return self.transform.to_free(guess), self.spread
+        logarithm = isinstance(self.transform, Log10)
+        return self.transform.to_free(guess), GUESSED_WITHIN if logarithm else GUESSED_SCALES * self.scale
 
     def check(self, value: float, where: str) -> float:
         """Return ``value``; raise UserInputError when it is NaN or outside the bounds."""

@@ -5,11 +5,19 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import numpy as np
 from torch import Tensor
 
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.point import Law, Point
+
+FAR = 10.0
+"""A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
+PROBES = 10.0
+"""Standard deviation of a coefficient in units of the farthest probe: a probe is what is just visible, and an effect ten
+times as strong is nothing unusual.
+"""
 
 
 class Effect(ABC):
@@ -51,6 +59,16 @@ class Effect(ABC):
         where = type(self).__name__
         self.guess = {name: self.parameters[name].check(float(value), where) for name, value in guess.items()}
         self.constants = {name: float(value) for name, value in (constants or {}).items()}
+
+    def prior(self, name: str) -> tuple[float, float]:
+        """Mean and standard deviation of the free coordinate of a coefficient, before anything is measured: around its
+        null, or around the probes where the null is far from them all (a yield stress that is never reached).
+        """
+        parameter = self.parameters[name]
+        tried, null = np.array([probe[name] for probe in self.probes]), self.null[name]
+        free = np.array([parameter.transform.to_free(float(value)) for value in tried])
+        mean = free.mean() if abs(null) > FAR * np.abs(tried).max() else parameter.transform.to_free(null)
+        return float(mean), max(PROBES * float(np.abs(free - mean).max()), parameter.prior(null)[1])
 
     @classmethod  # noqa: B027
     def check_material(cls, material: Material) -> None:
