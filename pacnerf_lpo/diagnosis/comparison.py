@@ -15,7 +15,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Residual, fit, sensitivities
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
-from pacnerf_lpo.inference.intervals import Interval, posterior_intervals
+from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -160,30 +160,31 @@ def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: n
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
     mask, model = problem.fitted, problem.model(effects, comparison.known)
-    noise = comparison.noise(problem, mask)
-    return intervals_in_si(
-        model, comparison.free, comparison.deviation, noise, comparison.residual[mask], comparison.jacobian[mask]
-    )
+    noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
+    along = spread_along(noise, comparison.residual[mask], changes)
+    return intervals_in_si(model, comparison.free, comparison.deviation, noise.whiten(changes), along, noise)
 
 
 def intervals_in_si(
     model: Model,
     free: np.ndarray,
     deviation: np.ndarray,
-    noise: NoiseModel,
-    residual: np.ndarray,
     jacobian: np.ndarray,
+    along: np.ndarray | float,
+    noise: NoiseModel,
 ) -> tuple[list[Interval], list[str]]:
     """Posterior intervals of every unknown of a fitted model [SI], and what is not determined, in words.
 
     Args:
         model: whose unknowns they are.
         free, deviation: coordinates at the fit, standard deviations of their priors [(K,)]
+        jacobian: change of the standardised residual by one prior standard deviation of each [(D, K)]
+        along: dispersion of the residual along each [(K,)]
         noise: of the fitted entries.
-        residual, jacobian: there, not standardised [(D,), (D, K)]
     """
+    dof = len(noise.replicates) - 1
     found, unknown = posterior_intervals(
-        noise, residual, jacobian, free.tolist(), model.names, deviation.tolist(), CONFIDENCE
+        jacobian, along, free.tolist(), model.names, deviation.tolist(), CONFIDENCE, dof
     )
     return [in_si(model, interval) for interval in found], unknown
 

@@ -162,15 +162,13 @@ def probed(
         progress(candidate.name)
         columns, sizes, widths = [], [], []
         for trial, after in zip(tried, predicted, strict=True):
-            if after is None:
-                continue
-            change = np.nan_to_num(problem.relative(after - before)[mask])
-            if np.abs(change).max() > LEAST_CHANGE:
+            change = np.zeros(mask.sum()) if after is None else np.nan_to_num(problem.relative(after - before)[mask])
+            if candidate.joint or np.abs(change).max() > LEAST_CHANGE:
                 name, size = size_of(candidate, trial)
                 columns.append(change)
                 sizes.append(size)
                 widths.append(1.0 if candidate.discrete else candidate.width(name))
-        if columns:
+        if columns and np.abs(columns).max() > LEAST_CHANGE:
             arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
             one_sided = candidate.effect.one_sided
             found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.joint))

@@ -1,20 +1,38 @@
-"""Results of a diagnosis on disk: every step once, so that a stopped diagnosis goes on where it was."""
+"""Results of a diagnosis on disk: every step once, so that a stopped diagnosis goes on where it was.
+
+Numbers are kept as JSON and arrays as NPZ without pickles: whoever reads a run that a stranger sent executes nothing.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
 import json
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import joblib
+import numpy as np
 
-from pacnerf_lpo import __version__
+from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.refitting import Refit
+from pacnerf_lpo.diagnosis.residual_force import ResidualForce
+from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.inference.calibration import Calibration
+from pacnerf_lpo.inference.evidence import Score
+from pacnerf_lpo.inference.force_law import Law, Term
+from pacnerf_lpo.inference.intervals import Interval, Profile
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
+SCHEMA = 1
+"""Number of the algorithm: to be raised with any change that makes other results of the same inputs."""
+RECORDS = {
+    kind.__name__: kind
+    for kind in (Calibration, Comparison, Interval, Law, Profile, Refit, ResidualForce, Score, Screening, Term)
+}
 Result = TypeVar("Result")
 
 
@@ -29,16 +47,64 @@ class Store:
 
     def __init__(self, folder: Path, problem: bytes, options: dict):
         self.folder = folder
-        self.key = hashlib.sha256(problem + json.dumps([options, __version__]).encode()).hexdigest()[:16]
+        self.key = hashlib.sha256(problem + json.dumps([options, SCHEMA]).encode()).hexdigest()[:16]
 
     def once(self, name: str, step: Callable[[], Result]) -> Result:
-        """What ``step`` gives; taken from disk where it was done before with the same run and options."""
-        path = self.folder / "steps" / f"{self.key}_{name}.joblib"
+        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A file that is
+        damaged is made again.
+        """
+        path = self.folder / "steps" / f"{self.key}_{name}.npz"
         if path.is_file():
-            return joblib.load(path)
+            try:
+                return read(path)
+            except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+                path.unlink()
         result = step()
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = io.BytesIO()
-        joblib.dump(result, content)
-        write_atomically(path, content.getvalue())
+        write_atomically(path, packed(result))
         return result
+
+
+def packed(result: Any) -> bytes:
+    """Numbers, strings, arrays, lists, dictionaries and the records of a diagnosis as the bytes of an NPZ file."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            arrays[f"a{len(arrays)}"] = value
+            return {"array": f"a{len(arrays) - 1}"}
+        if dataclasses.is_dataclass(value):
+            fields = {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+            return {"record": type(value).__name__, "fields": fields}
+        if isinstance(value, dict):
+            return {"dict": {key: plain(entry) for key, entry in value.items()}}
+        if isinstance(value, tuple):
+            return {"tuple": [plain(entry) for entry in value]}
+        if isinstance(value, list):
+            return [plain(entry) for entry in value]
+        return value.item() if isinstance(value, np.generic) else value
+
+    text = json.dumps(plain(result))
+    content = io.BytesIO()
+    np.savez_compressed(content, structure=np.array(text), **arrays)
+    return content.getvalue()
+
+
+def read(path: Path) -> Any:
+    """What :func:`packed` has written; raises ValueError or KeyError for anything else."""
+    with np.load(path, allow_pickle=False) as arrays:
+
+        def whole(value: Any) -> Any:
+            if isinstance(value, list):
+                return [whole(entry) for entry in value]
+            if not isinstance(value, dict):
+                return value
+            if "array" in value:
+                return arrays[value["array"]]
+            if "record" in value:
+                return RECORDS[value["record"]](**{name: whole(entry) for name, entry in value["fields"].items()})
+            if "tuple" in value:
+                return tuple(whole(entry) for entry in value["tuple"])
+            return {key: whole(entry) for key, entry in value["dict"].items()}
+
+        return whole(json.loads(str(arrays["structure"])))

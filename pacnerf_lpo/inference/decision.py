@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.inference.evidence import Alternative
-from pacnerf_lpo.inference.noise import NoiseModel
-
 LEVEL = 0.01
 """Probability that a diagnosis names anything where nothing is missing: an invented effect costs a user more than a weak
 one that is not found, and the report says how large that could be."""
 DECISIVE = float(np.log(20.0))
 """Hypotheses whose log Bayes factors differ by less are not told apart: odds of twenty to one (Kass and Raftery 1995)."""
+
+
+LINEAR = 0.7
+"""A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: the strong effect that moves
+a residual by twenty standard deviations bends, and a straight line through it misses a third of its own square at most."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def indistinguishable(contenders: Sequence[Contender], leader: Contender) -> lis
 
 
 def refitted_log_bayes_factor(
-    cost_without: float, cost: float, noise: NoiseModel, changes: np.ndarray, scale: float
+    cost_without: float, cost: float, others: np.ndarray, own: np.ndarray, scale: float
 ) -> float:
     """log Bayes factor of a hypothesis that was fitted again with all other parameters, by Laplace's approximation of the
     likelihood of :mod:`evidence`.
@@ -52,29 +54,29 @@ def refitted_log_bayes_factor(
     Args:
         cost_without: |y|^2 of the model without the hypothesis at its optimum, with the terms of the priors
         cost: the same with the hypothesis
-        noise: with the other parameters and the discrepancies among its directions
-        changes: of the residual by one prior standard deviation of every coefficient at that optimum (D, m)
+        others: change of the standardised residual by one prior standard deviation of every other parameter at the
+            optimum of the hypothesis (D, K)
+        own: the same of its own coefficients (D, m)
         scale: s, factor on the noise along the hypothesis
     """
-    strengths = Alternative.of(noise, changes).strengths / scale
-    other = max(cost, float(len(changes)))
+    least = max(cost, float(len(own)))
     gain = max(cost_without - cost, 0.0) / scale**2
-    return len(changes) / 2 * float(np.log1p(gain / other)) - 0.5 * float(np.log1p(strengths**2).sum())
+    both = np.concatenate((others, own / scale), axis=1)
+    return len(own) / 2 * float(np.log1p(gain / least)) - (_half_log_volume(both) - _half_log_volume(others))
 
 
-def worth_refitting(
-    scores: Sequence[tuple[str, float]], reached: float, most: float, slack: float
-) -> list[str]:
-    """Names whose hypotheses could still win, best first.
+def _half_log_volume(changes: np.ndarray) -> float:
+    return 0.5 * float(np.linalg.slogdet(np.eye(changes.shape[1]) + changes.T @ changes)[1])
+
+
+def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float) -> list[str]:
+    """Names of the hypotheses whose linear change says that they could win, best first.
 
     Args:
         scores: name and log Bayes factor of every hypothesis by its linear change
-        reached: log Bayes factor of the best that was fitted, -inf where none was
-        most: log Bayes factor of a hypothesis that left nothing but noise: none can reach more
-        slack: by how much the score of a linear change may be too low, as a part of the best
+        threshold: of the log Bayes factor of the best
     """
-    if most - reached < 0:
-        return []
     ranked = sorted(scores, key=lambda entry: -entry[1])
-    least = max(entry[1] for entry in ranked) * (1 - slack) - DECISIVE if ranked else 0.0
+    reached = max((factor for _, factor in ranked), default=0.0)
+    least = max(threshold - DECISIVE, LINEAR * reached - DECISIVE)
     return [name for name, factor in ranked if factor >= least]

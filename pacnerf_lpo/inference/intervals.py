@@ -38,46 +38,53 @@ class Interval:
 
 
 def posterior_intervals(
-    noise: NoiseModel,
-    residual: np.ndarray,
     jacobian: np.ndarray,
+    spread: np.ndarray | float,
     values: Sequence[float],
     names: Sequence[str],
     deviations: Sequence[float],
     level: float,
+    dof: float,
 ) -> tuple[list[Interval], list[str]]:
     """Intervals from Laplace's approximation of the posterior, with precision J^T J / s^2 + P^-1.
 
-    s^2 is the dispersion of the residual, and of left-out replicates along each parameter, where these exceed 1: the
-    covariance of a few replicates is least reliable along smooth changes, and those are what parameters cause.
-
     Args:
-        noise: of the residual, discrepancies included, the parameters themselves not
-        residual: measured minus predicted at the estimate (D,)
-        jacobian: change of the residual by each parameter (D, P)
+        jacobian: change of the standardised residual by one prior standard deviation of each parameter (D, P)
+        spread: s, of the residual along every parameter, see :func:`spread_along` (P,)
         values: estimates (P,)
         names: (P,)
         deviations: P^1/2, standard deviations of the prior (P,)
         level: of the intervals
+        dof: of Student's t: number of replicates that the noise was learnt from, less one
 
     Returns:
         The intervals, and a sentence for each combination of parameters of which the data say no more than the prior.
     """
     prior = np.asarray(deviations, float)
-    whitened = noise.whiten(jacobian) * prior
-    left = noise.with_directions(jacobian * prior).whiten_residual(residual)
-    spread = _replicate_scales(noise, jacobian * prior) * np.sqrt(max(1.0, float(left @ left) / len(left)))
-    whitened = whitened / spread
-    _, strengths, directions = np.linalg.svd(whitened, full_matrices=True)
+    _, strengths, directions = np.linalg.svd(jacobian / spread, full_matrices=True)
     strengths = np.pad(strengths, (0, len(prior) - len(strengths)))
     covariance = (directions.T / (1 + strengths**2)) @ directions
     errors = np.sqrt(np.diag(covariance)) * prior
-    width = float(student.ppf(0.5 + level / 2, len(noise.replicates) - 1))
+    width = float(student.ppf(0.5 + level / 2, dof))
     determined = (errors < prior / np.sqrt(1 + LEAST_STRENGTH**2)).tolist()
     rows = zip(names, values, errors.tolist(), determined, strict=True)
     intervals = [Interval(name, float(v), float(v - width * e), float(v + width * e), e, d) for name, v, e, d in rows]
     weak = [i for i in np.argsort(strengths) if strengths[i] < LEAST_STRENGTH]
     return intervals, [_sentence(directions[i], names) for i in weak]
+
+
+def spread_along(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """Dispersion of a residual along every parameter, at least 1 (P,): of the whole residual, times that of left-out
+    replicates along the parameter, for the covariance of a few replicates is least reliable along smooth changes, and
+    those are what parameters cause.
+
+    Args:
+        noise: of the residual, discrepancies included, the parameters themselves not
+        residual: measured minus predicted at the estimate (D,)
+        jacobian: change of it by one prior standard deviation of each parameter (D, P)
+    """
+    left = noise.with_directions(jacobian).whiten_residual(residual)
+    return _replicate_scales(noise, jacobian) * np.sqrt(max(1.0, float(left @ left) / len(left)))
 
 
 def _replicate_scales(noise: NoiseModel, jacobian: np.ndarray) -> np.ndarray:
