@@ -18,10 +18,10 @@ from benchmarks.hidden_effects.setting import Setting
 from pacnerf_lpo.commands.synthesize import patches
 from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.synthetic import Rig, write_scene
-from pacnerf_lpo.diagnosis.diagnose import RESULT
 from pacnerf_lpo.diagnosis.store import FOLDER
 from pacnerf_lpo.errors import RunError
 from pacnerf_lpo.manifest import FILE_NAME
+from pacnerf_lpo.report.diagnosis_result import RESULT
 
 CONFIG, PICTURES, RUN, LOG = "user.yaml", "video", "run", "log.txt"
 CONFIGS = Path(__file__).parents[2] / "configs"

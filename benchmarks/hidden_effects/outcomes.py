@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.hidden_effects.full import reconstructed_from
 from benchmarks.hidden_effects.known_shape import TRUTH
 from benchmarks.hidden_effects.run import EFFORT, FAILURE
-from pacnerf_lpo.diagnosis.diagnose import RESULT
 from pacnerf_lpo.diagnosis.store import FOLDER
+from pacnerf_lpo.report.diagnosis_result import RESULT
 
 DRAGS = frozenset({"LinearDrag", "QuadraticDrag"})
 POSE = frozenset({"CameraShift", "CameraRotation"})

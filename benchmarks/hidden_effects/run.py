@@ -12,6 +12,7 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import joblib
@@ -19,11 +20,11 @@ import torch
 
 from benchmarks.hidden_effects import full
 from benchmarks.hidden_effects.known_shape import SETTING, VIDEO, KnownShape
-from pacnerf_lpo import __version__
-from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, investigate
-from pacnerf_lpo.diagnosis.store import FOLDER, Store
+from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.store import FOLDER, SCHEMA, Store
 from pacnerf_lpo.errors import RunError, SimulationError
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report.diagnosis_result import RESULT, write
 
 EFFORT, FAILURE = "effort.json", "failure.txt"
 FAST = Options(effects=2)
@@ -49,14 +50,14 @@ def diagnose_scene(scene: Path, options: Options = FAST) -> str:
             fingerprint = hashlib.sha256((scene / SETTING).read_bytes() + (scene / VIDEO).read_bytes()).digest()
             with open(scene / full.LOG, "a", buffering=1) as log:
                 store = Store(folder, fingerprint, asdict(options))
-                investigate(problem, store, options, lambda text: print(text, file=log))
+                investigate(problem, store, options, partial(print, file=log), partial(write, problem, folder))
     except (RunError, SimulationError) as error:
         (scene / FAILURE).write_text(f"{error}\n")
         return f"{scene.name}: failed ({error})"
     effort = {
         "seconds": time.monotonic() - began,
         "cpu_seconds": processor_time() - worked,
-        "version": __version__,
+        "schema": SCHEMA,
     }
     write_atomically(scene / EFFORT, json.dumps(effort).encode())
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

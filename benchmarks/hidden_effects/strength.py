@@ -12,7 +12,7 @@ from benchmarks.hidden_effects.setting import Setting
 from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import noise_of
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
-from pacnerf_lpo.diagnosis.twins import twins
+from pacnerf_lpo.diagnosis.replicates import replicates
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Residual, fit, fit_or_none, sensitivities
@@ -51,7 +51,7 @@ class Ruler:
     Args:
         setting: of the scene.
         true: values of material and velocity [SI]
-        count: of twins.
+        count: of replicates.
 
     Raises:
         SimulationError: the motion without effects is unstable.
@@ -64,7 +64,7 @@ class Ruler:
         self.true = {**draft.physics.guess, **true}
         self.model = model = draft.model((), self.true)
         self.problem = problem = KnownShape("ruler", setting, video, model.predict(model.start))
-        found = twins(problem, (), model.start, model, count, seed=0)
+        found = replicates(problem, (), model.start, model, count, seed=0)
         self.masks = {
             "motion": problem.fitted,
             "camera": problem.usable & problem.split.frames[:, None],
@@ -82,7 +82,7 @@ class Ruler:
         view = getattr(effect, "view", None)
         key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
         left, model = self._left(seen, self.model, key), self.model
-        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).misfit))
+        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).cost))
 
     def sized_beyond(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
         """The point on a course of values where the best imitation by a known effect leaves the wanted signal-to-noise
@@ -134,8 +134,8 @@ class Ruler:
                 settings = model.scales, model.bounds, IMITATING_ITERATIONS, GIVE_UP * best
                 found = fit_or_none(residual, begin, *settings)
                 if found is not None:
-                    best = min(best, found.misfit)
-                    left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.misfit)))
+                    best = min(best, found.cost)
+                    left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.cost)))
         return left
 
     def _seen(self, effect: Effect, values: dict[str, float]) -> np.ndarray:

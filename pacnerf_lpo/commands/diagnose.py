@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
-from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
-from pacnerf_lpo.diagnosis.diagnose import diagnose as find
+from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
 from pacnerf_lpo.identification.problem import PARTICLES
+from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.report.diagnosis import write_page
+from pacnerf_lpo.report.diagnosis_result import RESULT, write
+from pacnerf_lpo.report.diagnosis_stages import write_pictures
 from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 
@@ -19,7 +22,7 @@ def run(
     run_dir: str,
     phase: str | None = None,
     candidates: str | None = None,
-    twins: int = 20,
+    replicates: int = 20,
     effects: int = 3,
     until: Literal["compare", "localise", "screen", "refit"] = "refit",
     seed: int = 1,
@@ -43,10 +46,10 @@ def run(
         run_dir: folder that fit wrote.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it; all known effects when not given.
-        twins: simulated nulls that calibrate the statistics, 8 to 24.
+        replicates: simulated recordings of the fitted model that calibrate the statistics, 8 to 24.
         effects: at most so many effects are added.
         until: last step to do.
-        seed: of the twins.
+        seed: of the replicates.
         particles: the body is sampled by about so many; fewer are faster and miss weaker effects.
         profile: name of an unknown, such as E, whose interval is found by profile likelihood, too (minutes).
         tracks: CSV of points followed over time: time_s, id, x_m, y_m, z_m and, if known, sigma_m; those of data.tracks
@@ -58,11 +61,16 @@ def run(
     """
     began = time.monotonic()
     step: Step = until
-    options = Options(candidates, twins, effects, step, seed, particles, profile, tracks, clouds, images, jobs)
-    with StopRequest():  # SIGTERM, too, ends the processes that simulate
-        folder = find(
-            run_dir, phase, options, lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
-        )
+    options = Options(candidates, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs)
+    problem, store = prepare(run_dir, phase, options)
+    folder = store.folder
+
+    def tell(text: str) -> None:
+        print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
+
+    with StopRequest(), processes(jobs):  # SIGTERM, too, ends the processes that simulate
+        rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
+    write_pictures(problem, rounds, folder)
     write_page(folder)
     log_diagnosis(Path(run_dir))
     verdict = json.loads((folder / RESULT).read_text())["verdict"]

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress
-from pacnerf_lpo.diagnosis.statistics.intervals import Profile, overdispersion, profile_likelihood
-from pacnerf_lpo.diagnosis.statistics.score import Remainder
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Objective, Progress
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.least_squares import fit
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.inference.intervals import Profile, profile_likelihood, spread_along
+from pacnerf_lpo.mpm.effects.base import Effect
 
 ITERATIONS = 3
 
 
-def profile(problem: Problem, comparison: Comparison, name: str, progress: Progress) -> tuple[float, float, Profile]:
-    """90 % interval [SI] of one unknown, all others fitted again for every value of it.
+def profile(
+    problem: Problem, effects: Sequence[Effect], comparison: Comparison, name: str, progress: Progress
+) -> tuple[float, float, Profile]:
+    """90 % interval [SI] of one unknown, all others fitted again for every value of it, with their priors.
 
     Args:
-        problem, comparison: the run and its fitted model.
+        problem, effects, comparison: the run, the effects of its model, and that model fitted.
         name: of the unknown, such as ``E``.
         progress: told what happens.
 
@@ -33,27 +37,32 @@ def profile(problem: Problem, comparison: Comparison, name: str, progress: Progr
             f"diagnose: --profile {name}: the last model has no such unknown; it has {', '.join(comparison.names)}"
         )
     mask, index = problem.fitted, comparison.names.index(name)
-    noise = comparison.noise(problem, mask)
-    model = problem.model(comparison.effects, comparison.known)
-    raw = problem.residual_of(model, mask)
+    model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
+    objective = Objective(problem.residual_of(model, mask), noise, comparison.mean, comparison.deviation)
     others = np.arange(len(comparison.names)) != index
-    jacobian, residual = comparison.jacobian[mask], comparison.residual[mask]
-    remainder = Remainder.of(noise, jacobian)
-    dispersion = overdispersion(remainder.residual(residual), remainder.dof)
-    curvature = float(np.linalg.norm(Remainder.of(noise, jacobian[:, others]).change(jacobian[:, [index]])))
+    changes = comparison.jacobian[mask] * comparison.deviation
+    spread = float(spread_along(noise, comparison.residual[mask], changes)[index])
+    left = noise.with_directions(changes[:, others]).whiten(changes[:, index])
+    error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
     start = comparison.free[others]
 
-    def misfit(value: float) -> float:
-        def held(rest: np.ndarray) -> np.ndarray:
-            return noise.whiten_residual(raw(np.insert(rest, index, value)))
-
+    def cost(value: float) -> float:
         progress(f"profile of {name}: {model.physical(np.insert(start, index, value))[name]:.4g}")
         bounds = model.bounds[0][others], model.bounds[1][others]
-        return fit(held, start, model.scales[others], bounds, ITERATIONS).misfit
+        held = _Held(objective, index, value)
+        return fit(held, start, model.scales[others], bounds, ITERATIONS).cost
 
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
-    error = float(np.sqrt(dispersion)) / max(curvature, 1e-12)
-    error = min(error, 5 * float(model.scales[index]))
-    found = profile_likelihood(misfit, float(comparison.free[index]), error, ends, CONFIDENCE, dispersion)
+    found = profile_likelihood(cost, float(comparison.free[index]), error, ends, CONFIDENCE, spread**2)
     low, high = (model.physical(np.insert(start, index, value))[name] for value in (found.low, found.high))
     return low, high, found
+
+
+class _Held:
+    """An objective with one coordinate held."""
+
+    def __init__(self, objective: Objective, index: int, value: float):
+        self.objective, self.index, self.value = objective, index, value
+
+    def __call__(self, rest: np.ndarray) -> np.ndarray:
+        return self.objective(np.insert(rest, self.index, self.value))

@@ -1,4 +1,4 @@
-"""What one pass of a diagnosis has found."""
+"""What one round of a diagnosis has found, and the verdict of all rounds."""
 
 from __future__ import annotations
 
@@ -10,47 +10,39 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
-from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import MOST_REMOVED
-from pacnerf_lpo.diagnosis.statistics.intervals import Interval
-from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus
-
-MORE_THAN_NOISE = 0.05
-"""Chance at which the test for more than noise in the fitted data may err."""
-AGREEMENT = 0.2
-"""Held-out data that are as bad with less chance than this, where nothing is missing, confirm the fitted data."""
-BY_ITSELF = 0.001
-"""Held-out data that are as bad with less chance than this are told of, though the fitted data are noise."""
-
-MUCH_MORE = 4.0
-"""Times the twins' mean square: a held-out error so large is neither explained by what was found nor an error of a
-reconstruction, whose known directions count as noise.
-"""
+from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Screening
+from pacnerf_lpo.inference.checks import Check
+from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.intervals import Interval
+from pacnerf_lpo.mpm.effects.base import Effect
 
 
 @dataclass
 class Round:
-    """One pass of the steps.
+    """One round: a model, and what competes to be added to it.
 
-    comparison: the model as it stood.
-    omnibus: whether its residual is more than noise in the fitted data.
-    held: the same in the held-out data.
-    excess: mean square error above the twins' in the fitted and in the held-out data [pixels^2]
+    effects: of the model.
+    comparison: the model fitted.
+    check, held: whether its residual is what it predicts, in the fitted and in the held-out data.
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
     phases: of the motion, by frame.
     candidates: effects that were screened.
-    screening: the ranking; None if the diagnosis stopped before.
+    screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
-    force: the smooth force that would remove the residual; None where it was not asked for.
+    alike: names that the recording does not tell apart from the accepted one, itself first.
+    removed: names of earlier effects that this model does without.
+    force: the smooth force that would remove the residual; None where it is not asked for.
     profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
+    finished: whether every hypothesis that could win was fitted.
+    effort: seconds and simulations of every step, by name.
     """
 
+    effects: tuple[Effect, ...]
     comparison: Comparison
-    omnibus: Omnibus
-    held: Omnibus
-    excess: dict[str, float]
+    check: Check
+    held: Check
     parameters: list[Interval]
     undetermined: list[str]
     phases: list[str]
@@ -58,71 +50,74 @@ class Round:
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
+    alike: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
     force: ResidualForce | None = None
     profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
+    finished: bool = False
+    effort: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def candidate(self, name: str) -> Candidate:
+        """The candidate of a name."""
+        return next(candidate for candidate in self.candidates if candidate.name == name)
 
 
-def beyond_noise(found: Round) -> bool:
-    """Whether the residual is more than noise in the fitted data, by the omnibus test, and the held-out data agree; and
-    matters.
+@dataclass(frozen=True)
+class Verdict:
+    """What all rounds say together.
+
+    kind: ``nothing``, ``missing``, ``camera``, ``unknown`` or ``unfinished``.
+    names: of the effects that are missing; where the cause is unknown, of those that come nearest.
+    rest: whether what is left, with all that was found, is more than the model predicts.
+    removed: share of the held-out excess error that the effects remove together; None where there are none.
     """
-    return fires(found) and matters(found)
+
+    kind: str
+    names: list[str]
+    rest: bool
+    removed: float | None
 
 
-def fires(found: Round) -> bool:
-    """Whether the omnibus test finds more than noise in the fitted data, and the held-out data agree."""
-    return found.omnibus.p_value < MORE_THAN_NOISE and found.held.p_value < AGREEMENT
+def verdict(rounds: list[Round]) -> Verdict:
+    """The verdict: what was accepted, unless a smooth force that no known effect makes explains what is left."""
+    last, names = rounds[-1], accepted_names(rounds)
+    rest = leaves_more(last) or force_wins(last)
+    share = removed_share(rounds) if names else None
+    if not last.finished and not names:
+        return Verdict("unfinished", [], rest, None)
+    if force_wins(last):
+        return Verdict("unknown", names, True, share)
+    if not names:
+        return Verdict("nothing", [], rest, None)
+    return Verdict("camera" if all("@" in name for name in names) else "missing", names, rest, share)
 
 
-def fails_held_out(found: Round) -> bool:
-    """Whether the model fits what it was fitted to, but not the held-out data, where the error is larger than the
-    twins', too: parameters may stand in for an effect, or the reconstruction be wrong where it did not look.
-    """
-    return found.omnibus.p_value >= MORE_THAN_NOISE and found.held.p_value < BY_ITSELF and found.excess["held"] > 0
+def accepted_names(rounds: list[Round]) -> list[str]:
+    """Of the effects that were added and not removed again, in their order."""
+    removed = {name for found in rounds for name in found.removed}
+    names = [found.accepted.name for found in rounds if found.accepted is not None]
+    return [name for name in names if name not in removed]
 
 
-def left_over(found: Round) -> bool:
-    """Whether a model to which nothing more was added leaves more than noise in either data, and it matters."""
-    return leaves_more_than_noise(found) and matters(found)
+def leaves_more(found: Round) -> bool:
+    """Whether the residual is more than the model predicts, in the held-out data."""
+    return found.held.p_value < LEVEL
 
 
-def leaves_more_than_noise(found: Round) -> bool:
-    """Whether a model to which nothing more was added leaves more than noise in either data, by the omnibus test."""
-    return found.accepted is None and min(found.omnibus.p_value, found.held.p_value) < MORE_THAN_NOISE
-
-
-def matters(found: Round) -> bool:
-    """Whether the error is larger than the twins', or a force: the errors of a reconstruction are structured otherwise
-    than the twins', too.
-    """
-    return above_floor(found) or is_force(found)
-
-
-def above_floor(found: Round) -> bool:
-    """Whether the error is larger than the twins' in the fitted or in the held-out data."""
-    return any(square > 0 for square in found.excess.values())
-
-
-def asks_for_an_effect(found: Round) -> bool:
-    """Whether the residual is beyond noise, or the model fits its own data and fails in the held-out ones by far."""
-    return beyond_noise(found) or (fails_held_out(found) and glaring(found))
-
-
-def glaring(found: Round) -> bool:
-    """Whether the held-out error is much larger than the twins', in units of its noise."""
-    return times_noise(found.held) > MUCH_MORE
-
-
-def times_noise(size: Omnibus) -> float:
-    """Mean square of a residual beside that of the twins."""
-    return size.statistic / float(np.mean(size.twins))
-
-
-def is_force(found: Round) -> bool:
-    """Whether a smooth force on the body would remove most of the residual, as it would not of what an error
-    of the reconstruction leaves, and as much in the held-out views as an effect has to, where that was asked.
-    """
-    if found.force is None:
+def force_wins(found: Round) -> bool:
+    """Whether an unknown force explains what is left, and better than an error of the reconstruction does."""
+    if found.screening is None or found.accepted is not None:
         return False
-    held = found.force.held
-    return found.force.explained > MOST_REMOVED and held.enough(scored=True) and held.z > held.needed
+    force, shape = found.screening.score(FORCE), found.screening.score(SHAPE)
+    if force is None or found.screening.p_value(FORCE, force.log_bayes_factor) >= LEVEL:
+        return False
+    return shape is None or force.log_bayes_factor > shape.log_bayes_factor
+
+
+def removed_share(rounds: list[Round]) -> float:
+    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise; of
+    the fitted data where the held-out have none. At most 1.
+    """
+    first, last = rounds[0], rounds[-1]
+    pair = (first.held, last.held) if first.held.excess > 0 else (first.check, last.check)
+    return float(1 - np.clip(max(pair[1].excess, 0.0) / max(pair[0].excess, 1e-9), 0.0, 1.0))

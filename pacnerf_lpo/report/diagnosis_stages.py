@@ -1,4 +1,4 @@
-"""What the page of a diagnosis shows beside the statistics: errors by frame against those of the twins, and images of
+"""What the page of a diagnosis shows beside the statistics: errors by frame against those of the replicates, and images of
 the model before and after.
 """
 
@@ -7,24 +7,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image
 
-from pacnerf_lpo.diagnosis import wording
-from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import excess, floor
-from pacnerf_lpo.diagnosis.screening import size_of
+from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.forward_model import MARGIN
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.diagnosis.rounds import Round
+from pacnerf_lpo.report import wording
 
 PICTURES = "pictures.npz"
 LONGEST = 128
@@ -36,14 +32,14 @@ BAND = (0.05, 0.95)
 class Stage:
     """The model as it stood at one time of the diagnosis.
 
-    added: the effect that was added last; None: the run's own model.
+    added: name of the effect that was added last; None: none was.
     effects: all of its effects.
     known: every value [SI]
     residual: measured minus predicted [pixels, (V, F, 11)]
-    comparison: whose twins tell how large the residual may be.
+    comparison: whose replicates tell how large the residual may be.
     """
 
-    added: Candidate | None
+    added: str | None
     effects: tuple[Effect, ...]
     known: dict[str, float]
     residual: np.ndarray
@@ -53,45 +49,44 @@ class Stage:
 def stages_of(rounds: Sequence[Round]) -> list[Stage]:
     """The run's own model, and the model after each accepted effect."""
     found = []
-    added: Candidate | None = None
+    added: str | None = None
     for done in rounds:
         comparison = done.comparison
-        found.append(Stage(added, comparison.effects, comparison.known, comparison.residual, comparison))
-        added = done.accepted.candidate if done.accepted is not None else None
+        found.append(Stage(added, done.effects, comparison.known, comparison.residual, comparison))
+        added = None if done.accepted is None else done.accepted.name
     last = rounds[-1]
     if last.accepted is not None:
-        again = last.accepted
-        effects = (*last.comparison.effects, again.candidate.effect)
-        found.append(Stage(again.candidate, effects, again.known, again.residual, last.comparison))
+        again, effects = last.accepted, (*last.effects, last.candidate(last.accepted.name).effect)
+        found.append(Stage(again.name, effects, again.known, again.residual, last.comparison))
     return found
 
 
 def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
-    """Errors of every stage, and of its twins, by view and frame [the problem's unit].
+    """Errors of every stage, and of its replicates, by view and frame [the problem's unit].
 
-    Root mean squares over the numbers of the outlines and points, less the twins' mean. The floor is the median twin's;
-    the band holds nine tenths of the twins. Errors of points by row, ``by_point``, are in millimetres.
+    Root mean squares over the numbers of the outlines and points, less the replicates' mean. The floor is the median replicate's;
+    the band holds nine tenths of the replicates. Errors of points by row, ``by_point``, are in millimetres.
     """
     return [_stage(problem, stage) for stage in stages_of(rounds)]
 
 
 def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
-    twins, count = stage.comparison.twins, len(stage.comparison.twins)
+    others, count = stage.comparison.replicates, len(stage.comparison.replicates)
     bias = floor(stage.comparison)[0]
     unit = problem.unit[1]
     error = unit * (stage.residual - bias)[..., : len(KINDS)]
-    alone = unit * (twins - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
-    twin_errors = np.where(np.isfinite(error), alone, np.nan)
+    alone = unit * (others - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
+    replicate_errors = np.where(np.isfinite(error), alone, np.nan)
     fitted, held = problem.split.fitted, problem.split.held
-    band = np.quantile(root_mean_square(twin_errors, (1, 3)), BAND, axis=0)
-    by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(twin_errors, (2, 3)), axis=0)
+    band = np.quantile(root_mean_square(replicate_errors, (1, 3)), BAND, axis=0)
+    by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(replicate_errors, (2, 3)), axis=0)
     views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel / unit
     return {
-        "added": None if stage.added is None else stage.added.name,
-        "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added.name)}",
+        "added": stage.added,
+        "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added)}",
         "error": {name: _of_part(error, part) for name, part in (("fitted", fitted), ("held", held))},
         "floor": {
-            name: float(np.median([_of_part(twin, part) for twin in twin_errors]))
+            name: float(np.median([_of_part(one, part) for one in replicate_errors]))
             for name, part in (("fitted", fitted), ("held", held))
         },
         "by_frame": _rounded(root_mean_square(error, (0, 2))),
@@ -118,32 +113,6 @@ def _of_part(error: np.ndarray, part: np.ndarray) -> float:
 
 def _rounded(values: np.ndarray) -> list[float | None]:
     return [round(float(value), 5) if np.isfinite(value) else None for value in values]
-
-
-def described(candidate: Candidate, count: int, probe: int) -> dict[str, Any]:
-    """What a reader must know of a candidate to read its score.
-
-    Args:
-        candidate: the effect.
-        count: of the coefficients that were estimated.
-        probe: which of the trials explains most.
-    """
-    effect, trials = candidate.effect, candidate.trials()
-    names = list(effect.null)[:count]
-    if not candidate.joint:
-        trial = trials[min(probe, len(trials) - 1)]
-        size = size_of(candidate, trial)
-        names = [name for name, null in effect.null.items() if trial[name] - null == size][:1] or names[:1]
-    parameters = [effect.parameters[name] for name in names]
-    return {
-        "discrete": candidate.discrete,
-        "one_sided": effect.one_sided,
-        "signature": effect.signature,
-        "separating_experiment": effect.separating_experiment,
-        "coefficients": [
-            {"name": p.name, "label": p.label, "unit": p.unit, "null": effect.null[p.name]} for p in parameters
-        ],
-    }
 
 
 def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> None:

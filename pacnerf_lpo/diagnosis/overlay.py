@@ -1,0 +1,24 @@
+"""The configuration that adds what a diagnosis has found to a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import yaml
+
+from pacnerf_lpo.diagnosis.catalogue import as_config, class_path
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.mpm.effects.base import Effect
+
+
+def overlay(problem: Problem, effects: Sequence[Effect], values: dict[str, float]) -> str:
+    """A configuration file with the effects of a fitted model, and with its values [SI]."""
+    material = {name: float(f"{values[name]:.6g}") for name in problem.physics.material.free_names}
+    section = {
+        "physics": {
+            "material": {"class_path": class_path(problem.physics.material), "init_args": material},
+            "effects": [as_config(effect, values) for effect in effects],
+        }
+    }
+    head = "# Effects found by diagnose; use it after the configuration of the run.\n"
+    return head + yaml.safe_dump(section, sort_keys=False)

@@ -1,0 +1,221 @@
+"""``diagnosis.json`` and ``effects.yaml``: what a diagnosis has found, as plain numbers and sentences."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis import localising
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.overlay import overlay
+from pacnerf_lpo.diagnosis.refitting import Refit
+from pacnerf_lpo.diagnosis.residual_force import ResidualForce
+from pacnerf_lpo.diagnosis.rounds import Round, accepted_names, verdict
+from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Screening, size_of
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.inference.checks import Check
+from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.intervals import Interval
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.report import diagnosis_stages, wording
+
+RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+FORMAT = 2
+MOST_CORRELATIONS = 30
+
+
+def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
+    """Write diagnosis.json and, where effects were found that explain the recording, the overlay effects.yaml."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / RESULT, json.dumps(summary(problem, rounds), indent=1).encode())
+    if verdict(rounds).kind in ("missing", "camera"):
+        last = rounds[-1]
+        more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
+        values = last.comparison.known if last.accepted is None else last.accepted.known
+        write_atomically(folder / OVERLAY, overlay(problem, [*last.effects, *more], values).encode())
+    else:
+        (folder / OVERLAY).unlink(missing_ok=True)
+
+
+def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
+    """Everything a report shows."""
+    video, split, force = problem.video, problem.split, rounds[-1].force
+    said = verdict(rounds)
+    sentences = wording.verdict(problem.physics.material, rounds, said)
+    return {
+        "format": FORMAT,
+        "scene": problem.scene,
+        "views": list(video.view_ids),
+        "frames": list(video.frame_ids),
+        "times": video.times.tolist(),
+        "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
+        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
+        "verdict": {
+            "kind": said.kind,
+            "effects": said.names if said.kind != "unknown" else [],
+            "nearest": said.names if said.kind == "unknown" else [],
+            "rest": said.rest,
+            "removed": said.removed,
+            "p_value": _chance(rounds),
+            "sentence": sentences[0],
+            "details": sentences[1:],
+        },
+        "unit": problem.unit[0],
+        "points": [] if problem.points is None else problem.points.names,
+        "stages": diagnosis_stages.stages(problem, rounds),
+        "rounds": [_round(problem, found) for found in rounds],
+        "residual_force": None if force is None else _force(force),
+    }
+
+
+def _chance(rounds: list[Round]) -> float | None:
+    """Largest p-value of the effects that were named; None where there are none."""
+    named = accepted_names(rounds)
+    return max((r.accepted.p_value for r in rounds if r.accepted and r.accepted.name in named), default=None)
+
+
+def _round(problem: Problem, found: Round) -> dict[str, Any]:
+    comparison = found.comparison
+    unknowns = problem.model(found.effects, comparison.known).unknowns
+    return {
+        "effects": [name_of(effect) for effect in found.effects],
+        "parameters": _intervals(found.parameters, unknowns),
+        "notes": list(comparison.notes),
+        "undetermined": found.undetermined,
+        "profiles": {name: list(ends) for name, ends in found.profiles.items()},
+        "check": _check(found.check),
+        "check_held": _check(found.held),
+        "phases": found.phases,
+        "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
+        "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
+        "error": _errors(problem, comparison.residual, found),
+        "screen": None if found.screening is None else _screen(found.screening, found.candidates),
+        "refits": [_refit(problem, again, found) for again in found.refits],
+        "accepted": None if found.accepted is None else found.accepted.name,
+        "alike": found.alike,
+        "removed": found.removed,
+        "effort": found.effort,
+    }
+
+
+def _check(check: Check) -> dict[str, Any]:
+    return {"statistic": check.statistic, "replicates": check.replicates.tolist(), "p_value": check.p_value}
+
+
+def _errors(problem: Problem, residual: np.ndarray, found: Round) -> dict[str, float]:
+    """Excess error in the fitted and in the held-out views and frames [the problem's unit]."""
+    squares = localising.mean_excess(problem, residual, found.comparison)
+    return {name: problem.unit[1] * localising.signed_root(square) for name, square in squares.items()}
+
+
+def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]:
+    by_name = {candidate.name: candidate for candidate in candidates}
+    scores = [score for score in screening.scores if score.name in by_name]
+    kept = [k for k, score in enumerate(screening.scores) if score.name in by_name][:MOST_CORRELATIONS]
+    others = {name: screening.score(name) for name in (FORCE, SHAPE)}
+    return {
+        "threshold": screening.threshold,
+        "level": LEVEL,
+        "correlations": np.round(screening.correlations[np.ix_(kept, kept)], 3).tolist(),
+        "discrepancies": {
+            name: {"log_bayes_factor": one.log_bayes_factor, "p_value": screening.p_value(name, one.log_bayes_factor)}
+            for name, one in others.items()
+            if one is not None
+        },
+        "candidates": [
+            {
+                "name": score.name,
+                "readable": wording.readable(score.name),
+                "camera": "@" in score.name,
+                "log_bayes_factor": score.log_bayes_factor,
+                "p_value": screening.p_value(score.name, score.log_bayes_factor),
+                "coefficient": list(score.coefficient),
+                "interval": [[c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)],
+                "strength": score.strength,
+                **described(by_name[score.name], len(score.coefficient), score.alternative),
+            }
+            for score in scores
+        ],
+    }
+
+
+def described(candidate: Candidate, count: int, alternative: int) -> dict[str, Any]:
+    """What a reader must know of a candidate to read its score.
+
+    Args:
+        candidate: the effect.
+        count: of the coefficients that were estimated.
+        alternative: which of the trials explains most.
+    """
+    effect, trials = candidate.effect, candidate.trials()
+    names = list(effect.null)[:count]
+    if not candidate.joint:
+        names = [size_of(candidate, trials[min(alternative, len(trials) - 1)])[0]]
+    parameters = [effect.parameters[name] for name in names]
+    return {
+        "discrete": candidate.discrete,
+        "one_sided": effect.one_sided,
+        "signature": effect.signature,
+        "separating_experiment": effect.separating_experiment,
+        "coefficients": [
+            {"name": p.name, "label": p.label, "unit": p.unit, "null": effect.null[p.name]} for p in parameters
+        ],
+    }
+
+
+def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
+    candidate = found.candidate(again.name)
+    unknowns = problem.model([*found.effects, candidate.effect], again.known).unknowns
+    return {
+        "name": again.name,
+        "readable": wording.readable(again.name),
+        "camera": candidate.observes,
+        "signature": candidate.effect.signature,
+        "separating_experiment": candidate.effect.separating_experiment,
+        "values": {told["name"]: told for told in _intervals(again.intervals, unknowns)},
+        "cost_without": again.cost_without,
+        "cost": again.cost,
+        "log_bayes_factor": again.log_bayes_factor,
+        "p_value": again.p_value,
+        "notes": list(again.notes),
+        "excess": _matrix(localising.excess(again.residual, found.comparison)[: problem.views]),
+        "error": _errors(problem, again.residual, found),
+    }
+
+
+def _force(force: ResidualForce) -> dict[str, Any]:
+    return {
+        "times": force.times.tolist(),
+        "mean": np.round(force.mean, 4).tolist(),
+        "field": np.round(force.field, 4).tolist(),
+        "explained": force.explained,
+        "terms": [asdict(term) for term in force.law.terms],
+        "terms_explain": force.law.explained,
+    }
+
+
+def _intervals(intervals: Sequence[Interval], unknowns: Sequence[Parameter]) -> list[dict[str, Any]]:
+    described = {parameter.name: parameter for parameter in unknowns}
+    return [
+        {
+            "name": interval.name,
+            "value": interval.value,
+            "low": interval.low,
+            "high": interval.high,
+            "identifiable": interval.identifiable,
+            "unit": described[interval.name].unit,
+            "label": described[interval.name].label,
+        }
+        for interval in intervals
+    ]
+
+
+def _matrix(values: np.ndarray) -> list[list[float | None]]:
+    """Rows of numbers, None where there is none."""
+    return [[round(float(x), 5) if np.isfinite(x) else None for x in row] for row in values]
