@@ -82,7 +82,7 @@ class Ruler:
         view = getattr(effect, "view", None)
         key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
         left, model = self._left(seen, self.model, key), self.model
-        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).misfit))
+        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).cost))
 
     def sized_beyond(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
         """The point on a course of values where the best imitation by a known effect leaves the wanted signal-to-noise
@@ -131,11 +131,11 @@ class Ruler:
                 model = self.problem.model([candidate.effect], {**self.true, **start})
                 residual = self._left(seen, model, "motion")
                 begin = model.start if candidate.discrete else _linear(model, residual)
-                settings = model.scales, model.bounds, IMITATING_ITERATIONS, GIVE_UP * best
-                found = fit_or_none(residual, begin, *settings)
+                settings = model.scales, model.bounds, IMITATING_ITERATIONS
+                found = fit_or_none(residual, begin, *settings, abort_above=GIVE_UP * best)
                 if found is not None:
-                    best = min(best, found.misfit)
-                    left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.misfit)))
+                    best = min(best, found.cost)
+                    left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.cost)))
         return left
 
     def _seen(self, effect: Effect, values: dict[str, float]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +13,14 @@ from pacnerf_lpo.diagnosis.statistics.intervals import Interval, laplace_interva
 from pacnerf_lpo.diagnosis.statistics.omnibus import Omnibus, omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Remainder
 from pacnerf_lpo.diagnosis.twins import twins
-from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.identification.base_fit import base_fit
+from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Residual, fit, sensitivities
-from pacnerf_lpo.identification.multistart import MUCH_LOWER, best_beside, best_fitted, points, promising, span
+from pacnerf_lpo.identification.multistart import Stage, multistart
 from pacnerf_lpo.identification.problem import Problem, StateProblem
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.parameters import Log10
 
 FIRST_ITERATIONS = 10
 WHITENED_ITERATIONS = 5
@@ -33,10 +35,10 @@ MATERIAL_WIDENING = 2.5
 known truth, five within what twins tell, who understate the error of a reconstruction.
 """
 VALLEYS = 2
-DECADES = 3.0
-SAMPLES, STARTS = 16, 2  # samples for each parameter
-COARSER = 1.4
-"""Node spacing of a search beside that of the diagnosis."""
+NEIGHBOURS = (-0.2, 0.2)
+"""Decades: the next local minimum of a modulus is about so far away, where the body rebounds a frame later."""
+MUCH_LOWER = 0.9
+"""Of the cost: a fit from another start that is so much better has found a better minimum."""
 Progress = Callable[[str], None]
 
 
@@ -108,8 +110,11 @@ def compare(
             break
         progress("looking into the next valleys")
         moduli = problem.physics.material.free_names
-        other = best_beside(model, moduli, whitened, best, FIRST_ITERATIONS)
-        if other.misfit > MUCH_LOWER * best.misfit:
+        spans = {model.names.index(name): (-np.inf, np.inf) for name in moduli if name in logarithmic(model)}
+        settings = model.scales, model.bounds
+        neighbours = Stage(whitened, *settings, iterations=FIRST_ITERATIONS, spans=spans, offsets=NEIGHBOURS)
+        other = multistart([neighbours], [best]).fits[0]
+        if other.cost > MUCH_LOWER * best.cost:
             break
         free = other.free
     everywhere = problem.residual_of(model, problem.usable)
@@ -130,27 +135,13 @@ def compare(
 def searched(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
 ) -> dict[str, float]:
-    """Values to start from when the run has not identified its physics [SI]: of short fits from what it says and from
-    the best of a search on a coarse body, the best.
-    """
-    spacing = problem.spacing * COARSER
-    coarse = problem.model(effects, known, problem.sample(spacing, seed=0))
-    spans = {
-        parameter.name: ends
-        for parameter, value in zip(coarse.unknowns, coarse.start, strict=True)
-        if parameter not in VELOCITY and (ends := span(parameter, float(value), DECADES))
-    }
+    """Values to start from when the run has not identified its physics [SI]: where a base fit ends."""
+    return base_fit(problem, effects, known, progress).known
 
-    def watched(losses: Iterator[float], count: int) -> Iterator[float]:
-        for number, loss in enumerate(losses, 1):
-            progress(f"search of {', '.join(spans)}: {number} of {count}")
-            yield loss
 
-    tried = points(coarse, spans, SAMPLES * len(spans))
-    found = promising(coarse, problem.weighted_residual_of(coarse), tried, spans, STARTS, watched)
-    fine = problem.model(effects, known)
-    progress("fits from the best points and from the guess")
-    return fine.physical(best_fitted(fine, problem.weighted_residual_of(fine), found, STARTS))
+def logarithmic(model: Model) -> list[str]:
+    """Names of the unknowns that are fitted by their logarithm."""
+    return [parameter.name for parameter in model.unknowns if isinstance(parameter.transform, Log10)]
 
 
 def whitened_by(noise: NoiseModel, residual: Residual) -> Residual:
@@ -273,12 +264,12 @@ def in_si(model: Model, interval: Interval) -> Interval:
 
 
 def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarray], None]:
-    """Tells iteration, misfit and the parameters with their units."""
+    """Tells iteration, cost and the parameters with their units."""
 
-    def report(iteration: int, misfit: float, free: np.ndarray) -> None:
+    def report(iteration: int, cost: float, free: np.ndarray) -> None:
         values = model.physical(free)
         shown = ", ".join(f"{p.name} {p.show(values[p.name])}" for p in model.unknowns)
-        progress(f"iteration {iteration}: misfit {misfit:.4g}, {shown}")
+        progress(f"iteration {iteration}: cost {cost:.4g}, {shown}")
 
     return report
 

@@ -49,7 +49,7 @@ def profile(problem: Problem, comparison: Comparison, name: str, progress: Progr
 
         progress(f"profile of {name}: {model.physical(np.insert(start, index, value))[name]:.4g}")
         bounds = model.bounds[0][others], model.bounds[1][others]
-        return fit(held, start, model.scales[others], bounds, ITERATIONS).misfit
+        return fit(held, start, model.scales[others], bounds, ITERATIONS).cost
 
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
     error = float(np.sqrt(dispersion)) / max(curvature, 1e-12)

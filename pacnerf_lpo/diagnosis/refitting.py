@@ -118,7 +118,7 @@ def refit(
     noise = comparison.noise(problem, fitted)
     before = noise.whiten_residual(np.nan_to_num(comparison.residual[fitted]))
     best: tuple[Fit, Model] | None = None
-    hopeless = min(float(before @ before), GIVE_UP * best_misfit)
+    abort_above = min(float(before @ before), GIVE_UP * best_misfit)
     for start in starts(candidate, score):
         model = problem.model([*comparison.effects, candidate.effect], {**comparison.known, **start})
         residual = whitened_by(noise, problem.residual_of(model, fitted))
@@ -130,12 +130,12 @@ def refit(
                 model.bounds,
                 ITERATIONS,
                 reporter(model, progress),
-                hopeless,
+                abort_above,
             )
         except SimulationError:
             continue
-        if best is None or found.misfit < best[0].misfit:
-            best, hopeless = (found, model), min(hopeless, GIVE_UP * found.misfit)
+        if best is None or found.cost < best[0].cost:
+            best, abort_above = (found, model), min(abort_above, GIVE_UP * found.cost)
     if best is None:
         return None
     found, model = best
@@ -146,14 +146,14 @@ def refit(
     interval = next(i for i in intervals if i.name == leading)
     verdict = acceptance(
         _held_out(problem, comparison, after, candidate, named),
-        (float(before @ before), found.misfit),
+        (float(before @ before), found.cost),
         float(before @ before) * _noise_share(noise, comparison, fitted),
         len(candidate.effect.null),
         (interval.low, interval.high),
         candidate.effect.null[leading],
         named,
     )
-    return Refit(candidate, known, intervals, after, float(before @ before), found.misfit, None, verdict)
+    return Refit(candidate, known, intervals, after, float(before @ before), found.cost, None, verdict)
 
 
 def refine(problem: Problem, comparison: Comparison, again: Refit, progress: Progress) -> Refit:

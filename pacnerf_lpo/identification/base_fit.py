@@ -13,10 +13,11 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import CONVERGED
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
+from pacnerf_lpo.mpm.parameters import Log10
 
 COARSER = 1.4
 """Node spacing of the search relative to that of the problem: a rollout costs a third."""
-SAMPLES = 4
+SAMPLES = 8
 """Points tried for each material parameter that is searched."""
 FAR = 2.0
 """Standard deviations of a prior: an estimate farther away is reported."""
@@ -99,7 +100,7 @@ def base_fit(
     spans = _spans(problem, coarse, mean, deviation)
     stages = [
         Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS),
-        Stage(searched, *settings, [rows[-min(len(rows), 3)], None], 2, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
+        Stage(searched, *settings, [rows[-min(len(rows), 3)], None], 1, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
         Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS, rival=RIVAL),
     ]
     found = multistart(stages, starts)
@@ -200,8 +201,8 @@ def _rows(problem: Problem, until: int, unknowns: int) -> np.ndarray:
 def _spans(problem: Problem, model: Model, mean: np.ndarray, deviation: np.ndarray) -> dict[int, tuple[float, float]]:
     """Between which free coordinates the material is searched, by index."""
     low, high = np.clip((mean - WIDE * deviation, mean + WIDE * deviation), *model.bounds)
-    of_material = problem.physics.material.free_names
-    return {k: (low[k], high[k]) for k, name in enumerate(model.names) if name in of_material}
+    moduli = [p.name in problem.physics.material.free_names and isinstance(p.transform, Log10) for p in model.unknowns]
+    return {k: (low[k], high[k]) for k, searched in enumerate(moduli) if searched}
 
 
 WIDE = 1.5

@@ -93,12 +93,12 @@ def multistart(
 
 def horizons(contact: int, frames: int) -> list[int]:
     """Numbers of frames that are taken in one after the other: half of the fall, in which a body may turn only once, then
-    half as many again after contact each time, up to all.
+    twice as many after contact each time, up to all.
     """
     after, found = FIRST_AFTER_CONTACT, [contact // 2 + 1] if 2 <= contact < frames else []
     while contact + after < frames:
         found.append(contact + after)
-        after += max(after // 2, 1)
+        after *= 2
     return [*found, frames]
 
 
