@@ -9,23 +9,28 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from benchmarks.hidden_effects.film import Film, film
-from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
+from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO, KnownShape
 from benchmarks.hidden_effects.plan import PHYSICS
 from benchmarks.hidden_effects.setting import Setting, Size, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, course_of
-from pacnerf_lpo.identification.split import HELD_FRAMES
 from pacnerf_lpo.errors import RunError, SimulationError, UserInputError
+from pacnerf_lpo.identification.base_fit import Objective, base_fit, priors
+from pacnerf_lpo.identification.least_squares import Fit
+from pacnerf_lpo.identification.multistart import Stage, multistart
+from pacnerf_lpo.identification.split import HELD_FRAMES
 from pacnerf_lpo.mpm import effects
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.parameters import Log10
 
 ATTEMPTS, TRIALS, TWINS = 12, 4, 6
 STRONG = (40.0, 160.0)
@@ -33,6 +38,11 @@ STRONG = (40.0, 160.0)
 AIMED_AT = 70.0
 LONGEST_STEP = 8.0
 FRAMES = (8, 9, 10)
+BESIDE = (-0.3, 0.3)
+"""Decades: from there fits begin that look for a better optimum than those known."""
+REFERENCE_ITERATIONS = 25
+NEAR = 0.1
+"""Decades from the best modulus known."""
 SHORT = (2, 5)
 """Fitted frames in which the body touches the ground."""
 MATERIAL_FOR = {"ShearThinning": "Newtonian", "Cohesion": "DruckerPrager", "YieldStress": "NeoHookean"}
@@ -121,19 +131,81 @@ def draw(folder: Path, seed: int) -> Path:
     return target
 
 
+def score(folder: Path) -> dict:
+    """How a base fit of a scene compares with the best optimum known, of that fit and of fits from the truth and from
+    moduli beside the best one.
+    """
+    truth = json.loads((folder / TRUTH).read_text())
+    problem = KnownShape.read(folder)
+    effect = getattr(effects, truth["effect"])()
+    begun = time.perf_counter()
+    found = base_fit(problem, [effect], {**problem.first_guess, **effect.null})
+    seconds = time.perf_counter() - begun
+    model, (mean, deviation) = found.model, priors(problem, found.model)
+    objective = Objective(problem, model, mean, deviation)  # every fit is compared by the same cost
+    index = next(k for k, unknown in enumerate(model.unknowns) if isinstance(unknown.transform, Log10))
+    fits = [Fit(found.free, objective(found.free))]
+    true = problem.model([effect], {**problem.first_guess, **truth["values"]}).start
+    settings = model.scales, model.bounds
+    reference = Stage(objective, *settings, keep=2, iterations=REFERENCE_ITERATIONS, confirm=True)
+    beside = replace(reference, spans={index: (-np.inf, np.inf)}, offsets=BESIDE)
+    best_known = min(*fits, *multistart([reference, beside], [true, found.free]).fits, key=lambda other: other.cost)
+    return {
+        "scene": folder.name,
+        "effect": truth["effect"],
+        "touching": truth["touching"],
+        "modulus": model.names[index],
+        "guess": float(mean[index]),
+        "truth": float(true[index]),
+        "found": float(found.free[index]),
+        "best_known": float(best_known.free[index]),
+        "cost": fits[0].cost,
+        "best_cost": best_known.cost,
+        "rows": len(fits[0].residual),
+        "rollouts": found.rollouts,
+        "seconds": round(seconds, 1),
+        "notes": found.notes,
+    }
+
+
+def summary(scores: list[dict]) -> dict:
+    """The figure: in how many scenes the modulus ends within a tenth of a decade of the best one known."""
+    off = np.array([abs(entry["found"] - entry["best_known"]) for entry in scores])
+    rollouts = np.array([entry["rollouts"] for entry in scores])
+    return {
+        "scenes": len(scores),
+        "within": int((off < NEAR).sum()),
+        "share": float((off < NEAR).mean()),
+        "outside": [entry["scene"] for entry, far in zip(scores, off >= NEAR, strict=True) if far],
+        "median_rollouts": float(np.median(rollouts)),
+        "most_rollouts": int(rollouts.max()),
+    }
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=6000)
+    parser.add_argument("--first", type=int, default=6000, help="seed; below 6000: development, from 6000: scored")
     parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--draw-only", action="store_true")
     options = parser.parse_args()
     torch.set_num_threads(1)
+    scores = []
     for seed in range(options.first, options.first + options.count):
         try:
-            print(draw(options.folder, seed), flush=True)
+            scene = draw(options.folder, seed)
         except RunError as error:
             print(error, flush=True)
+            continue
+        if options.draw_only:
+            continue
+        scores.append(score(scene))
+        print(json.dumps(scores[-1]), flush=True)
+        result = {"summary": summary(scores), "scenes": scores}
+        (options.folder / f"base_fit_{options.first}.json").write_text(json.dumps(result, indent=1))
+    if scores:
+        print(json.dumps(summary(scores)))
 
 
 if __name__ == "__main__":

@@ -131,8 +131,8 @@ class Ruler:
                 model = self.problem.model([candidate.effect], {**self.true, **start})
                 residual = self._left(seen, model, "motion")
                 begin = model.start if candidate.discrete else _linear(model, residual)
-                settings = model.scales, model.bounds, IMITATING_ITERATIONS, GIVE_UP * best
-                found = fit_or_none(residual, begin, *settings)
+                settings = model.scales, model.bounds, IMITATING_ITERATIONS
+                found = fit_or_none(residual, begin, *settings, abort_above=GIVE_UP * best)
                 if found is not None:
                     best = min(best, found.cost)
                     left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.cost)))

@@ -7,23 +7,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import CONVERGED
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
+from pacnerf_lpo.mpm.parameters import Log10
 
 COARSER = 1.4
 """Node spacing of the search relative to that of the problem: a rollout costs a third."""
-SAMPLES = 4
-"""Points tried for each material parameter that is searched."""
+SAMPLES = 8
+"""Points tried for each modulus: over three decades they lie nearer to each other than one fit reaches."""
+WIDE = 1.5
+"""Standard deviations of its prior, to either side, over which a modulus is searched."""
+COMPETITIVE = 3.0
+"""Of the cost of the fit from the guess: a point above that, with all else as there, promises no other minimum."""
+RIVAL = 1.5
+"""Of the best cost: a coarse body's error makes optima that differ by less change places on a finer one."""
+SEARCH_ITERATIONS, ITERATIONS = 4, 15
+MOST_OPTIMA = 2
+"""Of the coarse body: so many are followed on the fine one."""
 FAR = 2.0
 """Standard deviations of a prior: an estimate farther away is reported."""
 TOUCH = 0.5
 """Node spacings above the ground: a particle lower than this touches it."""
-SEARCH_ITERATIONS, ITERATIONS = 4, 12
-RIVAL = 1.5
 Progress = Callable[[str], None]
 
 
@@ -31,13 +39,13 @@ Progress = Callable[[str], None]
 class BaseFit:
     """A fitted model.
 
-    model: of the problem's body; its ``physical`` makes SI values of the free coordinates.
-    free: coordinates [(K,)];  known: every value there [SI]
+    model: of the problem's body.
+    free: its coordinates [(K,)];  known: every value there [SI]
     residual: weighted residual of the fitted entries, without the priors [(D,)]
-    jacobian: derivative of the residual by the coordinates [(D, K)]
+    jacobian: derivative of that residual by the coordinates [(D, K)]
     cost: sum of squares of the residual and of the priors' rows.
-    notes: sentences about estimates at a bound or far from the guess, and points left out as unstable.
-    rollouts: simulations that it took.
+    notes: sentences about estimates at a bound or far from the guess, and about points left out as unstable.
+    rollouts: simulations that it took, on both bodies.
     """
 
     model: Model
@@ -52,13 +60,14 @@ class BaseFit:
 
 class Objective:
     """Weighted residual of a model in the fitted entries, then one row for each unknown: how far it is from the mean of
-    its prior in standard deviations. The time step of each evaluation starts as long as the model's own.
+    its prior in standard deviations. Every evaluation begins with the model's own time step, so that it does not depend
+    on which points were unstable before.
 
     Args:
         problem, model: what is compared.
         mean, deviation: of the priors, in free coordinates [(K,)]
-        level: of the residual's own error: the weights know the sensor's, not that of the model, which priors must not
-            be outvoted by.
+        level: error of the residual in units of its weights, which know the sensor's error but not the model's: a prior
+            must not be outvoted by what is not known.
     """
 
     def __init__(self, problem: Problem, model: Model, mean: np.ndarray, deviation: np.ndarray, level: float = 1.0):
@@ -66,52 +75,63 @@ class Objective:
         self._weighted = problem.weighted_residual_of(model)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
+        """Rows at free coordinates [(K,) to (D + K,)]. Raises SimulationError."""
         self.model.physics.halvings = 0
         return np.concatenate((self._weighted(free), self.level * (free - self.mean) / self.deviation))
 
 
 def base_fit(
-    problem: Problem,
-    effects: Sequence[Effect],
-    known: dict[str, float],
-    progress: Progress = lambda _: None,
+    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress = lambda _: None
 ) -> BaseFit:
-    """Fit material, velocity and effects to the fitted views and frames, with priors.
+    """Fit material, velocity and effects to the fitted views and frames, with priors, beginning from a guess.
+
+    Fits on a coarse body take in more and more frames, from ``known`` and from points that differ in the moduli and
+    promise another minimum; the best of them go on with the problem's own body. Where nothing is difficult that takes
+    some fifty rollouts.
 
     Args:
-        problem: measurements and what is known of the scene.
-        effects: of the model. Those whose coefficients ``known`` leaves at their nulls are tried from their probes, too.
-        known: values to start from [SI], velocity among them.
+        problem: measurements, and the user's guess, around which the priors lie.
+        effects: of the model. One without a gradient at its null, which ``known`` leaves there, starts at its probes.
+        known: values to start from, velocity among them [SI].
         progress: told what happens.
 
     Raises:
         SimulationError: the motion is unstable at every start, with the shortest time step too.
     """
-    coarse, fine = problem.model(effects, known, problem.sample(COARSER * problem.spacing, 0)), problem.model(effects, known)
+    coarse = problem.model(effects, known, problem.sample(COARSER * problem.spacing, 0))
+    fine = problem.model(effects, known)
     mean, deviation = priors(problem, fine)
     starts = _starts(coarse, effects)
     frames = int(problem.split.frames.sum())
-    contact, spent = _contact(coarse, starts)
-    progress(f"base fit of {fine.names}: contact in frame {contact} of {frames}")
+    contact, looked = _contact(coarse, starts)
     rows = [_rows(problem, until, len(mean)) for until in horizons(contact, frames)]
-    searched = Objective(problem, coarse, mean, deviation)
-    settings = coarse.scales, coarse.bounds
+    settings = Objective(problem, coarse, mean, deviation), coarse.scales, coarse.bounds
     spans = _spans(problem, coarse, mean, deviation)
-    stages = [
-        Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS),
-        Stage(searched, *settings, [rows[-min(len(rows), 3)], None], 2, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
-        Stage(searched, *settings, rows, keep=2, iterations=SEARCH_ITERATIONS, rival=RIVAL),
-    ]
-    found = multistart(stages, starts)
-    if not found.fits:
-        raise SimulationError(0, 0, "the motion is unstable from every start")
-    best = found.fits[0]
-    level = max(1.0, float(np.sqrt(best.cost / max(len(best.residual) - len(mean), 1))))
-    final = Stage(Objective(problem, fine, mean, deviation, level), fine.scales, fine.bounds, (None,), 1, ITERATIONS, confirm=True)
-    ended = multistart([final], found.fits)
+    first = rows[-min(len(rows), 3)], None
+    progress(f"base fit from {len(starts)} starts on a coarse body; contact in frame {contact} of {frames}")
+    search = multistart(
+        [
+            Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS),
+            Stage(*settings, first, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
+            Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL),
+        ],
+        starts,
+    )
+    found: Sequence[Fit | np.ndarray] = search.fits or starts
+    level = _level(search.fits, len(mean))
+    progress(f"base fit: {len(found)} optima on the body itself")
+    final = Objective(problem, fine, mean, deviation, level)
+    last = Stage(final, fine.scales, fine.bounds, iterations=ITERATIONS, confirm=True)
+    ended = multistart([last], found)
+    if not ended.fits:  # a point may be stable on the coarse body alone
+        ended = multistart([last], starts)
     if not ended.fits:
-        raise SimulationError(0, 0, "the motion is unstable from every start")
+        raise SimulationError(0, 0, "the motion is unstable from every start of the base fit; give another guess")
     best = ended.fits[0]
+    assert best.jacobian is not None
+    left_out = search.unstable + ended.unstable
+    unstable = [f"{left_out} points of the search were left out: their motion is unstable."] if left_out else []
+    rollouts = looked + search.rollouts + ended.rollouts
     return BaseFit(
         fine,
         best.free,
@@ -119,12 +139,9 @@ def base_fit(
         best.residual[: -len(mean)],
         best.jacobian[: -len(mean)],
         best.cost,
-        tuple(notes(fine, best.free, mean, deviation)),
-        found.rollouts + ended.rollouts + spent,
+        (*notes(fine, best.free, mean, deviation), *unstable),
+        rollouts,
     )
-
-
-COMPETITIVE = 3.0
 
 
 def priors(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
@@ -133,24 +150,23 @@ def priors(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """
     guess = {**model.known, **problem.first_guess, **problem.physics.guess}
     of_effects = {name: effect.prior(name) for effect in model.physics.effects for name in effect.parameters}
-    found = [of_effects.get(p.name) or p.prior(guess[p.name]) for p in model.unknowns]
+    found = [of_effects.get(unknown.name) or unknown.prior(guess[unknown.name]) for unknown in model.unknowns]
     mean, deviation = np.array(found).T
     return mean, deviation
 
 
 def notes(model: Model, free: np.ndarray, mean: np.ndarray, deviation: np.ndarray) -> list[str]:
     """What is suspect about estimates at free coordinates [(K,)], a sentence each."""
-    found, values = [], model.physical(free)
-    for index, parameter in enumerate(model.unknowns):
-        value, expected = (parameter.show(model.physical(at)[parameter.name]) for at in (free, mean))
-        near = CONVERGED * model.scales[index]
+    found, values, expected = [], model.physical(free), model.physical(mean)
+    for index, unknown in enumerate(model.unknowns):
+        shown, label = unknown.show(values[unknown.name]), unknown.label[:1].upper() + unknown.label[1:]
         away = abs(free[index] - mean[index]) / deviation[index]
-        if min(free[index] - model.bounds[0][index], model.bounds[1][index] - free[index]) < near:
-            found.append(f"{parameter.label}: {value} is at the bound of what was searched.")
+        inside = min(free[index] - model.bounds[0][index], model.bounds[1][index] - free[index])
+        if inside < CONVERGED * model.scales[index]:
+            found.append(f"{label}: {shown} is a bound of what is possible.")
         elif away > FAR:
-            found.append(
-                f"{parameter.label}: {value} is {away:.1f} standard deviations from {expected}, which was expected."
-            )
+            prior = unknown.show(expected[unknown.name])
+            found.append(f"{label}: {shown} is {away:.1f} standard deviations of its prior from {prior}.")
     return found
 
 
@@ -158,21 +174,16 @@ def _starts(model: Model, effects: Sequence[Effect]) -> list[np.ndarray]:
     """Free coordinates to begin with [(K,) each]: as known, but an effect without a gradient at its null, which stands
     there, at each of its probes.
     """
-    found = [model.start.copy()]
+    found = [np.clip(model.start, *model.bounds)]
     for effect in effects:
         at_null = all(model.known[name] == null for name, null in effect.null.items())
-        if not (at_null and is_discrete(effect)):
-            continue
-        found = [_moved(model, point, probe) for point in found for probe in effect.probes]
+        if at_null and (isinstance(effect, GroundEffect) or any(map(effect.null_is_far, effect.null))):
+            found = [_moved(model, point, probe) for point in found for probe in effect.probes]
     return found
 
 
-def is_discrete(effect: Effect) -> bool:
-    largest = {name: max(abs(probe[name]) for probe in effect.probes) for name in effect.null}
-    return isinstance(effect, GroundEffect) or any(abs(v) > 10 * largest[n] for n, v in effect.null.items() if v)
-
-
 def _moved(model: Model, point: np.ndarray, values: dict[str, float]) -> np.ndarray:
+    """A point [(K,)] with other values of some unknowns [SI]."""
     moved = point.copy()
     for name, value in values.items():
         index = model.names.index(name)
@@ -181,7 +192,9 @@ def _moved(model: Model, point: np.ndarray, values: dict[str, float]) -> np.ndar
 
 
 def _contact(model: Model, starts: Sequence[np.ndarray]) -> tuple[int, int]:
-    """First frame in which the body touches the ground, and how many rollouts it took."""
+    """First frame in which the body touches the ground, and how many rollouts it took to see that; the number of frames
+    where it never does, or no motion is stable.
+    """
     for used, start in enumerate(starts, 1):
         try:
             low = model.path(start)[..., 1].amin(1).numpy() - model.physics.ground_height
@@ -193,15 +206,20 @@ def _contact(model: Model, starts: Sequence[np.ndarray]) -> tuple[int, int]:
 
 
 def _rows(problem: Problem, until: int, unknowns: int) -> np.ndarray:
-    """Which rows of an :class:`Objective` are of the first frames or of a prior [(D,), bool]."""
+    """Which rows of an :class:`Objective` are of the first frames or of a prior [(D + K,), bool]."""
     return np.append(np.nonzero(problem.fitted)[1] < until, np.ones(unknowns, bool))
 
 
 def _spans(problem: Problem, model: Model, mean: np.ndarray, deviation: np.ndarray) -> dict[int, tuple[float, float]]:
-    """Between which free coordinates the material is searched, by index."""
+    """Between which free coordinates the moduli are searched, by index."""
     low, high = np.clip((mean - WIDE * deviation, mean + WIDE * deviation), *model.bounds)
-    of_material = problem.physics.material.free_names
-    return {k: (low[k], high[k]) for k, name in enumerate(model.names) if name in of_material}
+    free = problem.physics.material.free_names
+    moduli = [k for k, p in enumerate(model.unknowns) if p.name in free and isinstance(p.transform, Log10)]
+    return {index: (low[index], high[index]) for index in moduli}
 
 
-WIDE = 1.5
+def _level(fits: Sequence[Fit], unknowns: int) -> float:
+    """Error of the residual in units of its weights, by what the best fit leaves; at least 1."""
+    if not fits:
+        return 1.0
+    return max(1.0, float(np.sqrt(fits[0].cost / max(len(fits[0].residual) - 2 * unknowns, 1))))

@@ -1,7 +1,7 @@
 """Nonlinear least squares for few unknowns and residuals that cost a simulation each (Levenberg 1944, Marquardt 1963).
 
-The Jacobian is measured by one-sided differences and then updated by what the steps show (Broyden 1965). A residual that
-cannot be computed because the simulation is unstable is a step that failed: the next one is shorter.
+The Jacobian is measured by one-sided differences and then updated by what the steps show (Broyden 1965). Where the
+residual cannot be computed, because the simulation is unstable, the step has failed, and the next one is shorter.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations, damped_step
+from pacnerf_lpo.identification.processes import each
 
 LONGEST_STEP = 5.0
 """Of an unknown's scale, at first. Steps of that length that gain what they promise double it, failures shorten it."""
@@ -82,8 +82,8 @@ def fit(
 
     Args:
         residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError anywhere but at the start.
-        start: free coordinates to begin with [(K,)], or a fit of this or a similar residual, whose Jacobian serves until
-            steps contradict it.
+        start: free coordinates to begin with [(K,)], or a fit of this or a similar residual, whose Jacobian serves
+            until steps contradict it.
         scales: noticeable change of each coordinate [(K,)]
         bounds: least and largest value of each [(K,), (K,)]
         iterations: accepted steps, at most.
@@ -120,8 +120,8 @@ class _Descent:
     ):
         self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
         known = start if isinstance(start, Fit) else None
-        self.free = np.clip(start if known is None else known.free, *bounds)
-        self.now = known.residual if known is not None and known.of is residual else self._at(self.free)
+        self.free = np.clip(start.free if isinstance(start, Fit) else start, *bounds)
+        self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
         self.damping, self.longest, self.age, self.surprises = 1e-2, LONGEST_STEP, 1, 0
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
@@ -165,7 +165,9 @@ class _Descent:
         it might have been longer; None where there is none.
         """
         for _ in range(ATTEMPTS):
-            low, high = (np.clip((bound - self.free) / self.scales, -self.longest, self.longest) for bound in self.bounds)
+            low, high = (
+                np.clip((bound - self.free) / self.scales, -self.longest, self.longest) for bound in self.bounds
+            )
             step = _step_within(self.scaled[self.rows], self.now[self.rows], self.damping, low, high)
             moved = np.abs(step).max()
             trial = np.clip(self.free + step * self.scales, *self.bounds)

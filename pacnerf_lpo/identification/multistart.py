@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, fit_or_none
+from pacnerf_lpo.identification.processes import each
 
 FIRST_AFTER_CONTACT = 2
 """Frames after the first contact that a search begins with: a stiffness shows in the second, not in the first."""
@@ -28,8 +28,8 @@ class Stage:
 
     residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
     scales, bounds: of the coordinates [(K,)], [(K,), (K,)], as for :func:`~.least_squares.fit`.
-    rows: which rows count, as a list [(D,), bool]. Fits go through it, each from where the one before ended. Points that
-        are only evaluated are ranked by each, and the best of each are kept. None in it: all rows.
+    rows: which rows count, as a list [(D,), bool]. Fits go through it, each from where the one before ended. Points
+        that are only evaluated are ranked by each, and the best of each are kept. None in it: all rows.
     keep: at most so many points or fits (evaluated points: by each of ``rows``).
     iterations: of a fit of each of ``rows``, at most; 0: points are evaluated only.
     spans: coordinates, by their index, that this stage tries elsewhere, each between two ends.
@@ -92,13 +92,13 @@ def multistart(
 
 
 def horizons(contact: int, frames: int) -> list[int]:
-    """Numbers of frames that are taken in one after the other: half of the fall, in which a body may turn only once, then
-    half as many again after contact each time, up to all.
+    """Numbers of frames that are taken in one after the other: half of the fall, in which a body may turn only once,
+    then twice as many after contact each time, up to all.
     """
     after, found = FIRST_AFTER_CONTACT, [contact // 2 + 1] if 2 <= contact < frames else []
     while contact + after < frames:
         found.append(contact + after)
-        after += max(after // 2, 1)
+        after *= 2
     return [*found, frames]
 
 
@@ -123,8 +123,8 @@ def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarra
 
 
 def _evaluated(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
-    known = [replace(s, rollouts=0) for s in tried if isinstance(s, Fit) and s.of is stage.residual]
-    points = [np.clip(_free(s), *stage.bounds) for s in tried if not (isinstance(s, Fit) and s.of is stage.residual)]
+    known = [replace(s, rollouts=0) for s in tried if isinstance(s, Fit) and s.of == stage.residual]
+    points = [np.clip(_free(s), *stage.bounds) for s in tried if not (isinstance(s, Fit) and s.of == stage.residual)]
     return [*known, *watch(each(_value, ((stage.residual, point) for point in points)), len(points))]
 
 
@@ -137,36 +137,33 @@ def _value(residual: Residual, point: np.ndarray) -> Fit | None:
 
 
 def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
-    """Fits from every start; one that stays far above the best one so far is given up."""
+    """Fits from every start; one that stays far above the best one so far is given up. What a stage before this one has
+    fitted by the same residual stays as it is.
+    """
     found: list[Fit | None] = []
-    lowest: list[float | None] = [None] * len(stage.rows)
+    lowest = [np.inf] * len(stage.rows)
     for start in watch(tried, len(tried)):
-        if isinstance(start, Fit) and start.of is stage.residual and start.jacobian is not None:
-            found.append(replace(start, rollouts=0))  # a stage before this one has fitted it
-            continue
-        now, used = start, 0
-        for place, rows in enumerate(stage.rows):
-            last = place == len(stage.rows) - 1
-            ended = fit_or_none(
-                stage.residual,
-                now,
-                stage.scales,
-                stage.bounds,
-                stage.iterations,
-                abort_above=lowest[place],
-                rows=rows,
-                confirm=stage.confirm and last,
-            )
-            if ended is None:
-                break
-            used += ended.rollouts
-            now, cost = ended, ended.cost_of(rows)
-            lowest[place] = min(cost, lowest[place] or np.inf)
+        if isinstance(start, Fit) and start.of == stage.residual and start.jacobian is not None:
+            found.append(replace(start, rollouts=0))
         else:
-            found.append(replace(ended, rollouts=used))
-            continue
-        found.append(None)
+            found.append(_through(stage, start, lowest))
     return found
+
+
+def _through(stage: Stage, start: np.ndarray | Fit, lowest: list[float]) -> Fit | None:
+    """Fits of the rows of a stage one after the other; None where the motion is unstable.
+
+    ``lowest`` is the least cost of each so far, and is kept up to date.
+    """
+    now, used, ended = start, 0, None
+    for place, rows in enumerate(stage.rows):
+        confirm = stage.confirm and place == len(stage.rows) - 1
+        settings = stage.residual, now, stage.scales, stage.bounds, stage.iterations
+        ended = fit_or_none(*settings, abort_above=lowest[place], rows=rows, confirm=confirm)
+        if ended is None:
+            return None
+        now, used, lowest[place] = ended, used + ended.rollouts, min(ended.cost_of(rows), lowest[place])
+    return replace(ended, rollouts=used) if ended else None
 
 
 def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:

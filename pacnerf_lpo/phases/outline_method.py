@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from copy import copy
 from typing import TYPE_CHECKING, TypeVar
@@ -14,24 +14,14 @@ from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
-from pacnerf_lpo.identification.least_squares import Fit, fit, fit_or_none, sensitivities
+from pacnerf_lpo.identification.least_squares import Fit, fit, sensitivities
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations
-from pacnerf_lpo.identification.multistart import (
-    HALVINGS,
-    MUCH_LOWER,
-    best_beside,
-    grown,
-    horizons,
-    points,
-    rivals,
-    shortlist,
-    span,
-)
+from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
 from pacnerf_lpo.identification.problem import StateProblem
-from pacnerf_lpo.identification.processes import check_jobs, each, processes
+from pacnerf_lpo.identification.processes import check_jobs, processes
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, finite_loss
 
@@ -40,18 +30,23 @@ if TYPE_CHECKING:
     from pacnerf_lpo.types import ParticleState
 
 Item = TypeVar("Item")
-FALL_ITERATIONS = 4
-SEARCH_ITERATIONS = 6
-FINER_ITERATIONS = 3
+FALL_ITERATIONS, SEARCH_ITERATIONS, FINER_ITERATIONS = 4, 6, 3
+HALVINGS = 1
+"""Of the time step: what needs a finer one is not worth its time in a search."""
 FINALISTS = 3
-"""Of the short fits on a coarse body: so many go on to the finer one."""
-GROWING = 6
-"""So many of the points that explain the first frames after contact best are followed over more and more frames."""
-GROWTH_ITERATIONS = 3
-NEXT_VALLEY = 0.5
-"""Of a log10 parameter: the valleys of a modulus that a plastic impact hardly tells lie about so far apart."""
+"""Optima of a coarse body that are followed on a finer one: its error moves them and changes their order."""
+RIVAL = 2.0
+"""Of the best cost: an optimum above it is not followed."""
+APART = 0.2
+"""Of its span in one of the coordinates: so far apart lie the points of a sample that are followed."""
+SAME = 0.5
+"""Scales: fits that end nearer to each other than that in every coordinate have found the same minimum."""
+NEIGHBOURS = (-0.5, 0.5)
+"""Decades: the local minima of a modulus that a plastic impact weakly identifies lie about so far apart."""
+MUCH_LOWER = 0.9
+"""Of the cost: between minima that differ by less, finer bodies decide."""
 FINER = 2
-"""So many times as many particles have the bodies that decide between valleys."""
+"""So many times as many particles have the bodies that decide between minima."""
 SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
@@ -61,11 +56,11 @@ class OutlineGaussNewton(GaussNewton):
     :mod:`pacnerf_lpo.identification.silhouette_moments`), relative to frame 0, instead of on pixels.
 
     No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
-    sample of the parameter space is tried on a coarse body, and short fits lead from points that lie well apart: from
-    the best by all frames, and from the best by the first frames after contact, whose fits take in more and more frames
-    (see :func:`~pacnerf_lpo.identification.multistart.grown`). From there the best go on with finer bodies, and at last
-    some start in the valleys beside the best. Where one there is a little better, fits of both with still finer bodies
-    decide. Shading, which pulls colours to a wrong motion, does not enter.
+    sample of the parameter space is tried on a coarse body. From its best points that lie well apart, by the first
+    frames after contact and by all, short fits take in more and more frames
+    (see :mod:`pacnerf_lpo.identification.multistart`). Their best optima go on with finer bodies, and at last some fits
+    start from neighbours of the best. Where two end about as low, fits of both with still finer bodies decide. Shading,
+    which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
@@ -118,75 +113,58 @@ class OutlineGaussNewton(GaussNewton):
                 self._search(module)
 
     def _search(self, module: PhysicsIDModule) -> None:
-        coarse = Misfit(module, self.coarse_particles)
-        spans = {parameter.name: self._span(module, parameter) for parameter in coarse.model.unknowns}
-        wide = {name: ends for name, ends in spans.items() if ends}
-        tried = points(coarse.model, wide, self.samples)
-        starts = shortlist(coarse.model, coarse.residual, tried, wide, self.starts, _bar)
-        starts = [*self._grown(module, tried, wide), *starts]
-        misfit, fits = self._fits(module, (self.coarse_particles, self.scan_particles), starts)
-        for until in self._horizons(module)[-2:]:
-            starts = [found.free for found in fits[:FINALISTS]]
-            misfit, fits = self._fits(module, (self.particles, self.coarse_particles), starts, until)
-        if fits:
-            free = list(module.free)
-            beside = best_beside(misfit.model, free, misfit.residual, fits[0], SEARCH_ITERATIONS, NEXT_VALLEY)
-            best = min(fits[0], beside, key=lambda found: found.misfit)
-            close = MUCH_LOWER * fits[0].misfit < beside.misfit < fits[0].misfit
-            self._set(module, misfit.model, self._on_finer(module, beside, fits[0]) if close else best.free)
-
-    def _grown(
-        self, module: PhysicsIDModule, tried: Sequence[np.ndarray], wide: Mapping[str, tuple[float, float]]
-    ) -> list[np.ndarray]:
-        """Where fits of more and more frames lead from the points that explain the first ones best [(K,) each].
-
-        Args:
-            module: supplies video, state and hit frame.
-            tried: points of which some are followed [(K,) each]
-            wide: spans of the coordinates that are searched.
-        """
-        until = self._horizons(module)
-        early = Misfit(module, self.coarse_particles, frames=until[0])
-        starts = shortlist(early.model, early.residual, tried, wide, GROWING, _bar)
-        misfits = (self._searched(module, (self.coarse_particles, self.scan_particles), frames) for frames in until)
-        stages = ((misfit.model, misfit.residual) for misfit in misfits)
-        return [found.free for found in grown(stages, starts, GROWTH_ITERATIONS, _bar)]
-
-    @staticmethod
-    def _horizons(module: PhysicsIDModule) -> list[int]:
-        return horizons(module.hit_frame, len(module.data.video.times))
+        points = Misfit(module, self.coarse_particles)
+        model, frames = points.model, len(module.data.video.times)
+        spans = {model.names.index(name): ends for name, ends in self._spans(module, model).items()}
+        widths = np.array([np.ptp(spans.get(index, (-np.inf, np.inf))) for index in range(len(model.names))])
+        rows = [points.rows(until) for until in horizons(module.hit_frame, frames)]
+        model.physics.most_halvings = HALVINGS
+        sample = Stage(
+            points.residual, model.scales, model.bounds, (rows[-min(len(rows), 3)], None), -(-self.starts // 2),
+            spans=spans, samples=self.samples, apart=APART * widths,
+        )  # fmt: skip
+        found = multistart([sample], [model.start], _bar).fits
+        misfit, found = self._fits(module, (self.coarse_particles, self.scan_particles), found, rows)
+        misfit, found = self._fits(module, (self.particles, self.coarse_particles), found, rows[-2:])
+        if not found:
+            return
+        moduli = {index: ends for index, ends in spans.items() if isinstance(model.unknowns[index].transform, Log10)}
+        neighbours = misfit.stage(keep=FINALISTS, spans=moduli, offsets=NEIGHBOURS, apart=SAME * model.scales)
+        best, *others = multistart([neighbours], found[:1], _bar).fits
+        if others and MUCH_LOWER * others[0].cost < best.cost:
+            best = min(self._on_finer(module, [best, others[0]]), key=lambda fit: fit.cost, default=best)
+        self._set(module, misfit.model, best.free)
 
     def _fits(
-        self, module: PhysicsIDModule, bodies: tuple[int, int], starts: list[np.ndarray], until: int | None = None
+        self,
+        module: PhysicsIDModule,
+        bodies: tuple[int, int],
+        starts: Sequence[Fit],
+        rows: Sequence[np.ndarray | None] = (None,),
     ) -> tuple[Misfit, list[Fit]]:
-        """Short fits of the first ``until`` frames (None: all), the best first, and of what; all at the same time step.
-        Every step costs some of the rebound, so a stiffness that needs half the step must not be compared with one that
-        does not.
+        """Short fits that end apart, the best first, and of what; all at the same time step. Every step costs some of
+        the rebound, so a stiffness that needs half the step must not be compared with one that does not.
         """
-        misfit = self._searched(module, bodies, until)
-        fits = rivals(misfit.model, misfit.residual, starts, SEARCH_ITERATIONS, _bar)
-        if not any(misfit.needs_shorter_step(found.free) for found in fits[:FINALISTS]):
-            return misfit, fits
+        misfit = self._searched(module, bodies)
+        found = multistart([misfit.stage(rows, FINALISTS, rival=RIVAL)], starts, _bar).fits
+        if not any(misfit.needs_shorter_step(fit.free) for fit in found):
+            return misfit, found
         module.physics.halvings += 1
-        return self._fits(module, bodies, [found.free for found in fits[:FINALISTS]], until)
+        return self._fits(module, bodies, found, rows[-1:])
 
     @staticmethod
-    def _searched(module: PhysicsIDModule, bodies: tuple[int, int], frames: int | None = None) -> Misfit:
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> Misfit:
         """The misfit of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
-        misfit = Misfit(module, *bodies, frames)
+        misfit = Misfit(module, *bodies)
         misfit.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
         return misfit
 
-    def _on_finer(self, module: PhysicsIDModule, beside: Fit, best: Fit) -> np.ndarray:
-        """Where the better of two fits leads with finer bodies [(K,)]: one pair of grids has an error that a wrong
-        valley fits, and another pair has another. Fits decide, not points: the bottoms of valleys lie elsewhere there.
+    def _on_finer(self, module: PhysicsIDModule, fits: Sequence[Fit]) -> list[Fit]:
+        """Where fits lead with finer bodies, the best first: one pair of grids has an error that a wrong minimum fits,
+        and another pair has another. Fits decide, not points: the bottoms of minima lie elsewhere there.
         """
         finer = self._searched(module, (FINER * self.particles, FINER * self.coarse_particles))
-        model = finer.model
-        settings = model.scales, model.bounds, FINER_ITERATIONS
-        starts = (np.clip(found.free, *model.bounds) for found in (beside, best))
-        fits = each(fit_or_none, ((finer.residual, start, *settings) for start in starts))
-        return min((found for found in fits if found is not None), key=lambda found: found.misfit, default=best).free
+        return multistart([finer.stage(iterations=FINER_ITERATIONS)], fits).fits
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
@@ -201,10 +179,17 @@ class OutlineGaussNewton(GaussNewton):
             with torch.no_grad():
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
-    def _span(self, module: PhysicsIDModule, parameter: Parameter) -> tuple[float, float] | None:
-        if parameter.name not in module.free:
-            return None
-        return span(parameter, module.free[parameter.name].item(), self.scan_decades)
+    def _spans(self, module: PhysicsIDModule, model: Model) -> dict[str, tuple[float, float]]:
+        """Between which free coordinates the unknowns of the module are searched, by their names."""
+        found = {}
+        for parameter in model.unknowns:
+            if parameter.name in module.free:
+                low, high = (parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds)
+                lattice = parameter.transform.lattice(module.free[parameter.name].item(), self.scan_decades)
+                inside = [point for point in lattice if low < point < high]
+                if len(inside) > 1:
+                    found[parameter.name] = min(inside), max(inside)
+        return found
 
     def _misfit(self, module: PhysicsIDModule) -> Misfit:
         if self._kept is None:
@@ -289,7 +274,7 @@ class PixelsAfterOutlines(GaussNewton):
         return loss, gradient, hessian
 
 
-def _bar(items: Iterator[Item], count: int) -> Iterable[Item]:
+def _bar(items: Iterable[Item], count: int) -> Iterable[Item]:
     return tqdm(items, "physics: search", count, leave=False)
 
 
@@ -337,11 +322,13 @@ class Misfit:
         self.model = problem.model(physics.effects, known)
         self.model.frames = frames
         self._weighted = problem.weighted_residual_of(self.model)
+        self._frames = np.nonzero(problem.fitted)[1]
         self._coarser = None if coarser is None else Misfit(module, coarser, None, frames, sunk)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
         free = np.clip(free, *self.model.bounds)
+        self.model.physics.halvings = 0
         found = np.append(self._weighted(free), self._unusual(free))
         if self._coarser is None:
             return found
@@ -350,13 +337,20 @@ class Misfit:
         coarse.physics.most_halvings = self.model.physics.most_halvings
         return found + (found - self._coarser.residual(free)) / (ratio**2 - 1)
 
+    def rows(self, frames: int) -> np.ndarray:
+        """Which rows of the residual are of the first frames, or of no frame [(D,), bool]."""
+        return np.append(self._frames < frames, np.ones(len(self._unusual(self.model.start)), bool))
+
+    def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
+        """Short fits of the misfit, as a stage of a search; arguments as of :class:`Stage`."""
+        settings = {"iterations": SEARCH_ITERATIONS, **more}
+        return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, **settings)
+
     def needs_shorter_step(self, free: np.ndarray) -> bool:
         """Whether a body is unstable at free coordinates [(K,)] with the time step that fits start with. Raises
         SimulationError where no step is short enough.
         """
         bodies = [found.model for found in (self, self._coarser) if found is not None]
-        for model in bodies:
-            model.physics.halvings = 0
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)
 

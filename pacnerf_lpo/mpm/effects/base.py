@@ -15,9 +15,7 @@ from pacnerf_lpo.mpm.point import Law, Point
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
 PROBES = 10.0
-"""Standard deviation of a coefficient in units of the farthest probe: a probe is what is just visible, and an effect ten
-times as strong is nothing unusual.
-"""
+"""Standard deviation of a coefficient in units of the farthest probe: ten times what is just visible is not unusual."""
 
 
 class Effect(ABC):
@@ -67,8 +65,13 @@ class Effect(ABC):
         parameter = self.parameters[name]
         tried, null = np.array([probe[name] for probe in self.probes]), self.null[name]
         free = np.array([parameter.transform.to_free(float(value)) for value in tried])
-        mean = free.mean() if abs(null) > FAR * np.abs(tried).max() else parameter.transform.to_free(null)
+        mean = free.mean() if self.null_is_far(name) else parameter.transform.to_free(null)
         return float(mean), max(PROBES * float(np.abs(free - mean).max()), parameter.prior(null)[1])
+
+    def null_is_far(self, name: str) -> bool:
+        """Whether the null of a coefficient stands for infinity."""
+        null = abs(self.null[name])
+        return null > 0 and null > FAR * max(abs(probe[name]) for probe in self.probes)
 
     @classmethod  # noqa: B027
     def check_material(cls, material: Material) -> None:
