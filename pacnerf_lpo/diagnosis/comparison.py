@@ -12,7 +12,7 @@ from pacnerf_lpo.diagnosis.shape_errors import shape_errors
 from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Residual, fit, sensitivities
+from pacnerf_lpo.identification.least_squares import fit, sensitivities
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
@@ -82,10 +82,20 @@ class Objective:
     deviations [(D + K,)], as a function of free coordinates [(K,)]; raises SimulationError.
     """
 
-    def __init__(self, residual: Residual, noise: NoiseModel, mean: np.ndarray, deviation: np.ndarray):
-        self.residual, self.noise, self.mean, self.deviation = residual, noise, mean, deviation
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        mask: np.ndarray,
+        noise: NoiseModel,
+        mean: np.ndarray,
+        deviation: np.ndarray,
+    ):
+        self.model, self.residual = model, problem.residual_of(model, mask)
+        self.noise, self.mean, self.deviation = noise, mean, deviation
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
+        self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
         standardised = self.noise.whiten_residual(self.residual(free))
         return np.concatenate((standardised, (free - self.mean) / self.deviation))
 
@@ -127,7 +137,7 @@ def compare(
     mask = problem.fitted
     directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
     noise = noise_of(problem, found, mask, directions)
-    objective = Objective(problem.residual_of(model, mask), noise, mean, deviation)
+    objective = Objective(problem, model, mask, noise, mean, deviation)
     best = fit(objective, free, model.scales, model.bounds, WHITENED_ITERATIONS, reporter(model, progress))
     residual = everywhere(best.free)
     jacobian = sensitivities(everywhere, best.free, residual, model.scales, model.bounds)

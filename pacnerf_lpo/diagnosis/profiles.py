@@ -38,7 +38,7 @@ def profile(
         )
     mask, index = problem.fitted, comparison.names.index(name)
     model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
-    objective = Objective(problem.residual_of(model, mask), noise, comparison.mean, comparison.deviation)
+    objective = Objective(problem, model, mask, noise, comparison.mean, comparison.deviation)
     others = np.arange(len(comparison.names)) != index
     changes = comparison.jacobian[mask] * comparison.deviation
     spread = float(spread_along(noise, comparison.residual[mask], changes)[index])

@@ -91,7 +91,7 @@ def refit(
     more = [*effects, candidate.effect]
     model = problem.model(more, {**comparison.known, **candidate.effect.guess})
     mean, deviation = priors(problem, model)
-    objective = Objective(problem.residual_of(model, mask), noise, mean, deviation)
+    objective = Objective(problem, model, mask, noise, mean, deviation)
     begun, rollouts = _starts(model, comparison, candidate, screening.score(candidate.name), mean), 0
     if searched:
         try:
