@@ -7,7 +7,7 @@ import copy
 import errno
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -18,6 +18,11 @@ from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
 from pytorch_lightning.utilities.warnings import PossibleUserWarning
 
+import pacnerf_lpo.mpm.effects
+import pacnerf_lpo.mpm.materials
+import pacnerf_lpo.phases.schedules
+import pacnerf_lpo.phases.static_grid
+import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.callbacks.progress import PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
@@ -179,12 +184,18 @@ class PhaseCLI(LightningCLI):
             raise RunError(message) from error
 
 
-def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], physics_class: type) -> int:
+def fit(
+    args: Sequence[str],
+    datamodule_class: type[pl.LightningDataModule],
+    physics_class: type,
+    finish: Callable[[Path, str | None], None],
+) -> int:
     """The command ``fit``; returns its exit status.
 
     Args:
         args: command line after ``fit``.
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
+        finish: called with the run directory and the truth to compare with, once all phases are done.
     """
     quieten_lightning()
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
@@ -195,20 +206,6 @@ def fit(args: Sequence[str], datamodule_class: type[pl.LightningDataModule], phy
         again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
-
-
-def finish(run_dir: Path, truth: str | None) -> None:
-    """Evaluate a complete run, show the evaluation in TensorBoard, and write the report."""
-    from pacnerf_lpo.callbacks.tensorboard import log_evaluation
-    from pacnerf_lpo.evaluation.evaluate import evaluate_run
-    from pacnerf_lpo.evaluation.run_directory import Run
-    from pacnerf_lpo.evaluation.tables import markdown_table
-    from pacnerf_lpo.report.html import write_report
-
-    results = evaluate_run(run_dir, truth)
-    log_evaluation(Run(run_dir), results)
-    print(markdown_table(results))
-    print(f"report: {write_report(run_dir)}")
 
 
 def check_truth(truth: str | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytorch_lightning as pl
 import torch
@@ -90,6 +91,10 @@ def arguments(run_dir, **phases: str) -> list[str]:
     return [*words, "--trainer.accelerator=cpu", "--outer_loop.rounds=1", "--trainer.log_every_n_steps=1"]
 
 
+def finish(run_dir: Path, truth: str | None) -> None:
+    """The fake particles cannot be rendered."""
+
+
 def main(words: list[str]) -> int:
     """``pacnerf-lpo fit`` with the fake classes."""
-    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics))
+    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics, finish))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from pacnerf_lpo import cli
 from pacnerf_lpo.__main__ import COMMANDS, main
 from pacnerf_lpo.errors import UserInputError
 from tests import fake_run
@@ -101,7 +100,7 @@ def test_a_failed_evaluation_keeps_the_fit(
     def broken(run_dir: Path, truth: str | None) -> None:
         raise ValueError("no font")
 
-    monkeypatch.setattr(cli, "finish", broken)
+    monkeypatch.setattr(fake_run, "finish", broken)
     assert fake_run.main(fake_run.arguments(tmp_path / "run")) == 1
     assert "the fit is complete but its evaluation failed" in capsys.readouterr().err
     assert '"finished"' in (tmp_path / "run" / "manifest.json").read_text()

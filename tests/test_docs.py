@@ -17,7 +17,7 @@ import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names know
 from pacnerf_lpo.__main__ import COMMANDS
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.mpm import effects
+from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.simulator import Simulator
 
@@ -88,19 +88,17 @@ def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
     shown = re.findall(r"`((?:configs|notebooks|benchmarks|tests)/[\w/.]+)`", text)
-    inside = re.findall(r"`((?:mpm|phases|data)/[\w/.]+)`", text)
+    inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
     assert links or shown
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
         assert (ROOT / name).exists(), name
 
 
 def test_table_of_effects_is_complete():
-    for name in effects.__all__:
-        kind = getattr(effects, name)
-        if hasattr(kind, "parameters"):
-            units = [f" [{p.unit}]" if p.unit != "1" else "" for p in kind.parameters.values()]
-            listed = ", ".join(f"`{own}`{unit}" for own, unit in zip(kind.parameters, units, strict=True))
-            assert f"| `{name}` | {listed} | {kind.signature} |" in CONTRIBUTING.read_text(), name
+    for kind in known_classes():
+        name, units = kind.__name__, [f" [{p.unit}]" if p.unit != "1" else "" for p in kind.parameters.values()]
+        listed = ", ".join(f"`{own}`{unit}" for own, unit in zip(kind.parameters, units, strict=True))
+        assert f"| `{name}` | {listed} | {kind.signature} |" in CONTRIBUTING.read_text(), name
 
 
 def test_recipes_parse(recipes: Path, tmp_path: Path):

@@ -24,11 +24,15 @@ from pacnerf_lpo.diagnosis.diagnose import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import CameraDrift, CameraShift, CentralForce, LinearDrag, ShearThinning
+from pacnerf_lpo.mpm.effects import CentralForce, LinearDrag, ShearThinning
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, LPOModule, PhysicsIDModule
+from pacnerf_lpo.render.camera_faults import (
+    CameraDrift,
+    CameraShift,
+)
 from tests.phases.conftest import FRAMES, TRUTH, block, film
 from tests.phases.test_dynamic_phases import HIT, run
 from tests.test_docs import CONTRIBUTING, blocks

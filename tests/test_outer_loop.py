@@ -16,7 +16,7 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo import cli, manifest, outer_loop
+from pacnerf_lpo import manifest, outer_loop
 from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
@@ -25,10 +25,7 @@ from tests import fake_run
 STEMS = ["00_static", "01_velocity", "02_r1_physics", "03_r1_correction"]
 
 
-@pytest.fixture(autouse=True)
-def no_evaluation(monkeypatch: pytest.MonkeyPatch, small_threads: None) -> None:
-    """The fake particles cannot be rendered."""
-    monkeypatch.setattr(cli, "finish", lambda run_dir, truth: None)
+pytestmark = pytest.mark.usefixtures("small_threads")
 
 
 def read_manifest(run_dir: Path) -> dict:

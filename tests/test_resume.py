@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from pacnerf_lpo import cli
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
+from pacnerf_lpo.commands import fit as fit_command
 from pacnerf_lpo.types import ParticleState
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
@@ -34,7 +34,7 @@ def fit(run_dir: Path, correction: str, method: tuple[str, ...], *options: str) 
 
 @pytest.fixture(autouse=True)
 def no_evaluation(monkeypatch: pytest.MonkeyPatch, small_threads: None) -> None:
-    monkeypatch.setattr(cli, "finish", lambda run_dir, truth: None)
+    monkeypatch.setattr(fit_command, "finish", lambda run_dir, truth: None)
 
 
 @pytest.fixture

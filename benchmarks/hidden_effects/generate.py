@@ -19,10 +19,10 @@ from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
 from benchmarks.hidden_effects.plan import Plan, plan
 from benchmarks.hidden_effects.setting import FAST, FULL, Setting, Size, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, Sized, course_of
-from pacnerf_lpo.diagnosis.catalogue import name_of
+from pacnerf_lpo.diagnosis.catalogue import known_classes, name_of
 from pacnerf_lpo.errors import RunError, SimulationError, UserInputError
-from pacnerf_lpo.mpm import effects as known_effects
-from pacnerf_lpo.mpm.effects.base import Effect, Observation
+from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.render.camera_faults import Observation
 
 ATTEMPTS = 8
 TWINS = 8
@@ -106,7 +106,7 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
 
 
 def _at_null(name: str, size: Size, random: np.random.Generator) -> Effect:
-    kind = getattr(strangers, name, None) or getattr(known_effects, name)
+    kind = getattr(strangers, name, None) or next(kind for kind in known_classes() if kind.__name__ == name)
     return kind(view=int(random.integers(size.views))) if issubclass(kind, Observation) else kind()
 
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import yaml
 
-import pacnerf_lpo.commands.fit  # noqa: F401  (short class names in YAML exist once their modules are imported)
 from pacnerf_lpo import __version__
 from pacnerf_lpo.cli import PhaseCLI, quieten_lightning
 from pacnerf_lpo.data.assets import resolve_root

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import time
+from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.diagnosis.diagnose import RESULT, Options, Step
 from pacnerf_lpo.diagnosis.diagnose import diagnose as find
 from pacnerf_lpo.identification.problem import PARTICLES
+from pacnerf_lpo.report.diagnosis import write_page
+from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 
 def run(
@@ -60,6 +63,8 @@ def run(
         folder = find(
             run_dir, phase, options, lambda text: print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
         )
+    write_page(folder)
+    log_diagnosis(Path(run_dir))
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     print("\n".join([verdict["sentence"], *verdict["details"]]))
     print(f"results: {folder}")

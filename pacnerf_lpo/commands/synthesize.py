@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names exist once their modules are imported)
 from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.shapes import Ball, Block, Shape, Torus, fill
 from pacnerf_lpo.data.synthetic import hemisphere_rig, write_scene

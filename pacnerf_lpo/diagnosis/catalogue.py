@@ -13,8 +13,10 @@ from jsonargparse import ArgumentError, ArgumentParser
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import effects as known_effects
-from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect, Observation
+from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.render import camera_faults
+from pacnerf_lpo.render.camera_faults.base import Observation
 
 PACKAGE = __name__.split(".")[0]
 FAR = 10.0
@@ -76,9 +78,14 @@ def whole_catalogue(material: Material, views: Sequence[int], installed: Sequenc
         views: file ids of the cameras.
         installed: effects that the model has.
     """
-    classes = [getattr(known_effects, name) for name in known_effects.__all__]
-    made = [effect for kind in classes if hasattr(kind, "parameters") for effect in _instances(kind, views)]
+    made = [effect for kind in known_classes() for effect in _instances(kind, views)]
     return candidates(made, material, installed)
+
+
+def known_classes() -> list[type[Effect]]:
+    """The effects and camera faults of the package, by name."""
+    found = {name: getattr(home, name) for home in (known_effects, camera_faults) for name in home.__all__}
+    return [kind for _, kind in sorted(found.items()) if hasattr(kind, "parameters")]
 
 
 def read_candidates(path: Path, material: Material, installed: Sequence[Effect]) -> list[Candidate]:

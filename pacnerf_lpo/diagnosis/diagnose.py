@@ -46,8 +46,6 @@ from pacnerf_lpo.identification.processes import check_jobs, processes
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Parameter
-from pacnerf_lpo.report.diagnosis import write_page
-from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 Step = Literal["compare", "localise", "screen", "refit"]
 RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
@@ -112,8 +110,6 @@ def diagnose(run_dir: str | Path, stem: str | None, options: Options, progress: 
             problem.first_guess = store.once("search", step)
         rounds = investigate(problem, store, options, progress)
     pictures.write_pictures(problem, rounds, store.folder)
-    write_page(store.folder)
-    log_diagnosis(problem.run.run_dir)
     return store.folder
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.statistics.residual_force import Law
 from pacnerf_lpo.mpm.parameters import Parameter
-from pacnerf_lpo.report.quantities import quantity
+from pacnerf_lpo.quantities import quantity
 
 NOTHING = "Nothing detectable is missing: what the model leaves over is no more than its own numerical error."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
@@ -113,11 +113,3 @@ def force(explained: float, held: float, law: Law) -> list[str]:
     else:
         found.append("No simple law describes that force: it follows neither place nor velocity.")
     return found
-
-
-NOT_IDENTIFIABLE = (
-    "Motion alone gives E / rho, eta / rho and yield stress / rho, not the density itself.",
-    "A time offset common to all cameras looks like another initial position and velocity.",
-    "Another strength of gravity looks like another length scale.",
-    "A tilt of the world looks like a uniform sideways force.",
-)

@@ -18,6 +18,7 @@ from torch import Tensor
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.scene.colour import ColourNetwork
@@ -71,7 +72,7 @@ def simulate(run: Run, stage: Stage) -> Tensor:
 
 def observer_of(run: Run, stage: Stage) -> Observer:
     """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
-    return Observer(run.physics.observations, _values(run, stage)) if stage.moves else AS_BELIEVED
+    return Observer(faults_of(run.physics.effects), _values(run, stage)) if stage.moves else AS_BELIEVED
 
 
 def velocity_of(run: Run, stage: Stage) -> Tensor:

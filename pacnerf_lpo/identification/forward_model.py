@@ -17,6 +17,7 @@ from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
+from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer, project
 from pacnerf_lpo.types import Video
 
@@ -177,7 +178,7 @@ class Model:
         return found
 
     def _concerned(self, view_id: int) -> bool:
-        return any(effect.concerns(view_id) for effect in self.physics.observations)
+        return any(effect.concerns(view_id) for effect in faults_of(self.physics.effects))
 
     def _velocity(self, free: np.ndarray | None) -> Tensor:
         values = self.physical(self.start if free is None else free)
@@ -186,7 +187,7 @@ class Model:
     def _observer(self, free: np.ndarray) -> Observer:
         values = self.physical(free)
         tensors = {name: torch.tensor(value) for name, value in values.items()}
-        return Observer(self.physics.observations, tensors)
+        return Observer(faults_of(self.physics.effects), tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the

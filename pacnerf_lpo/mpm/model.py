@@ -14,7 +14,6 @@ from pacnerf_lpo.mpm.effects.base import (
     GroundEffect,
     InitialState,
     LawEffect,
-    Observation,
     Softening,
 )
 from pacnerf_lpo.mpm.ground import Ground, Sticky
@@ -53,7 +52,7 @@ def check_model(where: str, material: Material, ground: Ground, effects: Sequenc
 def local_laws(material: Material, ground: Ground, effects: Sequence[Effect]) -> tuple[LocalLaws, dict[str, float]]:
     """What the kernels of a checked model are compiled from, and the coefficients that follow those of the material."""
     grounds = of_kind(effects, GroundEffect)
-    inside = [effect for effect in effects if not isinstance(effect, (InitialState, Observation))]
+    inside = [effect for effect in effects if effect.acts_on_motion and not isinstance(effect, InitialState)]
     own = {} if grounds else ground.guess
     values = {**own, **{k: v for effect in inside for k, v in (*effect.guess.items(), *effect.constants.items())}}
     laws = LocalLaws(

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.mpm.effects.base import Effect, InitialState, Observation
+from pacnerf_lpo.mpm.effects.base import Effect, InitialState
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.model import check_model
@@ -102,14 +102,9 @@ class Physics:
         return [*self.material.free_names, *ground, *(name for effect in self.effects for name in effect.parameters)]
 
     @property
-    def observations(self) -> tuple[Observation, ...]:
-        """The effects on the cameras, which change no motion."""
-        return tuple(effect for effect in self.effects if isinstance(effect, Observation))
-
-    @property
     def _moving(self) -> tuple[Effect, ...]:
         """The effects on the motion."""
-        return tuple(effect for effect in self.effects if not isinstance(effect, Observation))
+        return tuple(effect for effect in self.effects if effect.acts_on_motion)
 
     @property
     def substeps(self) -> int:

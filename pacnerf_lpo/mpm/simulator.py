@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import runtime
-from pacnerf_lpo.mpm.effects.base import Effect, InitialState, LawEffect, Observation
+from pacnerf_lpo.mpm.effects.base import Effect, InitialState, LawEffect
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.model import check_model, local_laws, of_kind
@@ -84,7 +84,7 @@ class Simulator:
         self._real = runtime.TORCH_REAL[dtype]
         check_model("Simulator", material, self.ground, self.effects)
         laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
-        moving = [effect for effect in self.effects if not isinstance(effect, Observation)]
+        moving = [effect for effect in self.effects if effect.acts_on_motion]
         self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
         threads = runtime.start(self._device.type)
         self._engine = Engine(

@@ -13,6 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.types import ParticleState
 
@@ -89,7 +90,7 @@ class DynamicPhase(AbstractPhase):
         Returns:
             Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
         """
-        if not self.physics.observations:
+        if not faults_of(self.physics.effects):
             return trajectory[None], AS_BELIEVED
         start = self.physics.initial_velocity(
             trajectory[0],
@@ -98,9 +99,9 @@ class DynamicPhase(AbstractPhase):
             parameters,
             self.state.spacings,
         )
-        names = [name for effect in self.physics.observations for name in effect.parameters]
+        names = [name for effect in faults_of(self.physics.effects) for name in effect.parameters]
         now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
-        observer = Observer(self.physics.observations, now)
+        observer = Observer(faults_of(self.physics.effects), now)
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
@@ -133,7 +134,7 @@ def check_frame_rate(data: VideoData, physics: Physics) -> None:
 def check_cameras(data: VideoData, physics: Physics) -> None:
     """Raise UserInputError when an effect names a camera that the training views do not show."""
     used = [data.video.view_ids[index] for index in data.train]
-    for effect in physics.observations:
+    for effect in faults_of(physics.effects):
         if effect.view is not None and effect.view not in used:
             raise UserInputError(
                 f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.levenberg_marquardt import LevenbergMarquardt, NormalEquations
+from pacnerf_lpo.render.camera_faults.base import faults_of
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -236,7 +237,7 @@ class GaussNewton(IdentificationMethod):
         watched = [module.watch(path, module.velocity, module.values())]
         probes = torch.tensor(module.scales, dtype=torch.float64) * PROBE
         entries = [(unknown, index) for unknown in module.unknowns for index in range(unknown.numel())]
-        cameras = {id(module.free[name]) for effect in module.physics.observations for name in effect.parameters}
+        cameras = {id(module.free[name]) for effect in faults_of(module.physics.effects) for name in effect.parameters}
         for (unknown, index), probe in zip(entries, probes, strict=True):
             before = unknown.detach().clone()
             unknown.view(-1)[index] += float(probe)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
-from pacnerf_lpo.mpm.effects.base import Observation
+from pacnerf_lpo.render.camera_faults.base import Observation
 from pacnerf_lpo.types import Rays, Video
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ LONGEST_NEWTON_STEP = 0.2  # in image coordinates, keeps pixels beyond a fold of
 class Observer:
     """Observation effects with values of their coefficients; by default, cameras that are as they are believed to be.
 
-    observations: the effects, as in ``physics.observations``
+    observations: the effects, see :func:`~pacnerf_lpo.render.camera_faults.base.faults_of`
     values: every parameter of theirs by name [SI, scalars]; others are not looked at
     """
 

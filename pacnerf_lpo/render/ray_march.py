@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.render.segments import segment_copy, segment_sum
-from pacnerf_lpo.scene.activation import alpha, optical_depth, sample_length
+from pacnerf_lpo.scene.activation import optical_depth, sample_length
 from pacnerf_lpo.scene.colour import ColourNetwork
+from pacnerf_lpo.scene.occupancy import occupied_cells
 from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, stencil, weights_of
 from pacnerf_lpo.types import FieldGrid, Rays
 
@@ -165,20 +166,6 @@ def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stenci
         along = rays.directions.index_select(0, ray) * distance.index_select(0, keep)[:, None]
         return stencil(rays.origins.index_select(0, ray) + along, grid.lower, grid.dx, shape), lengths
     return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
-
-
-def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
-    """True where alpha reaches ``min_alpha`` at one of the cell's corners [(X, Y, Z), bool], cells by lowest node.
-
-    Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
-    """
-    occupied = alpha(grid.density.detach(), delta) >= min_alpha
-    for axis in range(3):
-        shifted = torch.zeros_like(occupied)
-        count = occupied.shape[axis] - 1
-        shifted.narrow(axis, 0, count).copy_(occupied.narrow(axis, 1, count))
-        occupied = occupied | shifted
-    return occupied
 
 
 def _compose(density: Tensor, lengths: Tensor, delta: float) -> tuple[Tensor, Tensor]:

@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.pictures import PICTURES
-from pacnerf_lpo.diagnosis.wording import NOT_IDENTIFIABLE
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.encoding import atlas, atlas_columns
 
-RESULT_FILE, PAGE_FILE = "diagnosis.json", "diagnosis.html"
+RESULT_FILE, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
 IMAGE_BUDGET = 5_000_000
 QUALITIES = (75, 55, 35)
 STYLES = ("report.css", "diagnosis.css")
@@ -29,7 +27,7 @@ SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis.js")
 def write_page(folder: Path) -> Path:
     """Write ``diagnosis.html`` beside the ``diagnosis.json`` and ``pictures.npz`` of a diagnosis; returns its path."""
     result = json.loads((folder / RESULT_FILE).read_text())
-    with np.load(folder / PICTURES) as pictures:
+    with np.load(folder / PICTURES_FILE) as pictures:
         images = build_images(dict(pictures))
     path = folder / PAGE_FILE
     write_atomically(path, render_page(result, images).encode())
@@ -89,7 +87,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         parameters=sections.parameter_table(result),
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
         undetermined=sections.bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",
-        limits=sections.bullets(NOT_IDENTIFIABLE),
+        limits=sections.bullets(words.NOT_IDENTIFIABLE),
         experiments=sections.bullets(advice) or "<p>No two of the effects in question look alike here.</p>",
         bounds=sections.bounds_table(result),
     )

@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pacnerf_lpo.quantities import quantity, symbol
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_words import Result
-from pacnerf_lpo.report.quantities import quantity, symbol
 
 RANKED, CONFOUNDED = 15, 12
 WIDTH_90 = 1.645

@@ -12,6 +12,13 @@ from pacnerf_lpo.diagnosis.rounds import BY_ITSELF, MORE_THAN_NOISE
 
 Result = Mapping[str, Any]
 
+NOT_IDENTIFIABLE = (
+    "Motion alone gives E / rho, eta / rho and yield stress / rho, not the density itself.",
+    "A time offset common to all cameras looks like another initial position and velocity.",
+    "Another strength of gravity looks like another length scale.",
+    "A tilt of the world looks like a uniform sideways force.",
+)
+
 
 @dataclass(frozen=True)
 class Light:

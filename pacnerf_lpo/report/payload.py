@@ -11,9 +11,9 @@ import torch
 from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report.curves import Curve, read_curves
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quantised
-from pacnerf_lpo.report.quantities import symbol
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.types import ParticleState

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pacnerf_lpo.evaluation.tables import describe_error, phases_to_result, result_phase, round_rows
-from pacnerf_lpo.report.quantities import duration, quantity, symbol
+from pacnerf_lpo.quantities import duration, quantity, symbol
 from pacnerf_lpo.report.verdict import explained
 
 

@@ -4,16 +4,49 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import torch
 from torch import Tensor
 
+from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
+from pacnerf_lpo.evaluation.prediction import predict
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.report.residual_colours import comparison_panel
 
-if TYPE_CHECKING:
-    from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
-
 TITLE = "rendered | measured | residual (orange: model darker, blue: brighter)"
+
+
+def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
+    """Show what an evaluation measured: image metrics and rendered-vs-measured images at the last step of each phase.
+
+    Args:
+        run: the run.
+        results: what ``evaluate_run`` returned.
+    """
+    step = 0
+    for stage, result in zip(run.stages, results["phases"], strict=True):
+        logger = PhaseLogger(run.run_dir, stage.record.phase, step)
+        step += stage.record.steps
+        for views, metrics in (result.get("image_metrics") or {}).items():
+            numbers = {f"{name} ({views} views)": value for name, value in (metrics or {}).items()}
+            logger.log_metrics({k: v for k, v in numbers.items() if isinstance(v, float)}, stage.record.steps)
+        if "images" in result:
+            _log_comparisons(logger, run, stage)
+        if stage is run.last:
+            logger.experiment.add_custom_scalars(scalar_layout(results))
+        logger.finalize("success")
+
+
+def _log_comparisons(logger: PhaseLogger, run: Run, stage: Stage) -> None:
+    """First, middle and last frame of the first training and the first test view."""
+    video, images = run.data.video, predict(run, stage).images
+    frames = sorted({0, images.shape[1] // 2, images.shape[1] - 1})
+    for view in [*run.data.train[:1], *run.data.test[:1]]:
+        for frame in frames:
+            predicted = torch.from_numpy(images[view, frame].copy()).float() / 255
+            tag = f"view {video.view_ids[view]}, frame {video.frame_ids[frame]}"
+            log_comparison(logger, tag, predicted, video.images[view, frame], stage.record.steps)
 
 
 def log_comparison(logger: PhaseLogger, tag: str, predicted: Tensor, measured: Tensor, step: int) -> None:

@@ -5,8 +5,11 @@ import yaml
 
 from pacnerf_lpo.diagnosis.catalogue import as_config, read_candidates, whole_catalogue
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import CameraShift, GroundFriction, LinearDrag, QuadraticDrag
+from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, QuadraticDrag
 from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
+from pacnerf_lpo.render.camera_faults import (
+    CameraShift,
+)
 
 
 def names(material, views=(3, 7), installed=()):

@@ -17,8 +17,6 @@ from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
 from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.identification.problem import absolute, relative
 from pacnerf_lpo.mpm.effects import (
-    CameraRotation,
-    CameraShift,
     DensityGradient,
     GravityMagnitude,
     InitialSpin,
@@ -26,11 +24,15 @@ from pacnerf_lpo.mpm.effects import (
     LinearDrag,
     QuadraticDrag,
     StiffnessGradient,
-    TimeOffset,
     UniformForce,
     YieldStress,
 )
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.render.camera_faults import (
+    CameraRotation,
+    CameraShift,
+    TimeOffset,
+)
 
 
 def refitted(effect: Effect, removed: float, accepted: bool = True, misfit: float = 100.0) -> SimpleNamespace:

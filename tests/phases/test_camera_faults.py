@@ -9,11 +9,18 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import CameraRotation, CameraShift, Exposure, InitialSpin, RadialDistortion, TimeOffset
+from pacnerf_lpo.mpm.effects import InitialSpin
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, LPOModule, PaperAdam, PhysicsIDModule, VelocityModule
 from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.render.camera_faults import (
+    CameraRotation,
+    CameraShift,
+    Exposure,
+    RadialDistortion,
+    TimeOffset,
+)
 from pacnerf_lpo.render.observation import Observer
 from tests.phases.conftest import FRAMES, TRUTH, VELOCITY, cameras, film
 from tests.phases.test_dynamic_phases import HIT, run

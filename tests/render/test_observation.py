@@ -10,7 +10,9 @@ import torch
 
 from pacnerf_lpo.data.cameras import pixel_rays
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import (
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.render.camera_faults import (
     CameraDrift,
     CameraRotation,
     CameraShift,
@@ -19,8 +21,6 @@ from pacnerf_lpo.mpm.effects import (
     RadialDistortion,
     TimeOffset,
 )
-from pacnerf_lpo.mpm.materials import NeoHookean
-from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.render.observation import Observer, between_frames, project, seen_positions
 from pacnerf_lpo.types import Video
 

@@ -19,8 +19,8 @@ def faulty_run(folder: Path) -> Run:
     write_example_run(folder, frames=2)
     config = yaml.safe_load((folder / "config.yaml").read_text())
     config["physics"]["effects"] = [
-        {"class_path": "pacnerf_lpo.mpm.effects.Exposure", "init_args": {"gain": GAIN, "view": 4}},
-        {"class_path": "pacnerf_lpo.mpm.effects.CameraShift", "init_args": {"shift_x": SHIFT, "view": 8}},
+        {"class_path": "pacnerf_lpo.render.camera_faults.Exposure", "init_args": {"gain": GAIN, "view": 4}},
+        {"class_path": "pacnerf_lpo.render.camera_faults.CameraShift", "init_args": {"shift_x": SHIFT, "view": 8}},
     ]
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     return Run(folder)

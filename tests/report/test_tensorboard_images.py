@@ -13,10 +13,10 @@ import torch
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo.callbacks.tensorboard import PhaseLogger, log_evaluation
+from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.report.residual_colours import NEGATIVE
-from pacnerf_lpo.report.tensorboard_images import log_comparison, scalar_layout
+from pacnerf_lpo.report.tensorboard_images import log_comparison, log_evaluation, scalar_layout
 
 
 def events_of(folder) -> EventAccumulator:

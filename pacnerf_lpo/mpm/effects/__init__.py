@@ -7,42 +7,31 @@ from pacnerf_lpo.mpm.effects.base import (
     GroundEffect,
     InitialState,
     LawEffect,
-    Observation,
     Softening,
 )
-from pacnerf_lpo.mpm.effects.camera_drift import CameraDrift
-from pacnerf_lpo.mpm.effects.camera_rotation import CameraRotation
-from pacnerf_lpo.mpm.effects.camera_shift import CameraShift
 from pacnerf_lpo.mpm.effects.central_force import CentralForce
 from pacnerf_lpo.mpm.effects.cohesion import Cohesion
 from pacnerf_lpo.mpm.effects.density_gradient import DensityGradient
-from pacnerf_lpo.mpm.effects.exposure import Exposure
 from pacnerf_lpo.mpm.effects.gravity_magnitude import GravityMagnitude
 from pacnerf_lpo.mpm.effects.ground_friction import GroundFriction
 from pacnerf_lpo.mpm.effects.initial_spin import InitialSpin
 from pacnerf_lpo.mpm.effects.kelvin_voigt import KelvinVoigt
 from pacnerf_lpo.mpm.effects.linear_drag import LinearDrag
 from pacnerf_lpo.mpm.effects.quadratic_drag import QuadraticDrag
-from pacnerf_lpo.mpm.effects.radial_distortion import RadialDistortion
 from pacnerf_lpo.mpm.effects.shear_thinning import ShearThinning
 from pacnerf_lpo.mpm.effects.stiffness_gradient import StiffnessGradient
 from pacnerf_lpo.mpm.effects.surface_tension import SurfaceTension
 from pacnerf_lpo.mpm.effects.thermal_softening import ThermalSoftening
-from pacnerf_lpo.mpm.effects.time_offset import TimeOffset
 from pacnerf_lpo.mpm.effects.uniform_force import UniformForce
 from pacnerf_lpo.mpm.effects.yield_stress import YieldStress
 
 __all__ = [
     "Adhesion",
     "BodyForce",
-    "CameraDrift",
-    "CameraRotation",
-    "CameraShift",
     "CentralForce",
     "Cohesion",
     "DensityGradient",
     "Effect",
-    "Exposure",
     "GravityMagnitude",
     "GroundEffect",
     "GroundFriction",
@@ -51,15 +40,12 @@ __all__ = [
     "KelvinVoigt",
     "LawEffect",
     "LinearDrag",
-    "Observation",
     "QuadraticDrag",
-    "RadialDistortion",
     "ShearThinning",
     "Softening",
     "StiffnessGradient",
     "SurfaceTension",
     "ThermalSoftening",
-    "TimeOffset",
     "UniformForce",
     "YieldStress",
 ]

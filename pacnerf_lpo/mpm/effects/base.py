@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -31,6 +30,7 @@ class Effect(ABC):
     separating_experiment: one sentence: which other recording would separate it from those.
     like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
+    acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
     Args:
@@ -51,6 +51,7 @@ class Effect(ABC):
     separating_experiment: ClassVar[str] = ""
     like_shape: ClassVar[bool] = False
     one_sided: ClassVar[bool] = False
+    acts_on_motion: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__
@@ -151,58 +152,3 @@ class InitialState(Effect):
     def velocity_gradient(c: SimpleNamespace) -> Tensor | None:
         """What it adds to the velocity gradient of every particle [1/s, (3, 3)]; None: nothing. Torch."""
         return None
-
-
-class Observation(Effect):
-    """An effect on what the cameras see: it changes no motion, and never enters the engine. All methods are the
-    identity unless overridden; plain torch, differentiable in the coefficients.
-
-    Two cameras may be wrong in the same way, so the parameters of an effect on one view carry its id: ``gain`` becomes
-    ``gain_view3``. The methods receive the coefficients by the short names.
-
-    Args:
-        guess: value of every parameter [SI], by its short name.
-        view: file id of the one camera that is concerned; None: all of them.
-    """
-
-    def __init__(self, guess: Mapping[str, float], view: int | None = None):
-        self.view, self._suffix = view, "" if view is None else f"_view{view}"
-        of_view = "" if view is None else f" of view {view}"
-        self.parameters = {
-            self.full_name(name): replace(parameter, name=self.full_name(name), label=parameter.label + of_view)
-            for name, parameter in self.parameters.items()
-        }
-        self.null = self._renamed(self.null)
-        self.probes = tuple(map(self._renamed, self.probes))
-        super().__init__(self._renamed(guess))
-
-    def full_name(self, name: str) -> str:
-        """The unique name of a parameter, from its short one."""
-        return name + self._suffix
-
-    def coefficients(self, values: Mapping[str, Tensor]) -> SimpleNamespace:
-        """What the methods receive, from the values of all parameters by their unique names."""
-        return SimpleNamespace(**{name: values[self.full_name(name)] for name in type(self).parameters})
-
-    def concerns(self, view: int) -> bool:
-        """Whether this camera (file id) is concerned."""
-        return self.view is None or self.view == view
-
-    def time(self, t: Tensor, c: SimpleNamespace) -> Tensor:
-        """Time [s] at which the world is seen in the frame stamped ``t`` [s], both since frame 0."""
-        return t
-
-    def camera(self, view: int, c2w: Tensor, t: float, c: SimpleNamespace) -> Tensor:
-        """Pose of camera ``view`` at time ``t`` [s], given the believed one [(3, 4), to world, OpenGL axes, m]."""
-        return c2w
-
-    def image_plane(self, view: int, uv: Tensor, c: SimpleNamespace) -> Tensor:
-        """Observed image coordinates, from the ideal ones of a pinhole [x / z and y / z, (..., 2)]."""
-        return uv
-
-    def colour(self, view: int, colour: Tensor, t: float, c: SimpleNamespace) -> Tensor:
-        """Observed colour, from the true one [0..1, (..., 3)], at time ``t`` [s]."""
-        return colour
-
-    def _renamed(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {self.full_name(name): float(value) for name, value in values.items()}

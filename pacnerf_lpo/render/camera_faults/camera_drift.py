@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import Observation
-from pacnerf_lpo.mpm.effects.camera_shift import moved_in_its_plane
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.render.camera_faults.base import Observation
+from pacnerf_lpo.render.camera_faults.camera_shift import moved_in_its_plane
 
 SPEED = (-10.0, 10.0)  # m/s
 

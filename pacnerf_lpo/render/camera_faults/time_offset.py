@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import Observation
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.render.camera_faults.base import Observation
 
 
 class TimeOffset(Observation):

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import Observation
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.render.camera_faults.base import Observation
 
 REACH = (-1.0, 1.0)  # m
 
