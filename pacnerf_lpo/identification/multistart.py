@@ -37,7 +37,7 @@ class Stage:
     offsets: changes of each coordinate of ``spans``, one at a time, at the best of what was kept; tried besides.
     apart: two points or fits are the same if they differ by less in all coordinates [(K,)]; None: by the longest first
         step of a fit, which a fit from one of them bridges at once.
-    rival: a fit that ends above this multiple of the best cost is not kept.
+    rival: a point or fit above this multiple of the best cost is not kept; None: all are.
     confirm: a fit ends only with a Jacobian that was measured there.
     """
 
@@ -51,7 +51,7 @@ class Stage:
     samples: int = 0
     offsets: Sequence[float] = ()
     apart: np.ndarray | None = None
-    rival: float = np.inf
+    rival: float | None = None
     confirm: bool = False
 
 
@@ -174,7 +174,7 @@ def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
         ranked = sorted(found, key=lambda other: other.cost_of(rows))
         count = 0
         for other in ranked:
-            near = other.cost_of(rows) <= stage.rival * ranked[0].cost_of(rows)
+            near = stage.rival is None or other.cost_of(rows) <= stage.rival * ranked[0].cost_of(rows)
             if count < stage.keep and near and _is_apart(other.free, chosen, apart):
                 chosen.append(other)
                 count += 1

@@ -17,7 +17,7 @@ def curved(p):
 def test_it_follows_a_curved_valley():
     found = fit(curved, np.array([-0.5, 1.0]), np.array([0.01, 0.01]), FREE, 80)
     assert found.free == pytest.approx([1.0, 1.0], abs=0.02)
-    assert found.misfit < 1e-3
+    assert found.cost < 1e-3
 
 
 def test_it_stays_within_the_bounds():
@@ -60,12 +60,12 @@ def test_a_hopeless_start_is_given_up():
         calls.append(1)
         return np.array([p[0] * 0.1 + 100.0, p[1]])
 
-    fit(residual, np.zeros(2), np.ones(2), FREE, 50, hopeless=1.0)
+    fit(residual, np.zeros(2), np.ones(2), FREE, 50, abort_above=1.0)
     assert len(calls) < 50
 
 
 def test_a_fit_whose_steps_keep_their_promise_and_could_be_longer_is_not_given_up():
-    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10, hopeless=1.0)
+    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10, abort_above=1.0)
     assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
 
 

@@ -10,7 +10,7 @@ import torch
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.least_squares import Fit
-from pacnerf_lpo.identification.multistart import points, span
+from pacnerf_lpo.identification.multistart import Search, horizons, multistart
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
@@ -77,7 +77,8 @@ def test_fits_that_grow_with_the_frames_find_the_modulus_from_a_single_point_two
     start, index = misfit.free(module), misfit.model.names.index("E")
     right = start.copy()
     right[index] = math.log10(TRUTH["E"])
-    found = module.method._grown(module, [start], {"E": (1.5, 7.5)})[0]
+    rows = [misfit.rows(until) for until in horizons(HIT, FRAMES)]
+    found = multistart([misfit.stage(rows)], [start]).fits[0].free
     before, after, at_truth = (np.sum(misfit.residual(free) ** 2) for free in (start, found, right))
     assert after < at_truth < before
     assert found[index] == pytest.approx(right[index], abs=0.5)  # bodies so coarse are too stiff
@@ -98,9 +99,9 @@ def test_fits_on_finer_bodies_decide_between_valleys(solid):
         return Fit(free, misfit.residual(free))
 
     near, wrong = off_by(0.1), off_by(-1.5)
-    assert near.misfit > 1.1 * off_by(0.0).misfit
+    assert near.cost > 1.1 * off_by(0.0).cost
     for pair in ((near, wrong), (wrong, near)):
-        found = module.method._on_finer(module, *pair)
+        found = module.method._on_finer(module, pair)[0].free
         assert found[index] == pytest.approx(math.log10(TRUTH["E"]), abs=0.05)
 
 
@@ -111,7 +112,8 @@ def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decade
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=10**decades * TRUTH["E"]))
     module.import_state(state.with_(physics={}))
-    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.SEARCH_ITERATIONS", 0)
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.SEARCH_ITERATIONS", 1)
+    monkeypatch.setattr("pacnerf_lpo.identification.least_squares.LONGEST_STEP", 1e-3)
     starts = [Misfit(module, 2000).free(module)]
     misfit, fits = module.method._fits(module, (2000, 900), starts)
     assert module.physics.halvings == halvings
@@ -122,30 +124,40 @@ def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decade
 
 
 @pytest.mark.parametrize(("factor", "decided"), [(0.5, "beside"), (0.98, "finer"), (2.0, "best")])
-def test_a_valley_beside_is_taken_where_it_is_much_better_and_left_where_it_is_worse(
+def test_a_neighbouring_minimum_is_taken_where_it_is_much_better_and_left_where_it_is_worse(
     solid, monkeypatch, factor, decided
 ):
+    """The search stands still but for its last stage, which finds a neighbour at E = 1 kPa."""
     state, data = solid
-    monkeypatch.setattr(OutlineGaussNewton, "_on_finer", lambda self, module, beside, best: beside.free + 0.25)
-
-    def beside(model, names, residual, best, *_):
-        free = best.free.copy()
-        free[model.names.index("E")] = 3.0
-        return Fit(free, best.residual * factor)
-
-    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.best_beside", beside)
     module = PhysicsIDModule(HIT, method(samples=4, starts=1))
     module.attach(data, physics(E=TRUTH["E"]))
     module.import_state(state.with_(physics={}))
+    monkeypatch.setattr(
+        OutlineGaussNewton,
+        "_on_finer",
+        lambda self, module, fits: [Fit(fits[1].free + (0.25 if factor < 1 else 0.0), fits[1].residual)],
+    )
+
+    def search(stages, starts, *_):
+        (stage,), first = stages, starts[0]
+        best = first if isinstance(first, Fit) else Fit(first, stage.residual(first))
+        if not stage.offsets:
+            return Search([best], 1, 0)
+        free = best.free.copy()
+        free[misfit.model.names.index("E")] = 3.0
+        fits = [best, Fit(free, best.residual * factor)]
+        return Search(sorted(fits, key=lambda fit: fit.cost), 1, 0)
+
+    misfit = Misfit(module, 2000)
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.multistart", search)
     module.method.prepare(module)
     found = module.free["E"].item()
-    assert {3.0: "beside", 3.25: "finer"}.get(round(found, 4), "best") == decided
+    assert {3.0: "beside"}.get(round(found, 4), "finer" if factor == 0.98 and found > 4.6 else "best") == decided
 
 
 def test_the_fall_is_fitted_before_the_search(solid, monkeypatch):
     """The modulus, of which a fall tells nothing, stays at the guess."""
-    for search in ("rivals", "grown"):
-        monkeypatch.setattr(f"pacnerf_lpo.phases.outline_method.{search}", lambda *_: [])
+    monkeypatch.setattr("pacnerf_lpo.phases.outline_method.multistart", lambda *_: Search([], 0, 0))
     state, data = solid
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=2e4))
@@ -253,18 +265,13 @@ def test_outlines_that_are_cut_off_are_one_clear_error(data, state):
         module.method.prepare(module)
 
 
-def test_search_points_cover_the_decades_and_keep_the_rest(data, state):
-    module = PhysicsIDModule(HIT, method())
+def test_the_search_covers_the_decades(data, state):
+    module = PhysicsIDModule(HIT, method(scan_decades=2.0))
     module.attach(data, physics(E=1e4))
     module.import_state(state.with_(physics={}))
-    model = Misfit(module, 400).model
-    young, speed = model.names.index("E"), model.names.index("v_y")
-    ends = span(model.unknowns[young], 4.0, decades=2.0)
-    assert ends == (2.0, 6.0)
-    tried = np.array(points(model, {"E": ends}, 64))
-    assert tried[0] == pytest.approx(model.start)
-    assert 2.0 <= tried[:, young].min() < 2.2 and 5.8 < tried[:, young].max() <= 6.0
-    assert np.ptp(tried[:, speed]) == 0
+    spans = module.method._spans(module, Misfit(module, 400).model)
+    assert spans["E"] == (2.0, 6.0)
+    assert "v_y" not in spans
 
 
 @pytest.mark.parametrize("settings", [{"samples": -1}, {"starts": 0}, {"particles": 400}, {"scan_particles": 10}])

@@ -1,0 +1,101 @@
+"""The base fit of a small scene: it finds the modulus, says what is suspect, and survives unstable rollouts."""
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.hidden_effects.known_shape import KnownShape, physics_of
+from benchmarks.hidden_effects.setting import Size, draw_setting
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, YieldStress
+from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
+from pacnerf_lpo.mpm.simulator import Simulator
+
+SMALL = Size(particles=60, views=3, held=1, frames=8, image_size=32)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """An elastic body without an effect, as its own model sees it, and the true values [SI]."""
+    setting, true = draw_setting(np.random.default_rng(5), SMALL, "NeoHookean")
+    blank = np.ones((SMALL.views, SMALL.frames, 11))
+    draft = KnownShape("draft", setting, setting.video(), blank)
+    values = {**physics_of(setting).guess, **true}
+    model = draft.model((), values)
+    return KnownShape("small", setting, setting.video(), model.predict(model.start)), values
+
+
+def test_it_finds_the_modulus_in_few_rollouts(scene):
+    problem, true = scene
+    found = base_fit(problem, (), problem.first_guess)
+    assert np.log10(found.known["E"] / true["E"]) == pytest.approx(0.0, abs=0.1)
+    assert found.jacobian.shape == (len(found.residual), len(found.free))
+    assert found.rollouts <= 100
+
+
+def test_an_effect_without_a_gradient_at_its_null_starts_at_its_probes(scene):
+    problem, _ = scene
+    effect, told = GroundFriction(), []
+    base_fit(problem, [effect], {**problem.first_guess, **effect.null}, told.append)
+    assert told[0].startswith("base fit from 3 starts")
+
+
+def test_priors_lie_around_the_guess_and_what_is_usual(scene):
+    problem, _ = scene
+    effects = LinearDrag(), YieldStress()
+    nulls = {name: value for effect in effects for name, value in effect.null.items()}
+    model = problem.model(effects, {**problem.first_guess, **nulls})
+    mean, deviation = (dict(zip(model.names, values, strict=True)) for values in priors(problem, model))
+    assert (mean["E"], deviation["E"]) == pytest.approx((np.log10(problem.physics.guess["E"]), 1.0))
+    assert float(POISSON.transform.to_physical(torch.tensor(mean["nu"]))) == pytest.approx(0.35)
+    assert (mean["drag"], deviation["drag"]) == pytest.approx((0.0, 15.0))
+    assert 2.4 < mean["yield_stress"] < 3.6  # of its probes: the null, 1e9 Pa, stands for never
+    assert (YOUNG.prior(1e5)[0], YOUNG.prior(1e5)[1]) == pytest.approx((5.0, 1.0))
+
+
+def test_estimates_at_a_bound_or_far_from_the_guess_are_reported(scene):
+    problem, _ = scene
+    model = problem.model((), problem.first_guess)
+    mean, deviation = priors(problem, model)
+    assert notes(model, mean, mean, deviation) == []
+    free = mean.copy()
+    free[model.names.index("E")] -= 3.0
+    free[model.names.index("nu")] = model.bounds[1][model.names.index("nu")]
+    young, poisson = notes(model, free, mean, deviation)
+    assert "Young's modulus" in young and "3.0 standard deviations" in young
+    assert "Poisson's ratio" in poisson and "bound" in poisson
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_rollouts_that_fail_at_random_are_steps_back_and_no_crash(scene, monkeypatch, share):
+    """Only where no motion at all is stable there is no fit, and an error that says so."""
+    problem, _ = scene
+    random, simulate = np.random.default_rng(int(10 * share)), Simulator.__call__
+
+    def failing(self, *arguments, **more):
+        if random.random() < share:
+            raise SimulationError(3, 7, "at random")
+        return simulate(self, *arguments, **more)
+
+    monkeypatch.setattr(Simulator, "__call__", failing)
+    if share == 1.0:
+        with pytest.raises(SimulationError, match="from every start of the base fit"):
+            base_fit(problem, (), problem.first_guess)
+    else:
+        assert np.isfinite(base_fit(problem, (), problem.first_guess).cost)
+
+
+def test_a_model_whose_paths_fail_at_random_says_what_was_left_out(scene, monkeypatch):
+    problem, _ = scene
+    random, path = np.random.default_rng(1), Model.path
+
+    def failing(self, free):
+        if random.random() < 0.3:
+            raise SimulationError(3, 7, "at random")
+        return path(self, free)
+
+    monkeypatch.setattr(Model, "path", failing)
+    found = base_fit(problem, (), problem.first_guess)
+    assert any("left out" in note for note in found.notes)
