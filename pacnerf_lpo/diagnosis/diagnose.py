@@ -149,8 +149,10 @@ def candidates_for(problem: Problem, options: Options, installed: Sequence[Effec
     """What may be added to a model with these effects."""
     material = problem.physics.material
     if options.candidates is not None:
-        return read_candidates(Path(options.candidates), material, installed)
-    return whole_catalogue(material, problem.video.view_ids, installed)
+        found = read_candidates(Path(options.candidates), material, installed)
+    else:
+        found = whole_catalogue(material, problem.video.view_ids, installed)
+    return [Candidate(candidate.name, problem.adopt(candidate.effect)) for candidate in found]
 
 
 def _round(

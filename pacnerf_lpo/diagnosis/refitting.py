@@ -85,7 +85,7 @@ def refit(
         None if the motion is unstable from every start.
     """
     outside = candidate.name in screening.outside
-    mask = problem.usable & problem.split.frames[:, None] if outside else problem.fitted
+    mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
     noise = comparison.noise(problem, mask)
     without = _cost_without(problem, comparison, mask) if outside else comparison.cost
     more = [*effects, candidate.effect]

@@ -26,7 +26,7 @@ class Round:
     check, held: whether its residual is what it predicts, in the fitted and in the held-out data.
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
-    phases: of the motion, by frame.
+    phases: of the motion, by recording and frame.
     candidates: effects that were screened.
     screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
@@ -45,7 +45,7 @@ class Round:
     held: Check
     parameters: list[Interval]
     undetermined: list[str]
-    phases: list[str]
+    phases: list[list[str]]
     candidates: list[Candidate] = field(default_factory=list)
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.diagnosis.shape_errors import of_each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import outcome
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
@@ -79,7 +80,7 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation each; zero where that is unstable.
+    simulation each, and of 60 for each recording; zero where that is unstable.
 
     Args:
         problem: the run.
@@ -89,14 +90,20 @@ def force_changes(
     Raises:
         SimulationError: the motion without the force is unstable.
     """
-    models = [*effects, force_of(problem)]
-    still = problem.model(models, known)
+    found = [_of_recording(part, progress) for part in problem.parts(effects, known)]
+    return of_each(problem, found)
+
+
+def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
+    problem = part.recording
+    models = [*part.effects, force_of(problem)]
+    still = problem.model(models, part.known)
     base = problem.residual(still.predict(still.start))
-    pushed = ((problem.model(models, {**known, name: PROBE}),) for name in names_of_force())
+    pushed = ((problem.model(models, {**part.known, name: PROBE}),) for name in names_of_force())
     columns = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
-            progress(f"smooth force: {number} of {len(SmoothForce.parameters)}")
+            progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
         unstable = isinstance(predicted, SimulationError)
         columns.append(0 * base if unstable else (base - problem.residual(predicted)) / PROBE)
     return np.nan_to_num(np.stack(columns, -1))

@@ -75,6 +75,11 @@ class Model:
         self.bounds = self._bounds()
 
     @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Of the model, those on the cameras among them."""
+        return self.physics.effects
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Views and frames."""
         return self.video.images.shape[0], len(self.video.times)
@@ -86,6 +91,18 @@ class Model:
             for parameter, value in zip(self.unknowns, free, strict=True)
         }
         return {**self.known, **found}
+
+    def restart(self) -> None:
+        """Forget which time step earlier motions needed: the next one begins with the model's own."""
+        self.physics.halvings = 0
+
+    def contact(self, free: np.ndarray, within: float) -> int:
+        """First frame in which a particle is within so many node spacings of the ground; the number of frames where none
+        is. Raises SimulationError.
+        """
+        low = self.path(free)[..., 1].amin(1).numpy() - self.physics.ground_height
+        touching = np.nonzero(low < within * self.body.spacing)[0]
+        return int(touching[0]) if len(touching) else len(low)
 
     @torch.no_grad()
     def path(self, free: np.ndarray) -> Tensor:
