@@ -58,9 +58,7 @@ def replicates(
     parts, reference = problem.parts(effects, model.physical(free)), model.predict(free)
     found = []
     for number, part in enumerate(parts):
-        told = problem.part_of(reference, number)
-        done = number * count
-        found.append(_of_recording(part, told, count, seed + SEEDS * number, lambda k, done=done: progress(done + k)))
+        found.append(_of_recording(part, problem.part_of(reference, number), count, seed + SEEDS * number, progress))
     return problem.join(found, axis=1)
 
 

@@ -55,7 +55,8 @@ def residual_force(
     forces = [force_of(part.recording) for part in parts]
     knots = [np.linspace(0.0, force.constants["force_interval"] * (KNOTS - 1), KNOTS) for force in forces]
     samples = [_samples(*given) for given in zip(parts, fields, knots, forces, strict=True)]
-    law = name_force(*(np.concatenate(columns) for columns in zip(*samples, strict=True)))
+    acceleration, velocity, position, spin, contact, blocks = map(np.concatenate, zip(*samples, strict=True))
+    law = name_force(acceleration, velocity, position, spin, contact, blocks)
     shown = int(np.argmax((fields[:, :, 0] ** 2).sum((1, 2))))
     field = fields[shown]
     return ResidualForce(knots[shown], field[:, 0], field, law, float(np.clip(explained, 0.0, 1.0)))

@@ -97,8 +97,8 @@ class Model:
         self.physics.halvings = 0
 
     def contact(self, free: np.ndarray, within: float) -> int:
-        """First frame in which a particle is within so many node spacings of the ground; the number of frames where none
-        is. Raises SimulationError.
+        """First frame in which a particle is within so many node spacings of the ground; the number of frames where
+        none is. Raises SimulationError.
         """
         low = self.path(free)[..., 1].amin(1).numpy() - self.physics.ground_height
         touching = np.nonzero(low < within * self.body.spacing)[0]

@@ -32,7 +32,7 @@ CAMERAS = 1000
 """View v of recording k is view 1000 k + v of a study."""
 OF_RECORDING = {GROUND_HEIGHT.name, *(parameter.name for parameter in VELOCITY)}
 ANOTHER_SIZE = 0.25
-"""Bodies whose principal extents differ by a larger part are not the same one: reconstructions differ by a few percent."""
+"""Bodies whose principal extents differ by more are not the same one: reconstructions differ by a few percent."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ class Stack:
         found = np.full(shape, False if first.dtype == bool else np.nan)
         for number, array in enumerate(arrays):
             at: list = [slice(None)] * axis
-            found[(*at, self.rows(number), slice(self.frames[number]))] = array
+            found[tuple([*at, self.rows(number), slice(self.frames[number])])] = array
         return found
 
     def part(self, values: np.ndarray, number: int, axis: int = 0) -> np.ndarray:
         """What belongs to one recording in a joined array."""
         at: list = [slice(None)] * (axis % values.ndim)
-        return values[(*at, self.rows(number), slice(self.frames[number]))]
+        return values[tuple([*at, self.rows(number), slice(self.frames[number])])]
 
     def relative(self, difference: np.ndarray) -> np.ndarray:
         """Differences of summaries [(..., R, F, 11)] as :func:`~.problem.relative` compares those of each recording."""
@@ -95,14 +95,15 @@ class StudyProblem(Problem):
         divided: names of the classes of effects that every recording has for itself.
 
     Raises:
-        UserInputError: fewer than two recordings, equal names, or recordings of different materials or bodies; an effect
-            is to be divided that the package does not have or that has no coefficient.
+        UserInputError: fewer than two recordings, equal names, or recordings of different materials or bodies.
     """
 
     def __init__(self, recordings: Sequence[Problem], names: Sequence[str], divided: Sequence[str] = ()):
         self.recordings, self.names, self.divided = list(recordings), list(names), list(divided)
         check_recordings(self.recordings, self.names)
-        counts = [(problem.views, len(problem.usable) - problem.views, problem.usable.shape[1]) for problem in recordings]
+        counts = [
+            (problem.views, len(problem.usable) - problem.views, problem.usable.shape[1]) for problem in recordings
+        ]
         views, points, frames = zip(*counts, strict=True)
         self.stack = stack = Stack(views, points, frames)
         first = self.recordings[0]
@@ -162,12 +163,12 @@ class StudyProblem(Problem):
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
         """A model of all recordings, of the body that each shows, or of the one that is given."""
         models = [part.recording.model(part.effects, part.known, body) for part in self.parts(effects, known)]
-        return self._model(models, effects, known)
+        return self._model(models, effects)
 
     def coarse_model(self, effects: Sequence[Effect], known: dict[str, float], coarser: float) -> Model:
         parts = self.parts(effects, known)
         models = [part.recording.coarse_model(part.effects, part.known, coarser) for part in parts]
-        return self._model(models, effects, known)
+        return self._model(models, effects)
 
     @property
     def point_names(self) -> list[str]:
@@ -191,15 +192,18 @@ class StudyProblem(Problem):
             of_row[self.stack.rows(number)] = number
         return replace(found, frame=found.frame + mask.shape[1] * of_row[row])
 
-    def _model(self, models: Sequence[Model], effects: Sequence[Effect], known: dict[str, float]) -> StudyModel:
-        return StudyModel(models, [share.names for share in self._shares(effects)], self.names, effects, known, self.stack)
+    def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> StudyModel:
+        return StudyModel(
+            models, [share.names for share in self._shares(effects)], self.names, effects, known, self.stack
+        )
 
     def _shares(self, effects: Sequence[Effect]) -> list[_Share]:
         return [_share(effects, number, name) for number, name in enumerate(self.names)]
 
     def _merged(self, values: Sequence[dict[str, float]]) -> dict[str, float]:
         """Values of all recordings [SI] by the names of the study; shared ones are averaged as they are optimised."""
-        described, found = self.recordings[0].physics.parameters, {}
+        described = self.recordings[0].physics.parameters
+        found: dict[str, float] = {}
         for name in dict.fromkeys(name for own in values for name in own):
             have = [(r, own[name]) for r, own in zip(self.names, values, strict=True) if name in own]
             if name in OF_RECORDING or name not in described:
@@ -219,7 +223,6 @@ class StudyModel(Model):
         names: of each recording's coefficients in the study, by its own; those that are missing are called the same.
         recordings: their names.
         effects: of the study.
-        known: values to start from [SI].
         stack: how their rows lie.
     """
 
@@ -229,7 +232,6 @@ class StudyModel(Model):
         names: Sequence[dict[str, str]],
         recordings: Sequence[str],
         effects: Sequence[Effect],
-        known: dict[str, float],
         stack: Stack,
     ):
         self.models, self.stack, self._effects = list(models), stack, tuple(effects)
@@ -272,8 +274,8 @@ class StudyModel(Model):
         return min(model.contact(own, within) for model, own in self._own(free))
 
     def path(self, free: np.ndarray) -> Tensor:
-        """Particles of all recordings at every frame [m, (F, N1 + N2 + ..., 3)]; those of a shorter recording stay where
-        they are at its end.
+        """Particles of all recordings at every frame [m, (F, N1 + N2 + ..., 3)]; those of a shorter recording stay
+        where they are at its end.
         """
         paths = [model.path(own) for model, own in self._own(free)]
         frames = self.shape[1]
@@ -299,10 +301,14 @@ def divide(effect: Effect, recordings: Sequence[str]) -> Effect:
         UserInputError: it has no coefficient.
     """
     if not effect.parameters:
-        raise UserInputError(f"{type(effect).__name__} has no coefficient, so it cannot differ from recording to recording")
+        raise UserInputError(
+            f"{type(effect).__name__} has no coefficient, so it cannot differ from recording to recording"
+        )
     found = copy(effect)
     found.parameters = {name_in(n, r): p.of_recording(r) for r in recordings for n, p in effect.parameters.items()}
-    found.null, found.guess = ({name_in(n, r): v for r in recordings for n, v in d.items()} for d in (effect.null, effect.guess))
+    found.null, found.guess = (
+        {name_in(n, r): v for r in recordings for n, v in d.items()} for d in (effect.null, effect.guess)
+    )
     found.probes = tuple({name_in(n, r): v for r in recordings for n, v in probe.items()} for probe in effect.probes)
     return found
 
@@ -348,7 +354,9 @@ def check_recordings(recordings: Sequence[Problem], names: Sequence[str]) -> Non
     if len(recordings) < 2:
         raise UserInputError("a study needs at least two recordings of one object")
     if len(set(names)) < len(names):
-        raise UserInputError(f"a study: two recordings are called {max(names, key=names.count)}; give each another name")
+        raise UserInputError(
+            f"a study: two recordings are called {max(names, key=names.count)}; give each another name"
+        )
     first, called = recordings[0], names[0]
     for other, name in zip(recordings[1:], names[1:], strict=True):
         pairs = [(_law(problem), problem.physics.rho) for problem in (first, other)]
@@ -357,7 +365,8 @@ def check_recordings(recordings: Sequence[Problem], names: Sequence[str]) -> Non
                 f"a study is of one material: {called} has {_described(*pairs[0])}, {name} has {_described(*pairs[1])}"
             )
         acting = [
-            sorted(type(e).__name__ for e in p.physics.effects if not isinstance(e, Observation)) for p in (first, other)
+            sorted(type(e).__name__ for e in p.physics.effects if not isinstance(e, Observation))
+            for p in (first, other)
         ]
         if acting[0] != acting[1]:
             said = [" and ".join(effects) or "no effect" for effects in acting]
