@@ -38,7 +38,9 @@ class SmoothForce(BodyForce):
         extent: L [m].
     """
 
-    parameters = {name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()}  # noqa: RUF012
+    parameters = {
+        name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()
+    }  # noqa: RUF012
     null = dict.fromkeys(parameters, 0.0)
     signature = "anything that a smooth force can do"
     probes = ()
@@ -100,5 +102,3 @@ def force_changes(
         unstable = isinstance(predicted, SimulationError)
         columns.append(0 * base if unstable else (base - problem.residual(predicted)) / PROBE)
     return np.nan_to_num(np.stack(columns, -1))
-
-
