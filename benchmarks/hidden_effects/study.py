@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from pacnerf_lpo.diagnosis.plan import best_drop, propose
 
 from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO, KnownShape
@@ -26,7 +27,6 @@ from benchmarks.hidden_effects.run import processor_time
 from benchmarks.hidden_effects.setting import FAST, another_drop, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, course_of
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
-from pacnerf_lpo.diagnosis.plan import best_drop, propose
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import RunError, SimulationError
@@ -34,7 +34,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import effects as known_effects
-from pacnerf_lpo.report.diagnosis_result import RESULT, write
+from pacnerf_lpo.report.diagnosis_result import write
 
 DEVELOPMENT, SCORED = range(0, 1000), range(7000, 8000)
 EFFECTS = ("LinearDrag", "QuadraticDrag", "GravityMagnitude")

@@ -193,9 +193,8 @@ class StudyProblem(Problem):
         return replace(found, frame=found.frame + mask.shape[1] * of_row[row])
 
     def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> StudyModel:
-        return StudyModel(
-            models, [share.names for share in self._shares(effects)], self.names, effects, known, self.stack
-        )
+        names = [share.names for share in self._shares(effects)]
+        return StudyModel(models, names, self.names, effects, self.stack)
 
     def _shares(self, effects: Sequence[Effect]) -> list[_Share]:
         return [_share(effects, number, name) for number, name in enumerate(self.names)]
