@@ -29,16 +29,21 @@ MARGIN = 24
 """How far the model's images go beyond the camera's [pixels]: an outline may leave the picture in a bad guess."""
 
 
-def with_effects(physics: Physics, effects: Sequence[Effect], spacing: float, run_spacing: float) -> Physics:
-    """The physical model of a run with other effects, stepped as finely as another grid spacing [m] needs."""
-    steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / physics.frame_rate))
+def with_effects(
+    physics: Physics, effects: Sequence[Effect], spacing: float, run_spacing: float, frame_rate: float | None = None
+) -> Physics:
+    """The physical model of a run with other effects, stepped as finely as another grid spacing [m] needs, and with
+    frames at another rate [1/s] where that is given.
+    """
+    frame_rate = frame_rate or physics.frame_rate
+    steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / frame_rate))
     return Physics(
         physics.material,
         physics.ground,
         effects,
         physics.rho,
-        max(steps, 1) * physics.frame_rate,
-        physics.frame_rate,
+        max(steps, 1) * frame_rate,
+        frame_rate,
         physics.gravity,
         physics.ground_height,
         physics.fit_ground_height,

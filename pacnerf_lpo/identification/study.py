@@ -92,7 +92,7 @@ class StudyProblem(Problem):
     Args:
         recordings: each a problem.
         names: of the recordings, all different.
-        divided: names of the classes of effects that every recording has for itself.
+        divided: names of the classes of effects that every recording has for itself, besides those that always are.
 
     Raises:
         UserInputError: fewer than two recordings, equal names, or recordings of different materials or bodies.
@@ -144,8 +144,9 @@ class StudyProblem(Problem):
 
     def adopt(self, effect: Effect) -> Effect:
         """An effect that every recording has for itself with coefficients of each; any other as it is."""
-        everywhere = isinstance(effect, Observation) and effect.view is None
-        return divide(effect, self.names) if everywhere or type(effect).__name__ in self.divided else effect
+        named = isinstance(effect, Observation) and effect.view is not None  # its view belongs to one recording
+        own = (effect.of_recording and not named) or type(effect).__name__ in self.divided
+        return divide(effect, self.names) if own else effect
 
     def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
         found = []

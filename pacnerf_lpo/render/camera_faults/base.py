@@ -24,6 +24,7 @@ class Observation(Effect):
         view: file id of the one camera that is concerned; None: all of them.
     """
 
+    of_recording = True
     acts_on_motion = False
 
     def __init__(self, guess: Mapping[str, float], view: int | None = None):
