@@ -1,7 +1,7 @@
 """Studies of two drops: ``python -m benchmarks.hidden_effects.study FOLDER --first 7000 --count 15``.
 
-One body falls twice, from different heights, with a drag or another gravity hidden in both. Each drop is diagnosed alone,
-and both together; what counts is whether the effect is named exactly. What was finished is not done again.
+One body falls twice, from different heights, with a drag or another gravity hidden in both. Each drop is diagnosed
+alone, and both together; what counts is whether the effect is named exactly. What was finished is not done again.
 """
 
 from __future__ import annotations

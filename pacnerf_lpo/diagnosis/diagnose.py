@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -20,11 +20,10 @@ from pacnerf_lpo.diagnosis.refitting import Refit, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, force_wins, leaves_more
-from pacnerf_lpo.diagnosis.run_problem import RunProblem
+from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
 from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, screen
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
 from pacnerf_lpo.inference.decision import LEVEL, best, indistinguishable, log_odds, worth_refitting
@@ -49,6 +48,7 @@ class Options:
     clouds: folder of point clouds, in place of the run's own; None: as the run has them.
     images: False: only points are compared.
     jobs: processes at once; None: as many as torch may use threads, at most 8.
+    per_recording: names of the classes of effects that every recording of a study has for itself.
     """
 
     candidates: str | None = None
@@ -62,13 +62,23 @@ class Options:
     clouds: str | None = None
     images: bool = True
     jobs: int | None = None
+    per_recording: list[str] = field(default_factory=list)
 
 
-def prepare(run_dir: str | Path, stem: str | None, options: Options) -> tuple[RunProblem, Store]:
+def prepare(
+    run_dirs: Sequence[str | Path], stem: str | None, options: Options, out: str | None = None
+) -> tuple[Problem, Store]:
     """What is under diagnosis, and where its results are kept, after every check that needs no long work.
 
+    Args:
+        run_dirs: a run, or several of one object.
+        stem: phase of the runs; None: the last before a correction.
+        options: of the diagnosis.
+        out: where the results go, into a folder of that name; None: the run, if it is one.
+
     Raises:
-        UserInputError: no such run or phase, too few views, an unknown effect in the list of candidates.
+        UserInputError: no such run or phase, too few views, an unknown effect in the list of candidates, or runs that
+            are no study of one object.
     """
     if not LEAST_REPLICATES <= options.replicates <= MOST_REPLICATES:
         raise UserInputError(
@@ -77,11 +87,14 @@ def prepare(run_dir: str | Path, stem: str | None, options: Options) -> tuple[Ru
     check_jobs(options.jobs, "diagnose")
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
-    problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)
+    if out is None and len(run_dirs) > 1:
+        raise UserInputError("diagnose: several runs are a study; give a folder for its results with --out")
+    points, divided = (options.tracks, options.clouds), options.per_recording
+    problem, fingerprint = problem_of_runs(run_dirs, stem, options.particles, points, options.images, divided)
     check(problem, options)
     what = {k: v for k, v in asdict(options).items() if k in ("replicates", "seed", "particles")}
     what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
-    return problem, Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
+    return problem, Store(Path(out or run_dirs[0]) / FOLDER, fingerprint, what)
 
 
 def investigate(

@@ -54,7 +54,7 @@ class Proposal:
 
     words: what to do.
     higher: factor on the height of the drop.
-    score: expected log Bayes factor of the true hypothesis against the one that is hardest to separate from it, averaged
+    score: expected log Bayes factor of the true hypothesis against the one that is hardest to separate from it, a mean
         over the hypotheses.
     odds: of every ordered pair.
     """
@@ -145,7 +145,7 @@ def _believed(problem: Problem, found: Round, name: str) -> _Believed:
 
 @dataclass(frozen=True)
 class _View:
-    """What a hypothesis predicts of a recording: silhouette moments [pixels, (V, F, 10)], and their changes by what is not
+    """What a hypothesis predicts of a recording: moments [pixels, (V, F, 10)], and their changes by what is not
     known [(V, F, 10, K)].
     """
 

@@ -39,11 +39,13 @@ MODEL_ERROR = 0.1
 class Part:
     """One recording of a problem with what a model of the problem says of it.
 
+    name: of the recording.
     recording: itself a problem.
     effects: of the model, as the recording names them.
     known: every value that concerns it, velocity included, as the recording names them [SI].
     """
 
+    name: str
     recording: Problem
     effects: tuple[Effect, ...]
     known: dict[str, float]
@@ -117,7 +119,7 @@ class Problem(ABC):
 
     def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
         """What a model with these effects and values [SI] says of each recording."""
-        return [Part(self, tuple(effects), known)]
+        return [Part(self.scene, self, tuple(effects), known)]
 
     def join(self, arrays: Sequence[np.ndarray], axis: int = 0) -> np.ndarray:
         """Arrays of the recordings (..., rows, frames, ...) as one; ``axis`` is that of the rows."""

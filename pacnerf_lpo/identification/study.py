@@ -150,9 +150,9 @@ class StudyProblem(Problem):
 
     def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
         found = []
-        for share, recording in zip(self._shares(effects), self.recordings, strict=True):
+        for share, name, recording in zip(self._shares(effects), self.names, self.recordings, strict=True):
             own = [*recording.guess, *(n for e in share.effects for n in e.parameters), *OF_RECORDING]
-            found.append(Part(recording, share.effects, share.known(known, own)))
+            found.append(Part(name, recording, share.effects, share.known(known, own)))
         return found
 
     def join(self, arrays: Sequence[np.ndarray], axis: int = 0) -> np.ndarray:
@@ -382,14 +382,13 @@ def check_recordings(recordings: Sequence[Problem], names: Sequence[str]) -> Non
             raise UserInputError(f"{name}: view {max(problem.video.view_ids)}; in a study view ids are below {CAMERAS}")
 
 
-def without_contact(problem: StudyProblem) -> list[str]:
+def without_contact(problem: Problem) -> list[str]:
     """A sentence for each recording whose body, moving as first guessed, does not reach the ground."""
     found = []
-    parts = problem.parts(problem.physics.effects, problem.first_guess)
-    for part, name in zip(parts, problem.names, strict=True):
+    for part in problem.parts(problem.physics.effects, problem.first_guess):
         model = part.model
         if model.contact(model.start, within=1.0) == model.shape[1]:
-            found.append(f"{name}: the body does not reach the ground; it tells of forces, not of the material")
+            found.append(f"{part.name}: the body does not reach the ground; it tells of forces, not of the material")
     return found
 
 

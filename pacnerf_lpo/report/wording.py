@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from pacnerf_lpo.diagnosis.rounds import Round, Verdict, removed_share
+from pacnerf_lpo.identification.study import view_name
 from pacnerf_lpo.inference.force_law import Law
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.quantities import quantity
@@ -29,7 +30,7 @@ def readable(name: str) -> str:
     """``LinearDrag`` as *linear drag*, ``CameraShift@3`` as *camera shift of view 3*."""
     kind, _, view = name.partition("@")
     words = re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
-    return f"{words} of view {view}" if view else words
+    return f"{words} of {view_name(int(view))}" if view else words
 
 
 def either(names: Sequence[str]) -> str:
