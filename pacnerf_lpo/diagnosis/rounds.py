@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from pacnerf_lpo.inference.checks import Check
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.diagnosis.plan import Proposal
 
 
 @dataclass
@@ -32,6 +36,7 @@ class Round:
     refits: with one more effect each.
     accepted: the refit that was taken over.
     alike: names that the recording does not tell apart from the accepted one, itself first.
+    proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
     force: the smooth force that would remove the residual; None where it is not asked for.
     profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
@@ -51,6 +56,7 @@ class Round:
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
     alike: list[str] = field(default_factory=list)
+    proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)
     force: ResidualForce | None = None
     profiles: dict[str, tuple[float, float]] = field(default_factory=dict)

@@ -25,7 +25,9 @@ class Settings:
         """Write ``settings.json`` into the folder of the diagnosis."""
         folder.mkdir(parents=True, exist_ok=True)
         runs = [str(Path(run).resolve()) for run in self.runs]
-        content = {"runs": runs, "phase": self.phase, "options": asdict(self.options)}
+        options = asdict(self.options)
+        files = {name: str(Path(options[name]).resolve()) for name in ("candidates", "tracks", "clouds") if options[name]}
+        content = {"runs": runs, "phase": self.phase, "options": {**options, **files}}
         write_atomically(folder / FILE, json.dumps(content, indent=1).encode())
 
     @staticmethod

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from pacnerf_lpo.diagnosis.rounds import Round, Verdict, removed_share
 from pacnerf_lpo.identification.study import view_name
 from pacnerf_lpo.inference.force_law import Law
@@ -22,6 +24,8 @@ REST = (
     "What the model with it does not explain is more than its own numerical error: a further effect, or an error of the "
     "reconstruction."
 )
+MOST_ODDS = float(np.log(1000.0))
+"""Odds that are larger are not worth a number: the prediction is not that exact."""
 LIKENESS = 0.5
 """Share of a force that a law explains which it is said to look like."""
 
@@ -37,6 +41,15 @@ def either(names: Sequence[str]) -> str:
     """Effects that cannot be told apart, as a choice."""
     words = [readable(name) for name in names]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+def odds(log_bayes_factor: float) -> str:
+    """An expected log Bayes factor as odds that a person can read."""
+    if log_bayes_factor > MOST_ODDS:
+        return f"more than {np.exp(MOST_ODDS):,.0f} to one"
+    return (
+        f"{np.exp(log_bayes_factor):.2g} to one" if log_bayes_factor < 2 else f"{np.exp(log_bayes_factor):,.0f} to one"
+    )
 
 
 def probability(p: float) -> str:
@@ -95,7 +108,10 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
         if changed:
             found.append(f"{'; '.join(changed)[0].upper()}{'; '.join(changed)[1:]}.")
         others = [name for name in done.alike if name != again.name]
-        if others and candidate.effect.separating_experiment:
+        if others and done.proposals:
+            best = done.proposals[0]
+            found.append(f"To tell {either(done.alike)}: {best.words}; expected odds: {odds(best.score)}.")
+        elif others and candidate.effect.separating_experiment:
             found.append(
                 f"To tell {readable(again.name)} from {either(others)}: {candidate.effect.separating_experiment}."
             )
