@@ -47,9 +47,8 @@ def odds(log_bayes_factor: float) -> str:
     """An expected log Bayes factor as odds that a person can read."""
     if log_bayes_factor > MOST_ODDS:
         return f"more than {np.exp(MOST_ODDS):,.0f} to one"
-    return (
-        f"{np.exp(log_bayes_factor):.2g} to one" if log_bayes_factor < 2 else f"{np.exp(log_bayes_factor):,.0f} to one"
-    )
+    factor = float(np.exp(log_bayes_factor))
+    return f"{factor:.1f} to one" if factor < 10 else f"{factor:.0f} to one"
 
 
 def probability(p: float) -> str:

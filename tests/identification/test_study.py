@@ -63,7 +63,7 @@ def test_predicts_what_the_recordings_predict(study: StudyProblem, drops: list[K
     path = model.path(model.start)
     found = model.observe(path, model.start)
     assert found.shape == study.measured.shape
-    np.testing.assert_array_equal(model.observe(path, model.start, found), found)
+    np.testing.assert_allclose(model.observe(path, model.start, found), found, rtol=1e-9)
     parts = study.parts(effects, known)
     assert [sorted(type(e).__name__ for e in part.effects) for part in parts] == [
         ["LinearDrag", "UniformForce"],
@@ -71,12 +71,12 @@ def test_predicts_what_the_recordings_predict(study: StudyProblem, drops: list[K
     ]
     for number, part in enumerate(parts):
         alone = part.model
-        np.testing.assert_array_equal(study.part_of(found, number), alone.predict(alone.start))
+        np.testing.assert_allclose(study.part_of(found, number), alone.predict(alone.start), rtol=1e-5, atol=1e-4)
     assert parts[0].known["push_x"] == 0 and parts[1].known["push_x"] == 0.5
     assert parts[1].known["shift_x_view1"] == 0.01
     residual = study.residual(found)
     for number, drop in enumerate(drops):
-        np.testing.assert_array_equal(study.part_of(residual, number), drop.residual(study.part_of(found, number)))
+        np.testing.assert_allclose(study.part_of(residual, number), drop.residual(study.part_of(found, number)), rtol=1e-9)
 
 
 def test_rows_and_frames_keep_their_recording(study: StudyProblem, drops: list[KnownShape]):
@@ -88,13 +88,14 @@ def test_rows_and_frames_keep_their_recording(study: StudyProblem, drops: list[K
     assert np.isnan(stacked).sum() == 3 * SIZE.views * 11 * (drops[1].usable.shape[1] - SIZE.frames)
     difference = np.random.default_rng(0).standard_normal((2, *study.usable.shape))
     own = study.part_of(study.relative(difference), 1, axis=1)
-    np.testing.assert_array_equal(own, relative(study.part_of(difference, 1, axis=1)))
+    np.testing.assert_allclose(own, relative(study.part_of(difference, 1, axis=1)))
 
 
 def test_a_spin_belongs_to_a_recording_and_a_material_to_all(study: StudyProblem):
     assert len(study.adopt(InitialSpin()).parameters) == 6
     threshold = divide(YieldStress(), study.names)
-    assert all(threshold.null_is_far(name) for name in threshold.parameters)
+    for name in YieldStress.parameters:
+        assert threshold.prior(f"{name}@high") == YieldStress().prior(name)
     assert study.adopt(LinearDrag()).parameters == LinearDrag.parameters
 
 
