@@ -61,6 +61,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
             "effects": said.names if said.kind != "unknown" else [],
             "nearest": said.names if said.kind == "unknown" else [],
             "rest": said.rest,
+            "doubt": said.kind == "nothing" and wording.doubt(rounds[-1]) is not None,
             "removed": said.removed,
             "p_value": _chance(rounds),
             "sentence": sentences[0],
@@ -136,7 +137,9 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
                 "log_bayes_factor": score.log_bayes_factor,
                 "p_value": screening.p_value(score.name, score.log_bayes_factor),
                 "coefficient": list(score.coefficient),
-                "interval": [[c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)],
+                "interval": [
+                    [c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)
+                ],
                 "strength": score.strength,
                 **described(by_name[score.name], len(score.coefficient), score.alternative),
             }
@@ -146,7 +149,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
 
 
 def described(candidate: Candidate, count: int, alternative: int) -> dict[str, Any]:
-    """What a reader must know of a candidate to read its score.
+    """What a reader has to know of a candidate to read its score.
 
     Args:
         candidate: the effect.
@@ -178,7 +181,7 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
         "camera": candidate.observes,
         "signature": candidate.effect.signature,
         "separating_experiment": candidate.effect.separating_experiment,
-        "values": {told["name"]: told for told in _intervals(again.intervals, unknowns)},
+        "values": {one["name"]: one for one in _intervals(again.intervals, unknowns)},
         "cost_without": again.cost_without,
         "cost": again.cost,
         "log_bayes_factor": again.log_bayes_factor,
