@@ -67,7 +67,7 @@ def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
     """Errors of every stage, and of its replicates, by view and frame [the problem's unit].
 
     Root mean squares over the silhouette moments and points, less the replicates' mean. The floor is the median
-    replicate's; the band holds nine tenths of the replicates. Errors of points by row, ``by_point``, are in millimetres.
+    replicate's; the band holds nine tenths of the replicates. Errors of points by row are in millimetres.
     """
     return [_stage(problem, stage) for stage in stages_of(rounds)]
 

@@ -14,21 +14,24 @@ from pacnerf_lpo.quantities import quantity
 
 NOTHING = "Nothing detectable is missing: what the model does not explain is no more than its own numerical error."
 DOUBT_HELD = (
-    "No missing effect is detectable, but the model does not predict the held-out views and frames within its error: the "
-    "reconstruction or a camera is in doubt."
+    "No missing effect is detectable, but the model does not predict the held-out views and frames within its error: "
+    "the reconstruction or a camera is in doubt."
 )
 DOUBT_FITTED = (
-    "No missing effect is detectable, but the model leaves more than its numerical error in the views and frames it was "
-    "fitted to: the reconstruction or a camera is in doubt."
+    "No missing effect is detectable, but the model leaves more than its numerical error in the views and frames it "
+    "was fitted to: the reconstruction or a camera is in doubt."
 )
 DOUBT_SHAPE = "No missing effect is detectable, but the residual looks like an error of the reconstructed shape."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
 UNFINISHED = "The diagnosis is not finished: no effect has been fitted yet."
 REMAINDER = (
-    "The held-out views and frames still differ from the model by more than its numerical error: a further effect, or an "
-    "error of the reconstruction."
+    "The held-out views and frames still differ from the model by more than its numerical error: a further effect, or "
+    "an error of the reconstruction."
 )
-NO_FORCE = "In the fitted data the residual is no more than the model's numerical error, so it does not determine a missing force."
+NO_FORCE = (
+    "In the fitted data the residual is no more than the model's numerical error, so it does not determine a missing "
+    "force."
+)
 RESEMBLES = 0.5
 """Share of a force that a law explains which the force is said to look like."""
 
@@ -79,7 +82,8 @@ def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]
         found = [*_named(material, rounds, said), *([REMAINDER] if leaves_more(last) else [])]
     found += _removed(rounds)
     if last.force is not None:
-        found += force(last.force.explained, last.force.law) if last.check.p_value < LEVEL else [NO_FORCE]
+        determined = said.kind == "unknown" or last.check.p_value < LEVEL
+        found += force(last.force.explained, last.force.law) if determined else [NO_FORCE]
     return [*found, *(last.comparison.notes if last.accepted is None else last.accepted.notes)]
 
 
