@@ -11,7 +11,7 @@ from pacnerf_lpo.report.diagnosis_markup import interval_text, share, signed, ta
 
 RANKED, CONFOUNDED = 15, 12
 DISCREPANCIES = {
-    "UnknownForce": ("unknown force", "a smooth force on the body that is no known effect"),
+    "UnknownForce": ("unknown force", "a smooth force on the body that none of the known effects makes"),
     "WrongShape": ("wrong shape", "errors of the reconstructed shape"),
 }
 INDISTINGUISHABLE = 0.9
@@ -59,8 +59,8 @@ def _legend(screen: Mapping[str, Any], refitted: bool) -> str:
         '<span><span class="key discrepancy"></span>no known effect</span>'
         f"<span>{bars}</span></p>"
         f'<p class="note">Dashed: {threshold:.1f} (odds of {words.odds(threshold)}), which the best of all passes by '
-        f"chance in {screen['level']:.0%} of the recordings in which nothing is missing. Every 2.3 are a factor of ten in "
-        "the odds; below 0 the recording speaks against an effect.</p>"
+        f"chance in {screen['level']:.0%} of the recordings in which nothing is missing. Every 2.3 are a factor of "
+        "ten in the odds; below 0 the recording speaks against an effect.</p>"
     )
 
 
@@ -100,15 +100,15 @@ def refit_table(done: Mapping[str, Any]) -> str:
 def _refit(again: Mapping[str, Any], done: Mapping[str, Any], known: set[str]) -> str:
     own = [value for name, value in again["values"].items() if name not in known]
     coefficients = "".join(
-        f'<div title="{text(value["label"])}">{interval_text(value, value["unit"])}</div>' for value in own
+        f"<div>{interval_text(one, one['unit'])}<small>{text(one['label'])}</small></div>" for one in own
     )
     notes = "".join(f"<small class=warn>{text(note)}</small>" for note in again["notes"])
     kind = "accepted" if again["name"] == done["accepted"] else ""
-    p = again["p_value"]
+    p, factor = again["p_value"], again["log_bayes_factor"]
     return (
         f'<tr class="{kind}"><td class="name" title="{text(again["signature"])}"><b>{text(again["readable"])}</b></td>'
-        f"<td>{again['cost_without']:.0f} → {again['cost']:.0f}</td><td>{signed(again['log_bayes_factor'])}</td>"
-        f"<td>{words.odds(again['log_bayes_factor'])}</td><td>{'&lt; 0.0001' if p < 1e-4 else f'{p:.2g}'}</td>"
+        f"<td>{again['cost_without']:.0f} → {again['cost']:.0f}</td><td>{signed(factor)}</td>"
+        f"<td>{words.odds(factor, short=True)}</td><td>{'&lt; 0.0001' if p < 1e-4 else f'{p:.2g}'}</td>"
         f'<td>{coefficients}</td><td class="outcome">{outcome(again, done)}{notes}</td></tr>'
     )
 
@@ -124,5 +124,5 @@ def outcome(again: Mapping[str, Any], done: Mapping[str, Any]) -> str:
         return f"not rarer than {level:.0%} by chance"
     best = next((one["log_bayes_factor"] for one in done["refits"] if one["name"] == done["accepted"]), factor)
     if best - factor >= DECISIVE:
-        return f"odds against it and for the added one: {words.odds(best - factor)}"
+        return f"{words.odds(best - factor, short=True)} for the added one"
     return "a fault of a held-out camera, compared separately" if again["camera"] else "not added"

@@ -41,11 +41,14 @@ LIGHTS = {
     "unfinished": Light("none", "not finished"),
 }
 DOUBT = Light("fair", "reconstruction in doubt")
+PARTIAL = Light("fair", "cause found, not all explained")
 
 
 def light(verdict: Mapping[str, Any]) -> Light:
     """The mark next to a verdict."""
-    return DOUBT if verdict["doubt"] else LIGHTS[verdict["kind"]]
+    if verdict["doubt"]:
+        return DOUBT
+    return PARTIAL if verdict["kind"] == "missing" and verdict["rest"] else LIGHTS[verdict["kind"]]
 
 
 @dataclass(frozen=True)
@@ -141,10 +144,11 @@ def chance(p: float) -> str:
     return f"chance alone would do this in about 1 of {_round(1 / p)} recordings in which nothing is missing"
 
 
-def odds(log_bayes_factor: float) -> str:
+def odds(log_bayes_factor: float, short: bool = False) -> str:
     """``67 to 1``: odds of an effect, if they were even before; ``1 to 12`` where the recording speaks against it."""
     size = math.exp(min(abs(log_bayes_factor), 20.0))
-    text = "more than a million" if size > 1e6 else f"{size:.1f}" if size < 9.95 else _round(size)
+    most = "over 1 000 000" if short else "more than a million"
+    text = most if size > 1e6 else f"{size:.1f}" if size < 9.95 else f"{int(float(f'{size:.2g}')):,}".replace(",", " ")
     return f"{text} to 1" if log_bayes_factor >= 0 else f"1 to {text}"
 
 
