@@ -27,7 +27,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
-from pacnerf_lpo.inference.decision import LEVEL, best, indistinguishable, worth_refitting
+from pacnerf_lpo.inference.decision import LEVEL, best, indistinguishable, log_odds, worth_refitting
 from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
@@ -196,11 +196,14 @@ def _round(
         spent(sum(again.simulated for again in found.refits))
     found.finished = True
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
-    contenders = physics if best(physics) else [again.contender for again in found.refits]
-    leader = best(contenders)
-    if leader is not None:
-        found.accepted = next(again for again in found.refits if again.name == leader.name)
-        found.alike = indistinguishable(contenders, leader)
+    cameras = [again.contender for again in found.refits if again.name in screening.outside]
+    for contenders in (physics, cameras):  # fitted to different data
+        odds = log_odds(contenders, len(comparison.residual[problem.fitted]), screening.usual_scale)
+        leader = best(contenders, odds)
+        if leader is not None:
+            found.accepted = next(again for again in found.refits if again.name == leader.name)
+            found.alike = indistinguishable(leader, odds)
+            break
     return found
 
 

@@ -13,9 +13,9 @@ from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, fit_or_none
+from pacnerf_lpo.identification.least_squares import Fit, column, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.inference.decision import Contender, refitted_log_bayes_factor
+from pacnerf_lpo.inference.decision import Contender, log_bayes_factor, log_occam_factor
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -37,6 +37,7 @@ class Refit:
     residual: measured minus predicted [pixels, (R, F, 11)]
     cost_without, cost: sums of squares of the standardised residual and of the priors' terms in the fitted entries.
     log_bayes_factor: of the effect against the model without it.
+    occam: logarithm of the part of the prior of the coefficients that the data leave.
     p_value: of the whole procedure.
     notes: sentences about estimates at a bound or far from what was expected.
     simulated: simulations that it took.
@@ -49,6 +50,7 @@ class Refit:
     cost_without: float
     cost: float
     log_bayes_factor: float
+    occam: float
     p_value: float
     notes: tuple[str, ...]
     simulated: int
@@ -56,7 +58,7 @@ class Refit:
     @property
     def contender(self) -> Contender:
         """As a decision sees it."""
-        return Contender(self.name, self.log_bayes_factor, self.p_value)
+        return Contender(self.name, self.cost, self.occam, self.p_value)
 
 
 def refit(
@@ -100,19 +102,30 @@ def refit(
             return None
         begun, rollouts = [found.free], found.rollouts
     best: Fit | None = None
+    own = np.isin(model.names, list(candidate.effect.parameters))
     for start in begun:
         least = min(without, GIVE_UP * best_cost, np.inf if best is None else GIVE_UP * best.cost)
         report = reporter(model, progress)
-        tried = fit_or_none(objective, start, model.scales, model.bounds, ITERATIONS, report=report, abort_above=least)
-        rollouts += 1 if tried is None else tried.rollouts
+        first = None if searched else _begun(objective, model, comparison, start, own, mask)
+        tried = fit_or_none(
+            objective,
+            start if first is None else first,
+            model.scales,
+            model.bounds,
+            ITERATIONS,
+            report=report,
+            abort_above=least,
+            confirm=False,
+        )
+        rollouts += own.sum() + 2 if tried is None else tried.rollouts
         if tried is not None and (best is None or tried.cost < best.cost):
             best = tried
     if best is None or best.jacobian is None:
         return None
-    own = np.isin(model.names, list(candidate.effect.parameters))
     jacobian = best.jacobian[: -len(model.names)] * deviation
     scale = screening.scale(candidate.name)
-    factor = refitted_log_bayes_factor(without, best.cost, jacobian[:, ~own], jacobian[:, own], scale)
+    occam = log_occam_factor(jacobian[:, ~own], jacobian[:, own] / scale)
+    factor = log_bayes_factor(without, best.cost, len(jacobian), occam, scale)
     along = scale * float(np.sqrt(max(1.0, best.cost / len(jacobian))))
     told, _ = intervals_in_si(model, best.free, deviation, jacobian, along, noise)
     return Refit(
@@ -123,10 +136,29 @@ def refit(
         without,
         best.cost,
         factor,
+        occam,
         screening.p_value(candidate.name, factor),
         tuple(notes(model, best.free, mean, deviation)),
         rollouts + 1,
     )
+
+
+def _begun(
+    objective: Objective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray, mask: np.ndarray
+) -> Fit | None:
+    """The start of a fit [(K,)] with its sensitivities: those of the model without the effect, which fits correct as they
+    go, and those to its own coefficients [(K,), bool], measured; None where the motion is unstable.
+    """
+    try:
+        now = objective(start)
+    except SimulationError:
+        return None
+    known = {name: comparison.jacobian[mask][:, k] for k, name in enumerate(comparison.names)}
+    changes = np.stack([known.get(name, np.zeros(mask.sum())) for name in model.names], axis=1)
+    jacobian = np.concatenate((objective.noise.whiten(np.nan_to_num(changes)), np.diag(1 / objective.deviation)))
+    for index in np.flatnonzero(own):
+        jacobian[:, index] = column(objective, start, now, index, model.scales[index], model.bounds[1][index])[0]
+    return Fit(start, now, jacobian, 1 + int(own.sum()), objective)
 
 
 def _cost_without(problem: Problem, comparison: Comparison, mask: np.ndarray) -> float:

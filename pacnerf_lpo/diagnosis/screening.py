@@ -61,8 +61,12 @@ class Screening:
 
     def scale(self, name: str) -> float:
         """Factor on the noise along a hypothesis; that of a typical one where it changes nothing that can be seen."""
-        scales = self._calibration(name).scales
-        return scales.get(name, float(np.median(list(scales.values()))))
+        return self._calibration(name).scales.get(name, self.usual_scale)
+
+    @property
+    def usual_scale(self) -> float:
+        """Factor on the noise along a typical hypothesis."""
+        return float(np.median(list(self.calibrations[0].scales.values())))
 
     @property
     def threshold(self) -> float:

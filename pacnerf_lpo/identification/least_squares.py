@@ -217,12 +217,12 @@ def _jacobian(
     residual: Residual, free: np.ndarray, now: np.ndarray, scales: np.ndarray, bounds: Bounds
 ) -> tuple[np.ndarray, int]:
     """:func:`sensitivities`, and how often the residual was computed."""
-    columns = each(_column, ((residual, free, now, k, scale, bounds[1][k]) for k, scale in enumerate(scales)))
+    columns = each(column, ((residual, free, now, k, scale, bounds[1][k]) for k, scale in enumerate(scales)))
     found, used = zip(*columns, strict=True)
     return np.stack(found, axis=1), sum(used)
 
 
-def _column(
+def column(
     residual: Residual, free: np.ndarray, now: np.ndarray, index: int, scale: float, highest: float
 ) -> tuple[np.ndarray, int]:
     """Derivative of the residual by one unknown [(D,)], and how often the residual was computed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ LEVEL = 0.01
 """Probability that a diagnosis names anything where nothing is missing: an invented effect costs a user more than a weak
 one that is not found, and the report says how large that could be."""
 DECISIVE = float(np.log(20.0))
-"""Hypotheses whose log Bayes factors differ by less are not told apart: odds of twenty to one (Kass and Raftery 1995)."""
+"""Hypotheses whose log odds are within this are not told apart: odds of twenty to one (Kass and Raftery 1995)."""
 
 
 LINEAR = 0.7
@@ -24,45 +24,75 @@ class Contender:
     """A hypothesis that was fitted with all other parameters.
 
     name: of the hypothesis
-    log_bayes_factor: of it against the model without it
-    p_value: probability that the best of all hypotheses reaches this where nothing is missing
+    cost: |y|^2 at its optimum, with the terms of the priors
+    occam: logarithm of the part of the prior of its coefficients that the data leave
+    p_value: probability that the best of all hypotheses reaches its Bayes factor where nothing is missing
     """
 
     name: str
-    log_bayes_factor: float
+    cost: float
+    occam: float
     p_value: float
 
 
-def best(contenders: Sequence[Contender]) -> Contender | None:
-    """The hypothesis that is believed; None if the best is no rarer than a false alarm."""
-    leader = max(contenders, key=lambda one: one.log_bayes_factor, default=None)
-    return leader if leader is not None and leader.p_value < LEVEL else None
+def log_odds(contenders: Sequence[Contender], size: int, scale: float) -> dict[str, float]:
+    """Logarithm of the posterior odds of every hypothesis against the best one, by name, best first.
+
+    Of two hypotheses that both explain the residual, what each leaves decides, in units of the dispersion of the best.
+
+    Args:
+        contenders: fitted to the same data
+        size: D, number of those
+        scale: s, factor on the noise along a typical hypothesis
+    """
+    if not contenders:
+        return {}
+    dispersion = scale**2 * max(1.0, min(one.cost for one in contenders) / size)
+    evidence = {one.name: one.occam - one.cost / (2 * dispersion) for one in contenders}
+    most = max(evidence.values())
+    return {name: evidence[name] - most for name in sorted(evidence, key=lambda name: -evidence[name])}
 
 
-def indistinguishable(contenders: Sequence[Contender], leader: Contender) -> list[str]:
+def best(contenders: Sequence[Contender], odds: Mapping[str, float]) -> Contender | None:
+    """The most probable of the hypotheses that are rarer than a false alarm; None if there is none.
+
+    Args:
+        contenders: fitted to the same data
+        odds: of each, from :func:`log_odds`
+    """
+    rare = [one for one in contenders if one.p_value < LEVEL]
+    return max(rare, key=lambda one: odds[one.name], default=None)
+
+
+def indistinguishable(leader: Contender, odds: Mapping[str, float]) -> list[str]:
     """Names that the data do not tell apart from the leader, itself first."""
-    near = [c for c in contenders if leader.log_bayes_factor - c.log_bayes_factor < DECISIVE]
-    return [c.name for c in sorted(near, key=lambda c: -c.log_bayes_factor)]
+    near = [name for name, found in odds.items() if found > odds[leader.name] - DECISIVE and name != leader.name]
+    return [leader.name, *near]
 
 
-def refitted_log_bayes_factor(
-    cost_without: float, cost: float, others: np.ndarray, own: np.ndarray, scale: float
-) -> float:
-    """log Bayes factor of a hypothesis that was fitted again with all other parameters, by Laplace's approximation of the
-    likelihood of :mod:`evidence`.
+def log_bayes_factor(cost_without: float, cost: float, size: int, occam: float, scale: float) -> float:
+    """Of a hypothesis that was fitted again with all other parameters against the model without it, by Laplace's
+    approximation of the likelihood of :mod:`evidence`.
 
     Args:
         cost_without: |y|^2 of the model without the hypothesis at its optimum, with the terms of the priors
         cost: the same with the hypothesis
-        others: change of the standardised residual by one prior standard deviation of every other parameter at the
-            optimum of the hypothesis (D, K)
-        own: the same of its own coefficients (D, m)
+        size: D, number of data
+        occam: from :func:`log_occam_factor`
         scale: s, factor on the noise along the hypothesis
     """
-    least = max(cost, float(len(own)))
     gain = max(cost_without - cost, 0.0) / scale**2
-    both = np.concatenate((others, own / scale), axis=1)
-    return len(own) / 2 * float(np.log1p(gain / least)) - (_half_log_volume(both) - _half_log_volume(others))
+    return size / 2 * float(np.log1p(gain / max(cost, float(size)))) + occam
+
+
+def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
+    """Logarithm of the part of the prior of a hypothesis' coefficients that the data leave.
+
+    Args:
+        others: change of the standardised residual by one prior standard deviation of every other parameter (D, K)
+        own: the same of the coefficients (D, m)
+    """
+    return _half_log_volume(others) - _half_log_volume(np.concatenate((others, own), axis=1))
 
 
 def _half_log_volume(changes: np.ndarray) -> float:

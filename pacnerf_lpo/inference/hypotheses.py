@@ -29,7 +29,9 @@ class Hypothesis:
     def __post_init__(self) -> None:
         for change, widths in zip(self.alternatives, self.widths, strict=True):
             if change.ndim != 2 or change.shape[1] != len(widths):
-                raise ValueError(f"hypothesis {self.name}: change {change.shape} has not one column for each of {widths}")
+                raise ValueError(
+                    f"hypothesis {self.name}: change {change.shape} has not one column for each of {widths}"
+                )
             if self.one_sided and len(widths) > 1:
                 raise ValueError(f"hypothesis {self.name}: only a single coefficient can be one-sided")
 
@@ -52,5 +54,8 @@ class Hypothesis:
         if joint:
             return Hypothesis(name, (scaled,), (signed,), False)
         return Hypothesis(
-            name, tuple(scaled[:, [k]] for k in range(len(sizes))), tuple(signed[[k]] for k in range(len(sizes))), one_sided
+            name,
+            tuple(scaled[:, [k]] for k in range(len(sizes))),
+            tuple(signed[[k]] for k in range(len(sizes))),
+            one_sided,
         )

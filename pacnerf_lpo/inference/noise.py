@@ -177,16 +177,21 @@ class NoiseModel:
         """For each replicate: the model learnt from the others (shrinkage and correlation kept), and the replicate (D,)."""
         kept = self.sensor_sigma, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
-            (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate) for index, replicate in enumerate(self.replicates)
+            (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate)
+            for index, replicate in enumerate(self.replicates)
         ]
 
 
 def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:
     if replicates.ndim != 2 or len(replicates) < LEAST_REPLICATES:
-        raise ValueError(f"replicates have shape {replicates.shape}; at least {LEAST_REPLICATES} residual vectors are needed")
+        raise ValueError(
+            f"replicates have shape {replicates.shape}; at least {LEAST_REPLICATES} residual vectors are needed"
+        )
     for name, array in (("sensor_sigma", sensor_sigma), ("layout.view", layout.view), ("layout.frame", layout.frame)):
         if np.shape(array) != replicates.shape[1:]:
-            raise ValueError(f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries")
+            raise ValueError(
+                f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries"
+            )
     if not (np.isfinite(replicates).all() and np.isfinite(sensor_sigma).all() and (sensor_sigma > 0).all()):
         raise ValueError("replicates and sensor_sigma must be finite, and sensor_sigma positive")
 
