@@ -91,7 +91,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
         undetermined=bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",
         limits=bullets(words.NOT_IDENTIFIABLE),
-        experiments=bullets(advice) or "<p>No two of the effects in question are indistinguishable here.</p>",
+        experiments=bullets(advice) or "<p>No indistinguishable effects are left here.</p>",
         notes=_notes(words.notes(result)),
         bounds=sections.bounds_table(result),
         effort=sections.effort_table(result),

@@ -121,7 +121,7 @@ def outcome(again: Mapping[str, Any], done: Mapping[str, Any]) -> str:
     if name in done["alike"]:
         return "not separated from the added one"
     if again["p_value"] >= level:
-        return f"not rarer than {level:.0%} by chance"
+        return f"p above {level:.0%}: chance explains it"
     best = next((one["log_bayes_factor"] for one in done["refits"] if one["name"] == done["accepted"]), factor)
     if best - factor >= DECISIVE:
         return f"{words.odds(best - factor, short=True)} for the added one"

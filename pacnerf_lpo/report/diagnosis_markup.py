@@ -31,13 +31,14 @@ def paragraphs(sentences: Sequence[str]) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """A value with its unit, or infinity."""
-    return text(quantity(value, unit)) if math.isfinite(value) else "∞" if value > 0 else "&minus;∞"
+    """A value with its unit, or infinity; powers and the minus sign as in print."""
+    size = text(quantity(abs(value), unit)).replace("^2", "²").replace("^3", "³") if math.isfinite(value) else "∞"
+    return f"&minus;{size}" if value < 0 else size
 
 
 def signed(value: float) -> str:
     """With one digit and a true minus sign."""
-    return f"{value:.1f}".replace("-", "&minus;")
+    return f"{value if abs(value) >= 0.05 else 0.0:.1f}".replace("-", "&minus;")
 
 
 def interval_text(found: Mapping[str, Any] | None, unit: str) -> str:

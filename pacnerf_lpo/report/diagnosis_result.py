@@ -71,7 +71,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "points": [] if problem.points is None else problem.points.names,
         "stages": diagnosis_stages.stages(problem, rounds),
         "rounds": [_round(problem, found) for found in rounds],
-        "residual_force": None if force is None else _force(force),
+        "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),
     }
 
 
@@ -192,8 +192,9 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
     }
 
 
-def _force(force: ResidualForce) -> dict[str, Any]:
+def _force(force: ResidualForce, determined: bool) -> dict[str, Any]:
     return {
+        "determined": determined,
         "times": force.times.tolist(),
         "mean": np.round(force.mean, 4).tolist(),
         "field": np.round(force.field, 4).tolist(),

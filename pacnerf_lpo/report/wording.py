@@ -32,6 +32,7 @@ NO_FORCE = (
     "In the fitted data the residual is no more than the model's numerical error, so it does not determine a missing "
     "force."
 )
+NAMES = {"KelvinVoigt": "Kelvin-Voigt viscosity"}
 RESEMBLES = 0.5
 """Share of a force that a law explains which the force is said to look like."""
 
@@ -39,7 +40,7 @@ RESEMBLES = 0.5
 def readable(name: str) -> str:
     """``LinearDrag`` as *linear drag*, ``CameraShift@3`` as *camera shift of view 3*."""
     kind, _, view = name.partition("@")
-    words = re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
+    words = NAMES.get(kind) or re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
     return f"{words} of view {view}" if view else words
 
 
@@ -82,7 +83,7 @@ def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]
         found = [*_named(material, rounds, said), *([REMAINDER] if leaves_more(last) else [])]
     found += _removed(rounds)
     if last.force is not None:
-        determined = said.kind == "unknown" or last.check.p_value < LEVEL
+        determined = force_is_determined(last, said)
         found += force(last.force.explained, last.force.law) if determined else [NO_FORCE]
     return [*found, *(last.comparison.notes if last.accepted is None else last.accepted.notes)]
 
@@ -97,6 +98,11 @@ def doubt(last: Round) -> str | None:
     if last.screening is None or shape is None:
         return None
     return DOUBT_SHAPE if last.screening.p_value(SHAPE, shape.log_bayes_factor) < LEVEL else None
+
+
+def force_is_determined(last: Round, said: Verdict) -> bool:
+    """Whether the fitted data, from which a residual force is estimated, leave more than noise."""
+    return said.kind == "unknown" or last.check.p_value < LEVEL
 
 
 def _nearest(rounds: list[Round], said: Verdict) -> list[str]:

@@ -184,7 +184,7 @@ def other(kind: str) -> dict[str, Any]:
             one["log_bayes_factor"] /= 20
         result["stages"][0]["error"]["held"] = 0.2
     if kind == "unknown":
-        result["residual_force"] = {"times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}
+        result["residual_force"] = {"determined": True, "times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}
     if kind == "unfinished":
         only["screen"], only["refits"] = None, []
     return result

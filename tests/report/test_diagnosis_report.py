@@ -180,7 +180,7 @@ def test_refits_show_cost_evidence_coefficient_and_outcome_with_the_accepted_one
     assert "is a bound of what is possible" in text
     assert evidence.outcome(done["refits"][1], done) == "added"
     assert evidence.outcome(done["refits"][0], done) == "60 000 to 1 for the added one"  # exp(44 - 33)
-    assert evidence.outcome({**done["refits"][0], "p_value": 0.3}, done) == "not rarer than 1% by chance"
+    assert evidence.outcome({**done["refits"][0], "p_value": 0.3}, done) == "p above 1%: chance explains it"
     done["alike"].append("GravityMagnitude")
     assert evidence.outcome(done["refits"][0], done) == "not separated from the added one"
 

@@ -59,14 +59,14 @@
   function drawForce() {
     const force = DATA.residual_force;
     const series = ["x", "y (up)", "z"].map((label, axis) => ({ label, x: force.times, y: force.mean.map((row) => row[axis]), colour: colourOf(`--series-${axis}`) }));
-    lineChart(byId("force-chart"), { series, height: 220, direct: true, xLabel: "time [s]" });
+    lineChart(byId("force-chart"), { series, height: 220, direct: true, continuous: true, xLabel: "time [s]" });
   }
 
   if (!changed) {
     byId("course").closest(".card").remove();
     byId("heatmaps").append(byId("timeline").closest(".card"));
   }
-  if (!DATA.residual_force) byId("force").remove();
+  if (!(DATA.residual_force || {}).determined) byId("force").remove();
   if (!byId("bounds").querySelector("table")) byId("bounds").remove();
   /* Begin where the first model fails most in held-out data. */
   let worst = -1;
@@ -75,6 +75,6 @@
   }));
   const draw = () => { drawHeatMaps(); drawTimeline(); };
   listeners.push(draw);
-  drawings.push(draw, drawCourse, ...(DATA.residual_force ? [drawForce] : []));
+  drawings.push(draw, drawCourse, ...((DATA.residual_force || {}).determined ? [drawForce] : []));
   drawEverything();
 })();
