@@ -86,15 +86,16 @@ def _correlation(value: float, same: bool) -> str:
 
 
 def refit_table(done: Mapping[str, Any]) -> str:
-    """Every effect that was fitted with all other parameters, best first."""
+    """Every effect that was fitted with all other parameters, the most probable first."""
     if not done["refits"]:
         return '<p class="muted">No effect reached the range in which it could win, so none was fitted again.</p>'
     known = {parameter["name"] for parameter in done["parameters"]}
-    order = sorted(done["refits"], key=lambda again: (again["name"] != done["accepted"], -again["log_bayes_factor"]))
-    head = ["effect", "cost without → with", "log Bayes factor", "odds", "p", "coefficient (90 %)", "outcome"]
+    order = sorted(done["refits"], key=lambda again: (again["name"] != done["accepted"], -again["log_odds"]))
+    head = ["effect", "cost without → with", "log Bayes factor", "odds to none", "p", "coefficient (90 %)", "outcome"]
     rows = "".join(_refit(again, done, known) for again in order)
     said = words.indistinguishable(done)
-    return table(head, [rows], "refits") + (f'<p class="note">{text(said)}</p>' if said else "")
+    note = "Of the effects with a p below the level, the one that is most probable relative to the others is added."
+    return table(head, [rows], "refits") + f'<p class="note">{text(f"{note} {said}".strip())}</p>'
 
 
 def _refit(again: Mapping[str, Any], done: Mapping[str, Any], known: set[str]) -> str:
@@ -115,14 +116,15 @@ def _refit(again: Mapping[str, Any], done: Mapping[str, Any], known: set[str]) -
 
 def outcome(again: Mapping[str, Any], done: Mapping[str, Any]) -> str:
     """What became of an effect that was fitted."""
-    name, factor, level = again["name"], again["log_bayes_factor"], done["screen"]["level"]
+    name, level = again["name"], done["screen"]["level"]
     if name == done["accepted"]:
         return "added"
     if name in done["alike"]:
         return "not separated from the added one"
     if again["p_value"] >= level:
         return f"p above {level:.0%}: chance explains it"
-    best = next((one["log_bayes_factor"] for one in done["refits"] if one["name"] == done["accepted"]), factor)
-    if best - factor >= DECISIVE:
-        return f"{words.odds(best - factor, short=True)} for the added one"
+    added = next((one for one in done["refits"] if one["name"] == done["accepted"]), again)
+    behind = added["log_odds"] - again["log_odds"]
+    if behind >= DECISIVE:
+        return f"{words.odds(behind, short=True)} for the added one"
     return "a fault of a held-out camera, compared separately" if again["camera"] else "not added"

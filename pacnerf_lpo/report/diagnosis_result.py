@@ -19,7 +19,7 @@ from pacnerf_lpo.diagnosis.rounds import Round, accepted_names, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Screening, size_of
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.checks import Check
-from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.decision import LEVEL, log_odds
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
@@ -84,6 +84,7 @@ def _chance(rounds: list[Round]) -> float | None:
 def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
+    odds = _odds(problem, found)
     return {
         "effects": [name_of(effect) for effect in found.effects],
         "parameters": _intervals(found.parameters, unknowns),
@@ -97,12 +98,22 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
         "error": _errors(problem, comparison.residual, found),
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
-        "refits": [_refit(problem, again, found) for again in found.refits],
+        "refits": [{**_refit(problem, again, found), "log_odds": odds[again.name]} for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.name,
         "alike": found.alike,
         "removed": found.removed,
         "effort": found.effort,
     }
+
+
+def _odds(problem: Problem, found: Round) -> dict[str, float]:
+    """Log odds of every refit against the best of those fitted to the same data, by name."""
+    if found.screening is None:
+        return {}
+    size, outside = int(problem.fitted.sum()), found.screening.outside
+    families = [[a.contender for a in found.refits if (a.name in outside) == held] for held in (False, True)]
+    parts = [log_odds(family, size, found.screening.usual_scale) for family in families]
+    return {name: value for part in parts for name, value in part.items()}
 
 
 def _check(check: Check) -> dict[str, Any]:

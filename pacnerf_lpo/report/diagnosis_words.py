@@ -255,8 +255,8 @@ def indistinguishable(done: Mapping[str, Any]) -> str:
         return ""
     names = listed([readable(name) for name in done["alike"]], "and")
     return (
-        f"This recording does not separate {names}: their log Bayes factors differ by less than {DECISIVE:.1f} "
-        f"(odds of {odds(DECISIVE)})."
+        f"This recording does not separate {names}: the odds of the added one to each of the others are below "
+        f"{odds(DECISIVE)}."
     )
 
 

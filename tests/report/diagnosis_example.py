@@ -89,6 +89,7 @@ def refit(name: str, factor: float, held: float) -> dict[str, Any]:
         "cost_without": 900.0,
         "cost": 300.0,
         "log_bayes_factor": factor,
+        "log_odds": factor - 44.0,
         "p_value": 1e-7,
         "notes": [],
         "excess": [[0.0] * 6] * 4,

@@ -104,7 +104,9 @@ def test_only_what_the_recording_does_not_separate_is_an_alternative():
     result["rounds"][0]["alike"] = ["LinearDrag", "GravityMagnitude"]
     assert words.missing(result)[0].startswith("Linear drag (or gravity magnitude: this recording does not separate")
     assert words.experiments(result) == [("linear drag and gravity magnitude", "the experiment for LinearDrag")]
-    assert "linear drag and gravity magnitude: their log" in words.indistinguishable(result["rounds"][0])
+    assert "linear drag and gravity magnitude: the odds of the added one" in words.indistinguishable(
+        result["rounds"][0]
+    )
 
 
 def test_an_effect_that_was_removed_again_is_not_said_to_be_missing():
