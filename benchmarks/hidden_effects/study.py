@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from pacnerf_lpo.diagnosis.plan import best_drop, propose
 
 from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO, KnownShape
@@ -27,6 +26,7 @@ from benchmarks.hidden_effects.run import processor_time
 from benchmarks.hidden_effects.setting import FAST, another_drop, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, course_of
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.plan import best_drop, propose
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import RunError, SimulationError

@@ -13,10 +13,13 @@ import numpy as np
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.report.wording import MOST_ODDS, either, odds, readable
+from pacnerf_lpo.report.diagnosis_words import odds
+from pacnerf_lpo.report.wording import either, readable
 
 RESULT, PAGE = "plan.json", "plan.html"
 BAR, ROW, WIDTH = 18, 46, 720
+LONGEST = float(np.log(1000.0))
+"""Log Bayes factor of the longest bar: beyond a thousand to one a recording decides in any case."""
 STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     "text{font:14px system-ui,sans-serif;fill:currentColor}td,th{padding:.2rem .8rem .2rem 0;text-align:left}"
@@ -70,8 +73,8 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
 
 
 def bars(proposals: Sequence[Proposal]) -> str:
-    """One bar for each recording, as SVG; scores above the largest odds that are told are cut off."""
-    end = MOST_ODDS * 1.05
+    """One bar for each recording, as SVG; those beyond the longest are cut off."""
+    end = 1.05 * LONGEST
     marks = []
     for rank, one in enumerate(proposals):
         length = WIDTH * float(np.clip(one.score / end, 0.002, 1.0))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom, norm
-
 from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut, acceptance, held_out_noise, judge_held_out, survival
 from pacnerf_lpo.diagnosis.statistics.intervals import (
     laplace_intervals,
@@ -14,6 +12,8 @@ from pacnerf_lpo.diagnosis.statistics.intervals import (
     twin_inflation,
 )
 from pacnerf_lpo.diagnosis.statistics.residual_force import name_force
+from scipy.stats import binom, norm
+
 from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.inference.noise import NoiseModel
 from tests.diagnosis import toy

@@ -12,7 +12,14 @@ from pacnerf_lpo.__main__ import main
 
 def run_of(folder: Path, status: str) -> str:
     """A run directory with one finished phase, as far as a study looks before it reads the video."""
-    record = {"index": 1, "round": 0, "phase": "velocity", "status": "done", "checkpoint": "", "state": "01_velocity.pt"}
+    record = {
+        "index": 1,
+        "round": 0,
+        "phase": "velocity",
+        "status": "done",
+        "checkpoint": "",
+        "state": "01_velocity.pt",
+    }
     folder.mkdir(parents=True)
     (folder / "manifest.json").write_text(json.dumps({"format": 1, "status": status, "phases": [record]}))
     return str(folder)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from pacnerf_lpo.diagnosis.statistics.score import Probe
+
 from pacnerf_lpo.inference.layout import Layout
 
 VIEWS, FRAMES = 4, 12

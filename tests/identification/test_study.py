@@ -76,7 +76,9 @@ def test_predicts_what_the_recordings_predict(study: StudyProblem, drops: list[K
     assert parts[1].known["shift_x_view1"] == 0.01
     residual = study.residual(found)
     for number, drop in enumerate(drops):
-        np.testing.assert_allclose(study.part_of(residual, number), drop.residual(study.part_of(found, number)), rtol=1e-9)
+        np.testing.assert_allclose(
+            study.part_of(residual, number), drop.residual(study.part_of(found, number)), rtol=1e-9
+        )
 
 
 def test_rows_and_frames_keep_their_recording(study: StudyProblem, drops: list[KnownShape]):
