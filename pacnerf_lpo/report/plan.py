@@ -63,7 +63,7 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
         "<p>Each recording was simulated under every hypothesis that the diagnosis left. The bar is the expected log "
-        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another hypothesis can "
+        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another one can "
         "imitate with its own parameters does not count. The line marks odds of twenty to one, which decide.</p>"
         f"{bars(proposals)}<h2>Pair by pair</h2><table><tr><th>recording</th><th>if this is true</th><th>against</th>"
         f"<th>expected odds</th></tr>{rows}</table></body></html>"
