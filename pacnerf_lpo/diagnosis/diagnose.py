@@ -16,7 +16,7 @@ from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, refit
+from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, force_wins, leaves_more
@@ -72,7 +72,8 @@ def prepare(run_dir: str | Path, stem: str | None, options: Options) -> tuple[Ru
     """
     if not LEAST_REPLICATES <= options.replicates <= MOST_REPLICATES:
         raise UserInputError(
-            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are enough"
+            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are "
+            "enough"
         )
     check_jobs(options.jobs, "diagnose")
     if options.particles < 300:
@@ -210,10 +211,12 @@ def _round(
 def _refits(
     problem: Problem, store: Store, number: int, found: Round, screening: Screening, progress: Callable[[str], None]
 ) -> list[Refit]:
-    """Every hypothesis that could win, fitted: those whose linear change says so, and while more than noise is left, the
-    non-local ones, of which it says little: first from their probes, then by a search of their own parameter space.
+    """Every hypothesis that could win, fitted: those whose linear change says so, and while more than noise is left,
+    the non-local ones, of which it says little: from their probes, and where the model without them has gone far from what
+    was expected, by a search of their own parameter space, too.
     """
     refits: list[Refit] = []
+    simulated = 0
 
     def attempt(candidate: Candidate, searched: bool) -> None:
         near = [again.cost for again in refits if again.name not in screening.outside]
@@ -233,7 +236,7 @@ def _refits(
     by_name = {candidate.name: candidate for candidate in found.candidates}
     for name in worth_refitting(list(scored.items()), screening.threshold):
         attempt(by_name[name], False)
-    for searched in (False, True):
+    for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
             known = any(again.name == candidate.name for again in refits)
             if more_than_noise(found, refits) and (searched or not known):
@@ -242,8 +245,8 @@ def _refits(
 
 
 def more_than_noise(found: Round, refits: Sequence[Refit]) -> bool:
-    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that another
-    hypothesis could be better.
+    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that
+    another hypothesis could be better.
     """
     size = len(found.check.replicates)
     floor = float(np.mean(found.check.replicates)) + 2 * float(np.std(found.check.replicates)) * (1 + 1 / size) ** 0.5
