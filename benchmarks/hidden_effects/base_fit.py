@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable
@@ -114,7 +115,7 @@ def draw(folder: Path, seed: int) -> Path:
     else:
         raise RunError(f"scene {seed}: none of {ATTEMPTS} draws is stable, strong and short")
     setting, recorded = scene.setting, scene.recorded
-    partial = target.with_name(f".{target.name}.part")
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     silhouettes = (recorded.silhouettes * 255).round().to(torch.uint8).numpy()
@@ -127,7 +128,8 @@ def draw(folder: Path, seed: int) -> Path:
         "touching": scene.touching,
     }
     (partial / TRUTH).write_text(json.dumps(truth, indent=1))
-    partial.rename(target)
+    with suppress(OSError):  # another process has drawn the same scene meanwhile
+        partial.rename(target)
     return target
 
 
