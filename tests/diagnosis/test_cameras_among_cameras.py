@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pacnerf_lpo.diagnosis.statistics.score import Score
 from scipy.stats import norm, t
 
 from pacnerf_lpo.diagnosis.screening import beside_their_like
-from pacnerf_lpo.diagnosis.statistics.score import Score
 
 QUIET = (0.5, -0.7, 0.2, 1.1, -0.3, 0.6, 0.4)
 

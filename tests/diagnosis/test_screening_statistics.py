@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import binom
-
 from pacnerf_lpo.diagnosis.statistics.calibration import Calibration, calibrate
 from pacnerf_lpo.diagnosis.statistics.classes import classes, correlation
 from pacnerf_lpo.diagnosis.statistics.omnibus import omnibus
 from pacnerf_lpo.diagnosis.statistics.score import Probe, Remainder, equivalent_z, log_chi2_survival, score_test
+from scipy.stats import binom
+
 from pacnerf_lpo.inference.noise import NoiseModel
 from tests.diagnosis import toy
 

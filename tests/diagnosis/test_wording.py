@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import pytest
+from pacnerf_lpo.diagnosis.statistics.residual_force import Law, Term
 
 from pacnerf_lpo.diagnosis import wording
-from pacnerf_lpo.diagnosis.statistics.residual_force import Law, Term
 
 DRAG = Term("velocity", -1.5, "1/s", -1.7, -1.3, 1.0, 0.9)
 
