@@ -40,7 +40,7 @@ class SmoothForce(BodyForce):
 
     parameters = {
         name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()
-    }
+    }  # noqa: RUF012
     null = dict.fromkeys(parameters, 0.0)
     signature = "anything that a smooth force can do"
     probes = ()

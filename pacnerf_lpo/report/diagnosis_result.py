@@ -136,9 +136,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
                 "log_bayes_factor": score.log_bayes_factor,
                 "p_value": screening.p_value(score.name, score.log_bayes_factor),
                 "coefficient": list(score.coefficient),
-                "interval": [
-                    [c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)
-                ],
+                "interval": [[c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)],
                 "strength": score.strength,
                 **described(by_name[score.name], len(score.coefficient), score.alternative),
             }

@@ -21,8 +21,8 @@ CHANCE = 1e-3
 
 @pytest.fixture(scope="module")
 def recordings() -> list[tuple[list[float], float, str]]:
-    """For each of some worlds that were learnt from 10 replicates: p-values of the best hypothesis in recordings without
-    any effect, and p-value and name of the best with a drag of seven deviates of the largest scale.
+    """For each of some worlds, learnt from 10 replicates: p-values of the best hypothesis in recordings without any
+    effect, and p-value and name of the best with a drag of seven deviates of the largest scale.
 
     Recordings have parameters that were drawn from their prior.
     """
@@ -84,7 +84,7 @@ def test_scales_are_moderated_towards_their_mean_and_never_below_one():
 
 
 def test_the_threshold_rises_with_the_number_of_hypotheses():
-    """The same one twice costs nothing, but for another draw of the dispersion; twelve more cost odds of about as many."""
+    """The same one twice costs nothing, but for another draw of the dispersion; twelve more cost their odds."""
     noise = toy.learnt(np.random.default_rng(3), 12)
     alone, twice, all_ = (
         calibrate(noise, chosen, 0.05).threshold for chosen in (HYPOTHESES[:1], HYPOTHESES[:1] * 2, HYPOTHESES)

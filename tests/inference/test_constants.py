@@ -55,7 +55,7 @@ def test_every_constant_of_a_decision_is_listed_here(module: str):
 
 
 def test_modules_of_the_inference_that_are_not_listed_have_no_constants_that_decide():
-    """Those say when a parameter is called undetermined, and which terms of a force are named: sentences, not verdicts."""
+    """Two say when a parameter is called undetermined, and which terms of a force are named: in sentences only."""
     described = {"inference/intervals.py", "inference/force_law.py"}
     for path in sorted((PACKAGE / "inference").glob("*.py")):
         module = f"inference/{path.name}"

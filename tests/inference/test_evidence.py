@@ -1,4 +1,4 @@
-"""Scores of hypotheses against marginal likelihoods that are integrated numerically, without any of the closed forms."""
+"""Scores of hypotheses against marginal likelihoods that are integrated numerically, without any closed form."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def residual(strength: float, change: np.ndarray, seed: int = 5) -> np.ndarray:
 
 
 def brute(y: np.ndarray, X: np.ndarray, scale: float, one_sided: bool = False) -> float:
-    """log of the ratio of int dsigma/sigma int db N(b; 0, sigma^2) N(y; X b, sigma^2 V) to that with b = 0, where V is 1
-    but scale^2 along X.
+    """log of the ratio of int dsigma/sigma int db N(b; 0, sigma^2) N(y; X b, sigma^2 V) to that with b = 0; V is 1, but
+    scale^2 along X.
     """
     axes = np.linalg.qr(X)[0]
     V = np.eye(len(y)) + (scale**2 - 1) * axes @ axes.T
@@ -108,7 +108,7 @@ def test_coefficients_are_the_posterior_mean_in_their_unit():
 
 
 def test_a_residual_below_the_noise_is_no_evidence():
-    """A small effect on a residual of zero otherwise: a dispersion that is estimated, not bounded, would call it large."""
+    """A small effect, and nothing else: a dispersion that is estimated, not bounded, would call it large."""
     alternative = Alternative.of(NOISE, DRAG[0][:, None])
     small = alternative.log_bayes_factor(np.array([1.0]), np.array(0.0), 1.0, False)
     usual = alternative.log_bayes_factor(np.array([1.0]), np.array(191.0), 1.0, False)

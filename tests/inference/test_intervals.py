@@ -17,8 +17,8 @@ MANY = 1e9
 
 
 def test_intervals_cover_where_parameters_come_from_their_prior():
-    """White noise, 400 draws of three parameters, one strongly, one weakly and one not determined: each is covered in 90 %
-    but for binomial chance (99.8 %).
+    """White noise, 400 draws of three parameters, one strongly, one weakly and one not determined: each is covered in
+    90 % but for binomial chance (99.8 %).
     """
     rng, draws = np.random.default_rng(0), 400
     jacobian = rng.standard_normal((30, 3)) * [2.0, 0.3, 0.0]
