@@ -27,7 +27,7 @@ def conditional_square(residual: np.ndarray, mean: np.ndarray, C: np.ndarray) ->
 
 
 def test_held_out_entries_are_judged_by_the_conditional_gaussian():
-    """Replicates that vary by less than the sensor noise: the covariance of all and of the part is (1 + 1/T)(S^2 + B B^T)."""
+    """Replicates that vary by less than the sensor noise: the covariance is (1 + 1/T)(S^2 + B B^T), all and part."""
     rng = np.random.default_rng(0)
     drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
     whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT, B)
