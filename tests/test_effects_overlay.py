@@ -101,7 +101,7 @@ def test_classes_of_the_user_are_found_again(before: Path, tmp_path: Path, monke
 
 @pytest.mark.parametrize(
     "effect",
-    [CentralForce(2.0, centre=(0.1, 0.7, -0.2)), ShearThinning(0.8, onset_rate=3.0), CameraDrift(0.01, view=2)],
+    [CentralForce(2.0, 0.5, centre=(0.1, 0.7, -0.2)), ShearThinning(0.8, onset_rate=3.0), CameraDrift(0.01, view=2)],
     ids=name_of,
 )
 def test_an_effect_comes_back_with_all_its_arguments(effect: Effect, tmp_path: Path):

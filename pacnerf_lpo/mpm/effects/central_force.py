@@ -7,28 +7,55 @@ from pacnerf_lpo.mpm.effects.base import BodyForce
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.point import Point
 
+AXES = "xyz"
+
 
 class CentralForce(BodyForce):
-    """Acceleration -k (x - p) towards a given point p: an isotropic spring per unit mass.
+    """Acceleration -k (x - p) towards a point p: an isotropic spring per unit mass.
+
+    It is written b - k (x - c) around a given reference point c, so that strength and place are identified together:
+    the centre is p = c + b / k, which the null k = 0 could not tell anything of.
 
     Args:
         pull: k [1/s^2]; negative pushes away.
-        centre: p [m], its height measured from the ground.
+        central_x, central_y, central_z: b, acceleration at the reference point [m/s^2].
+        centre: c [m], its height measured from the ground; with b = 0 the centre itself.
     """
 
-    parameters = {"pull": Parameter("pull", "1/s^2", Identity(), (-1e3, 1e4), "pull towards the centre", scale=0.5)}  # noqa: RUF012
-    null = {"pull": 0.0}  # noqa: RUF012
+    parameters = {  # noqa: RUF012
+        "pull": Parameter("pull", "1/s^2", Identity(), (-1e3, 1e4), "pull towards the centre", scale=0.5),
+        **{
+            f"central_{axis}": Parameter(
+                f"central_{axis}", "m/s^2", Identity(), (-1e4, 1e4), f"pull along {axis} at the reference point"
+            )
+            for axis in AXES
+        },
+    }
+    null = dict.fromkeys(parameters, 0.0)
     signature = "the acceleration changes with the place: the body is drawn towards a point, and squeezed a little"
     confused_with = ("UniformForce", "GravityMagnitude")
     separating_experiment = "a second start position, on the other side of the point"
-    probes = ({"pull": -1.0}, {"pull": 1.0}, {"pull": 5.0})
+    probes = (
+        {"pull": -1.0, "central_x": 0.0, "central_y": 0.0, "central_z": 0.0},
+        {"pull": 5.0, "central_x": 0.0, "central_y": 0.0, "central_z": 0.0},
+        {"pull": 1.0, "central_x": 1.0, "central_y": 1.0, "central_z": 1.0},
+    )
 
-    def __init__(self, pull: float = 0.0, centre: tuple[float, float, float] = (0.0, 0.5, 0.0)):
+    def __init__(
+        self,
+        pull: float = 0.0,
+        central_x: float = 0.0,
+        central_y: float = 0.0,
+        central_z: float = 0.0,
+        centre: tuple[float, float, float] = (0.0, 0.5, 0.0),
+    ):
         self.centre = tuple(centre)
+        values = {"pull": pull, "central_x": central_x, "central_y": central_y, "central_z": central_z}
         names = ("pull_centre_x", "pull_centre_y", "pull_centre_z")
-        super().__init__({"pull": pull}, dict(zip(names, centre, strict=True)))
+        super().__init__(values, dict(zip(names, centre, strict=True)))
 
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         centre = (c.pull_centre_x, c.pull_centre_y, c.pull_centre_z)
-        return [-c.pull * (x - p) for x, p in zip(point.x, centre, strict=True)]
+        at_centre = (c.central_x, c.central_y, c.central_z)
+        return [b - c.pull * (x - p) for b, x, p in zip(at_centre, point.x, centre, strict=True)]

@@ -38,11 +38,12 @@ def stress_free(point: Point, c: SimpleNamespace) -> tuple:
 def test_drag_slows_and_forces_push_as_said():
     v, c = [3.0, -4.0, 0.0], SimpleNamespace(drag_per_length=0.2, push_x=1.0, push_z=-2.0, extra_gravity=0.5, pull=2.0)
     centre = {"pull_centre_x": 1.0, "pull_centre_y": 0.0, "pull_centre_z": 0.0}
+    centre |= {"central_x": 0.0, "central_y": 0.5, "central_z": 0.0}
     assert effects.QuadraticDrag.acceleration(at(v=v), c) == pytest.approx([-3.0, 4.0, 0.0])
     assert effects.UniformForce.acceleration(at(), c) == [1.0, 0.0, -2.0]
     assert effects.GravityMagnitude.acceleration(at(), c) == [0.0, -0.5, 0.0]
     c = SimpleNamespace(**vars(c), **centre)
-    assert effects.CentralForce.acceleration(at(x=[1.5, 1.0, 0.0]), c) == [-1.0, -2.0, 0.0]
+    assert effects.CentralForce.acceleration(at(x=[1.5, 1.0, 0.0]), c) == [-1.0, -1.5, 0.0]
 
 
 def test_friction_below_sticking_is_coulombs():
