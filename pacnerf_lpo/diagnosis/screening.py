@@ -26,10 +26,12 @@ FORCE, SHAPE = "UnknownForce", "WrongShape"
 FORCES = (0.3, 1.0, 3.0, 10.0)
 """Prior standard deviations of an unknown force, with equal probability [m/s^2]: from a breeze to the gravity."""
 SHAPES = (2.0, 4.0)
-"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect."""
+"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect; one such unit is part
+of every model."""
 MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
-"""Views whose faults of one kind show how large such residuals are by themselves."""
+"""Views whose faults of one kind show how large such residuals are by themselves: the median of fewer would be that of
+the very fault in question."""
 LEAST_CHANGE = 1e-4
 """A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
+from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.diagnose import lookalikes, ranked, rival
 from pacnerf_lpo.diagnosis.refitting import worth_refitting
 from pacnerf_lpo.diagnosis.rounds import asks_for_an_effect, left_over
 from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.diagnosis.statistics.acceptance import HeldOut
-from pacnerf_lpo.diagnosis.verdict import removed_by, unexplained, verdict
 from pacnerf_lpo.identification.problem import absolute, relative
 from pacnerf_lpo.mpm.effects import (
     DensityGradient,

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from pacnerf_lpo.diagnosis.statistics.acceptance import LEAST_REMOVED, MOST_REMOVED
 from torch import Tensor
 
 from benchmarks.hidden_effects.known_shape import KnownShape
@@ -15,7 +16,6 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.comparison import COEFFICIENT_WIDENING, MATERIAL_WIDENING, widening
 from pacnerf_lpo.diagnosis.refitting import least_removed
 from pacnerf_lpo.diagnosis.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
-from pacnerf_lpo.diagnosis.statistics.acceptance import LEAST_REMOVED, MOST_REMOVED
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.mpm.effects import Cohesion, GroundFriction, LinearDrag, StiffnessGradient

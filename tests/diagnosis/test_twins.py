@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pacnerf_lpo.diagnosis.twins import _typical_squares
 
 VIEWS, KINDS = 11, 10
