@@ -87,7 +87,7 @@ def refit(
         None if the motion is unstable from every start.
     """
     outside = candidate.name in screening.outside
-    mask = problem.usable & problem.split.frames[:, None] if outside else problem.fitted
+    mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
     noise = comparison.noise(problem, mask)
     without = _cost_without(problem, comparison, mask) if outside else comparison.cost
     more = [*effects, candidate.effect]
@@ -157,7 +157,7 @@ def _begun(
     changes = np.stack([known.get(name, np.zeros(mask.sum())) for name in model.names], axis=1)
     jacobian = np.concatenate((objective.noise.whiten(np.nan_to_num(changes)), np.diag(1 / objective.deviation)))
     for index in np.flatnonzero(own):
-        jacobian[:, index] = column(objective, start, now, index, model.scales[index], model.bounds[1][index])[0]
+        jacobian[:, index] = column(objective, start, now, int(index), model.scales[index], model.bounds[1][index])[0]
     return Fit(start, now, jacobian, 1 + int(own.sum()), objective)
 
 

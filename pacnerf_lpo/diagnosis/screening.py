@@ -96,7 +96,7 @@ def screen(
     inside = [candidate for candidate in candidates if candidate not in outside]
     families = [(inside, problem.fitted)]
     if outside:
-        families.append((outside, problem.usable & problem.split.frames[:, None]))
+        families.append((outside, problem.usable & problem.split.frames[..., None]))
     null = problem.model(effects, comparison.known)
     scores: list[Score] = []
     calibrations, simulated = [], 0

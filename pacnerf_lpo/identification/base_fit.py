@@ -80,7 +80,7 @@ class Objective:
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         """Rows at free coordinates [(K,) to (D + K,)]. Raises SimulationError."""
-        self.model.physics.halvings = 0
+        self.model.restart()
         return np.concatenate((self._weighted(free), self.level * (free - self.mean) / self.deviation))
 
 
@@ -102,11 +102,11 @@ def base_fit(
     Raises:
         SimulationError: the motion is unstable at every start, with the shortest time step too.
     """
-    coarse = problem.model(effects, known, problem.sample(COARSER * problem.spacing, 0))
+    coarse = problem.coarse_model(effects, known, COARSER)
     fine = problem.model(effects, known)
     mean, deviation = priors(problem, fine)
     starts = _starts(coarse, effects)
-    frames = int(problem.split.frames.sum())
+    frames = problem.split.last_fitted + 1
     contact, looked = _contact(coarse, starts)
     rows = [_rows(problem, until, len(mean)) for until in horizons(contact, frames)]
     settings = Objective(problem, coarse, mean, deviation), coarse.scales, coarse.bounds
@@ -155,8 +155,8 @@ def priors(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard deviations of a model's free coordinates [(K,), (K,)]: those of the effects, and for the rest
     around what the user guessed.
     """
-    guess = {**model.known, **problem.first_guess, **problem.physics.guess}
-    of_effects = {name: effect.prior(name) for effect in model.physics.effects for name in effect.parameters}
+    guess = {**model.known, **problem.first_guess, **problem.guess}
+    of_effects = {name: effect.prior(name) for effect in model.effects for name in effect.parameters}
     found = [of_effects.get(unknown.name) or unknown.prior(guess[unknown.name]) for unknown in model.unknowns]
     mean, deviation = np.array(found).T
     return mean, deviation
@@ -204,11 +204,9 @@ def _contact(model: Model, starts: Sequence[np.ndarray]) -> tuple[int, int]:
     """
     for used, start in enumerate(starts, 1):
         try:
-            low = model.path(start)[..., 1].amin(1).numpy() - model.physics.ground_height
+            return model.contact(start, TOUCH), used
         except SimulationError:
             continue
-        touching = np.nonzero(low < TOUCH * model.body.spacing)[0]
-        return (int(touching[0]) if len(touching) else len(low)), used
     return model.shape[1], len(starts)
 
 

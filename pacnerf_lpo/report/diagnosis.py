@@ -18,6 +18,7 @@ from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_markup import bullets
 from pacnerf_lpo.report.encoding import atlas, atlas_columns
+from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
 
 RESULT_FILE, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
@@ -87,6 +88,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         cards=sections.first_screen(result),
         rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
         points=sections.points_table(result),
+        recordings=recordings_section(result),
         parameters=sections.parameter_table(result),
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
         undetermined=bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",

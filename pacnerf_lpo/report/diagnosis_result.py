@@ -12,6 +12,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.contributions import recordings
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
@@ -25,7 +26,7 @@ from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
 
-RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+RESULT, OVERLAY, OVERLAY_OF = "diagnosis.json", "effects.yaml", "effects_{}.yaml"
 FORMAT = 2
 MOST_CORRELATIONS = 30
 
@@ -38,8 +39,12 @@ def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
         last = rounds[-1]
         more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
         values = last.comparison.known if last.accepted is None else last.accepted.known
-        write_atomically(folder / OVERLAY, overlay(problem, [*last.effects, *more], values).encode())
+        for part in problem.parts([*last.effects, *more], values):
+            name = OVERLAY if part.recording is problem else OVERLAY_OF.format(part.name)
+            write_atomically(folder / name, overlay(part.recording, part.effects, part.known).encode())
     else:
+        for path in folder.glob(OVERLAY_OF.format("*")):
+            path.unlink()
         (folder / OVERLAY).unlink(missing_ok=True)
 
 
@@ -55,7 +60,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "frames": list(video.frame_ids),
         "times": video.times.tolist(),
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
-        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
+        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~np.atleast_2d(split.frames).any(0))],
         "verdict": {
             "kind": said.kind,
             "effects": said.names if said.kind != "unknown" else [],
@@ -68,7 +73,8 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
             "details": sentences[1:],
         },
         "unit": problem.unit[0],
-        "points": [] if problem.points is None else problem.points.names,
+        "recordings": recordings(problem, rounds),
+        "points": problem.point_names,
         "stages": diagnosis_stages.stages(problem, rounds),
         "rounds": [_round(problem, found) for found in rounds],
         "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),
@@ -93,7 +99,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),
         "check_held": _check(found.held),
-        "phases": found.phases,
+        "phases": found.phases[0],
         "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
         "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
         "error": _errors(problem, comparison.residual, found),
@@ -101,6 +107,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "refits": [{**_refit(problem, again, found), "log_odds": odds[again.name]} for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.name,
         "alike": found.alike,
+        "plan": [asdict(proposal) for proposal in found.proposals],
         "removed": found.removed,
         "effort": found.effort,
     }

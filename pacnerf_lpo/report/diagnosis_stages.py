@@ -82,7 +82,7 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     fitted, held = problem.split.fitted, problem.split.held
     band = np.quantile(root_mean_square(replicate_errors, (1, 3)), BAND, axis=0)
     by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(replicate_errors, (2, 3)), axis=0)
-    views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel / unit
+    views, millimetres = problem.views, 1000 * problem.pixel / unit
     return {
         "added": stage.added,
         "readable": _readable(stage),
@@ -130,21 +130,34 @@ def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> N
     """
     found = stages_of(rounds)
     shown = found[:1] if len(found) == 1 else [found[0], found[-1]]
-    video = problem.video
+    videos = [part.recording.video for part in problem.parts((), {})]
     np.savez_compressed(
         folder / PICTURES,
-        measured=_small(video.images.numpy()),
-        matte=_small(video.silhouettes.numpy()),
-        models=np.stack([_small(_outlines(problem, stage)) for stage in shown]),
+        measured=_stacked([_small(video.images.numpy()) for video in videos]),
+        matte=_stacked([_small(video.silhouettes.numpy()) for video in videos]),
+        models=np.stack([_outlines(problem, stage) for stage in shown]),
     )
 
 
 @torch.no_grad()
 def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
-    """Opacity in every view and frame [0..1, (V, F, H, W)]."""
-    model = problem.model(stage.effects, stage.known)
-    seen = model.outlines(model.path(model.start), model.start)
-    return seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
+    """Opacity in every view and frame, small [(V, F, h, w), uint8]."""
+    found = []
+    for part in problem.parts(stage.effects, stage.known):
+        model = part.model
+        seen = model.outlines(model.path(model.start), model.start)
+        found.append(_small(seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()))
+    return _stacked(found)
+
+
+def _stacked(recordings: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures of several recordings [(V, F, h, w[, 3]), uint8] as one; white where one has no frame or is smaller."""
+    shape = [sum(len(one) for one in recordings), *np.max([one.shape[1:] for one in recordings], axis=0)]
+    found, at = np.full(shape, 255 if len(shape) == 5 else 0, np.uint8), 0
+    for one in recordings:
+        found[at : at + len(one), : one.shape[1], : one.shape[2], : one.shape[3]] = one
+        at += len(one)
+    return found
 
 
 def _small(values: np.ndarray) -> np.ndarray:

@@ -242,6 +242,11 @@ def experiments(result: Result) -> list[tuple[str, str]]:
     found: dict[str, str] = {}
     for done in result["rounds"]:
         by_name = {again["name"]: again for again in done["refits"]}
+        if done["plan"]:
+            best = done["plan"][0]
+            names = listed([readable(name) for name in done["alike"]], "and")
+            found[names] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"
+            continue
         advice = [by_name[name]["separating_experiment"] for name in done["alike"] if name in by_name]
         if len(done["alike"]) > 1 and any(advice):
             names = listed([readable(name) for name in done["alike"]], "and")

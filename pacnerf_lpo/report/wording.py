@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share
 from pacnerf_lpo.diagnosis.screening import SHAPE
+from pacnerf_lpo.identification.study import view_name
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.force_law import Law
 from pacnerf_lpo.mpm.materials.base import Material
@@ -41,7 +42,7 @@ def readable(name: str) -> str:
     """``LinearDrag`` as *linear drag*, ``CameraShift@3`` as *camera shift of view 3*."""
     kind, _, view = name.partition("@")
     words = NAMES.get(kind) or re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
-    return f"{words} of view {view}" if view else words
+    return f"{words} of {view_name(int(view))}" if view else words
 
 
 def listed(words: Sequence[str], last: str = "or") -> str:
@@ -136,9 +137,9 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
         ]
         found += [f"{capitalised('; '.join(moves))}."] if moves else []
         others = [name for name in done.alike if name != again.name]
-        if others and candidate.effect.separating_experiment:
-            separating = f"To separate {readable(again.name)} from {either(others)}"
-            found.append(f"{separating}: {candidate.effect.separating_experiment}.")
+        advice = done.proposals[0].words if done.proposals else candidate.effect.separating_experiment
+        if others and advice:
+            found.append(f"To separate {readable(again.name)} from {either(others)}: {advice}.")
     return found
 
 

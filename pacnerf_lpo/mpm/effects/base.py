@@ -32,6 +32,7 @@ class Effect(ABC):
     separating_experiment: one sentence: which other recording would separate it from those.
     like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
+    of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
     acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
@@ -53,6 +54,7 @@ class Effect(ABC):
     separating_experiment: ClassVar[str] = ""
     like_shape: ClassVar[bool] = False
     one_sided: ClassVar[bool] = False
+    of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
