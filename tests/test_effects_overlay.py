@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
@@ -22,7 +23,6 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates
 from pacnerf_lpo.diagnosis.diagnose import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
-from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.effects import CentralForce, LinearDrag, ShearThinning
 from pacnerf_lpo.mpm.effects.base import Effect

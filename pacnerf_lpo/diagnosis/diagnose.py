@@ -16,7 +16,7 @@ from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, refit
+from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, force_wins, leaves_more
@@ -82,7 +82,8 @@ def prepare(
     """
     if not LEAST_REPLICATES <= options.replicates <= MOST_REPLICATES:
         raise UserInputError(
-            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are enough"
+            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are "
+            "enough"
         )
     check_jobs(options.jobs, "diagnose")
     if options.particles < 300:
@@ -134,12 +135,12 @@ def investigate(
         last.removed = [type(effect).__name__ for effect in gone]
         rounds.append(last)
     if options.until == "refit" and (force_wins(last) or leaves_more(last)):
-        step = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
-        last.force = store.once(f"{len(rounds)}_force", step)
+        asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
+        last.force = store.once(f"{len(rounds)}_force", asked)
     if options.profile is not None:
         told = _prefixed(progress, "profile likelihood: ")
-        step = partial(profile, problem, last.effects, last.comparison, options.profile, told)
-        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", step)[:2]
+        followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
+        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
     keep(rounds)
     return rounds
 
@@ -200,15 +201,15 @@ def _round(
         found.candidates = candidates_for(problem, options, effects)
     with _timed(effort, "screen") as spent:
         told = _prefixed(progress, "screen: ")
-        step = partial(screen, problem, effects, comparison, found.candidates, told)
-        screening: Screening = store.once(f"{number}_screen", step)
+        look = partial(screen, problem, effects, comparison, found.candidates, told)
+        screening: Screening = store.once(f"{number}_screen", look)
         found.screening = screening
         spent(screening.simulated)
     if options.until == "screen":
         return found
     with _timed(effort, "refit") as spent:
-        found.refits = _refits(problem, store, number, found, screening, progress)
-        spent(sum(again.simulated for again in found.refits))
+        found.refits, simulated = _refits(problem, store, number, found, screening, progress)
+        spent(simulated)
     found.finished = True
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
@@ -224,11 +225,13 @@ def _round(
 
 def _refits(
     problem: Problem, store: Store, number: int, found: Round, screening: Screening, progress: Callable[[str], None]
-) -> list[Refit]:
-    """Every hypothesis that could win, fitted: those whose linear change says so, and while more than noise is left, the
-    non-local ones, of which it says little: first from their probes, then by a search of their own parameter space.
+) -> tuple[list[Refit], int]:
+    """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
+    while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model
+    without them has gone far from what was expected, by a search of their own parameter space, too.
     """
     refits: list[Refit] = []
+    simulated = [0]
 
     def attempt(candidate: Candidate, searched: bool) -> None:
         near = [again.cost for again in refits if again.name not in screening.outside]
@@ -239,6 +242,7 @@ def _refits(
         again = store.once(name, partial(step, compared, searched))
         if again is None:
             return
+        simulated[0] += again.simulated
         before = next((other for other in refits if other.name == candidate.name), None)
         if before is None or again.log_bayes_factor > before.log_bayes_factor:
             refits[:] = [other for other in refits if other is not before] + [again]
@@ -248,17 +252,17 @@ def _refits(
     by_name = {candidate.name: candidate for candidate in found.candidates}
     for name in worth_refitting(list(scored.items()), screening.threshold):
         attempt(by_name[name], False)
-    for searched in (False, True):
+    for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
             known = any(again.name == candidate.name for again in refits)
             if more_than_noise(found, refits) and (searched or not known):
                 attempt(candidate, searched)
-    return refits
+    return refits, simulated[0]
 
 
 def more_than_noise(found: Round, refits: Sequence[Refit]) -> bool:
-    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that another
-    hypothesis could be better.
+    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that
+    another hypothesis could be better.
     """
     size = len(found.check.replicates)
     floor = float(np.mean(found.check.replicates)) + 2 * float(np.std(found.check.replicates)) * (1 + 1 / size) ** 0.5

@@ -1,4 +1,4 @@
-"""Null replicates: what the residual would be if the fitted model were true, from other discretisations of its motion."""
+"""Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def replicates(
 ) -> np.ndarray:
     """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself.
 
-    Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly by as
-    much as the outlines at frame 0 disagree, and fresh sensor noise.
+    Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly
+    by as much as the outlines at frame 0 disagree, and fresh sensor noise.
 
     Args:
         problem: the run.

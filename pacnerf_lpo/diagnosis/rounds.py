@@ -121,8 +121,8 @@ def force_wins(found: Round) -> bool:
 
 
 def removed_share(rounds: list[Round]) -> float:
-    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise; of
-    the fitted data where the held-out have none. At most 1.
+    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise;
+    of the fitted data where the held-out have none. At most 1.
     """
     first, last = rounds[0], rounds[-1]
     pair = (first.held, last.held) if first.held.excess > 0 else (first.check, last.check)

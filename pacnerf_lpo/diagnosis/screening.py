@@ -26,10 +26,12 @@ FORCE, SHAPE = "UnknownForce", "WrongShape"
 FORCES = (0.3, 1.0, 3.0, 10.0)
 """Prior standard deviations of an unknown force, with equal probability [m/s^2]: from a breeze to the gravity."""
 SHAPES = (2.0, 4.0)
-"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect."""
+"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect; one such unit is part
+of every model."""
 MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
-"""Views whose faults of one kind show how large such residuals are by themselves."""
+"""Views whose faults of one kind show how large such residuals are by themselves: the median of fewer would be that of
+the very fault in question."""
 LEAST_CHANGE = 1e-4
 """A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 
@@ -140,8 +142,8 @@ def probed(
 ) -> tuple[list[Hypothesis], int]:
     """Every candidate as a hypothesis about the entries of a mask [(R, F, 11), bool], and the number of simulations.
 
-    The prior standard deviation of a coefficient is its largest probe. A trial whose motion is unstable, or that changes
-    nothing there, is left out; so is a candidate without a trial.
+    The prior standard deviation of a coefficient is its largest probe. A trial whose motion is unstable, or that
+    changes nothing there, is left out; so is a candidate without a trial.
 
     Args:
         problem, effects: the run, and the effects of its model.
@@ -207,8 +209,8 @@ def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:
 def usual_fault(scores: Sequence[Score], name: str) -> float:
     """By how much faults of the kind of this one are larger in a typical camera than noise, at least 1.
 
-    Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to view;
-    so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
+    Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to
+    view; so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
     """
     kind, at, _ = name.partition("@")
     deviates = [

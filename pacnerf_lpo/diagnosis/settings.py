@@ -26,7 +26,9 @@ class Settings:
         folder.mkdir(parents=True, exist_ok=True)
         runs = [str(Path(run).resolve()) for run in self.runs]
         options = asdict(self.options)
-        files = {name: str(Path(options[name]).resolve()) for name in ("candidates", "tracks", "clouds") if options[name]}
+        files = {
+            name: str(Path(options[name]).resolve()) for name in ("candidates", "tracks", "clouds") if options[name]
+        }
         content = {"runs": runs, "phase": self.phase, "options": {**options, **files}}
         write_atomically(folder / FILE, json.dumps(content, indent=1).encode())
 

@@ -1,4 +1,4 @@
-"""A smooth force on the body that no law gives: the discrepancy that every model has, and what an unknown effect does."""
+"""A smooth force on the body that no law gives: the discrepancy of every model, and what an unknown effect does."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class SmoothForce(BodyForce):
         extent: L [m].
     """
 
-    parameters = {
+    parameters = {  # noqa: RUF012
         name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()
     }
     null = dict.fromkeys(parameters, 0.0)
@@ -110,6 +110,8 @@ def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
             progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
-        unstable = isinstance(predicted, SimulationError)
-        columns.append(0 * base if unstable else (base - problem.residual(predicted)) / PROBE)
+        if isinstance(predicted, SimulationError):
+            columns.append(0 * base)
+        else:
+            columns.append((base - problem.residual(predicted)) / PROBE)
     return np.nan_to_num(np.stack(columns, -1))

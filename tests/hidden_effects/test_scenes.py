@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pacnerf_lpo.diagnosis.twins import twins
 
 from benchmarks.hidden_effects import generate, run
 from benchmarks.hidden_effects.known_shape import KnownShape
@@ -14,7 +15,6 @@ from benchmarks.hidden_effects.setting import Size
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.residual_force import residual_force
-from pacnerf_lpo.diagnosis.twins import twins
 from pacnerf_lpo.identification.least_squares import sensitivities
 from pacnerf_lpo.mpm.effects import UniformForce
 

@@ -4,54 +4,86 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.inference.noise import NoiseModel
-from tests.diagnosis import toy
+from tests.inference import toy
 
 LAYOUT, WORLD = toy.layout(), toy.World()
-SENSOR = np.full(len(LAYOUT), toy.SENSOR)
+SIZE = len(LAYOUT)
+SENSOR = np.full(SIZE, toy.SENSOR)
+
+
+def covariance(noise: NoiseModel) -> np.ndarray:
+    """What the fields of a noise model stand for, with the error of the mean."""
+    lower = np.linalg.inv(noise.series.multiply(noise.whitener, np.eye(SIZE)))
+    inner = np.eye(SIZE) + (noise.basis * noise.weights**2) @ noise.basis.T
+    return (1 + 1 / len(noise.replicates)) * lower @ inner @ lower.T
 
 
 def test_whitening_inverts_the_covariance():
-    """W C W^T = I for the covariance that the fields of the model stand for, up to rounding of 192 terms."""
-    noise = NoiseModel.from_twins(WORLD.draw(np.random.default_rng(7), 16), SENSOR, LAYOUT)
-    size = len(LAYOUT)
-    whitener = noise.whiten(np.eye(size))
-    lower = np.linalg.inv(noise.series.multiply(noise.whitener, np.eye(size)))
-    inner = np.eye(size) + (noise.basis * noise.weights**2) @ noise.basis.T
-    covariance = (1 + 1 / 16) * lower @ inner @ lower.T
-    np.testing.assert_allclose(whitener @ covariance @ whitener.T, np.eye(size), atol=1e-9)
-    assert (np.sqrt(np.diag(covariance)) >= toy.SENSOR).all()
+    """W C W^T = I up to rounding of 192 terms; no variance is below that of the sensor."""
+    noise = NoiseModel.from_replicates(WORLD.draw(np.random.default_rng(7), 16), SENSOR, LAYOUT)
+    whitener, whole = noise.whiten(np.eye(SIZE)), covariance(noise)
+    np.testing.assert_allclose(whitener @ whole @ whitener.T, np.eye(SIZE), atol=1e-9)
+    assert (np.sqrt(np.diag(whole)) >= toy.SENSOR).all()
+
+
+def test_directions_add_their_outer_product_to_the_covariance():
+    """C + B B^T, whether B is given at once, or one part after the other; also in every left-out model."""
+    drawn, B = WORLD.draw(np.random.default_rng(8), 10), toy.jacobian()
+    plain = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT)
+    wider = plain.with_directions(B[:, :2]).with_directions(B[:, 2:])
+    expected = covariance(plain) + (1 + 1 / 10) * B @ B.T
+    np.testing.assert_allclose(covariance(wider), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(covariance(NoiseModel.from_replicates(drawn, SENSOR, LAYOUT, B)), expected, atol=1e-9)
+    x = np.random.default_rng(9).standard_normal(SIZE)
+    assert np.sum(wider.whiten(x) ** 2) == pytest.approx(float(x @ np.linalg.solve(expected, x)), rel=1e-9)
+    (less, replicate), (less_plain, _) = wider.left_out[3], plain.left_out[3]
+    np.testing.assert_array_equal(replicate, drawn[3])
+    np.testing.assert_allclose(covariance(less) - covariance(less_plain), (1 + 1 / 9) * B @ B.T, atol=1e-9)
 
 
 def test_entries_in_any_order_and_gaps_in_the_frames_are_the_same_problem():
-    noise = NoiseModel.from_twins(WORLD.draw(np.random.default_rng(7), 16), SENSOR, LAYOUT)
     rng = np.random.default_rng(2)
-    kept = rng.permutation(len(LAYOUT))[:150]
-    again = NoiseModel.from_twins(noise.twins[:, kept], SENSOR[kept], LAYOUT.where(kept))
-    order = np.argsort(kept)
-    sorted_ = NoiseModel.from_twins(noise.twins[:, kept[order]], SENSOR[order], LAYOUT.where(kept[order]))
-    null = WORLD.draw(rng, 1)[0][kept]
-    assert np.linalg.norm(again.whiten_residual(null)) == pytest.approx(
-        np.linalg.norm(sorted_.whiten_residual(null[order])), rel=1e-9
-    )
+    drawn, kept = WORLD.draw(np.random.default_rng(7), 16), rng.permutation(SIZE)[:150]
+    null = WORLD.draw(rng, 1)[0]
+    order = np.sort(kept)
+    squares = [
+        np.sum(NoiseModel.from_replicates(drawn[:, at], SENSOR[at], LAYOUT.where(at)).whiten_residual(null[at]) ** 2)
+        for at in (kept, order)
+    ]
+    assert squares[0] == pytest.approx(squares[1], rel=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("twins", "sigma", "words"),
+    ("replicates", "sigma", "words"),
     [
-        (np.zeros((3, 192)), SENSOR, "at least 4"),
-        (np.zeros((8, 192)), SENSOR[:-1], "sensor_sigma has shape"),
-        (np.zeros((8, 192)), 0 * SENSOR, "positive"),
-        (np.full((8, 192), np.nan), SENSOR, "finite"),
+        (np.zeros((3, SIZE)), SENSOR, "at least 4"),
+        (np.zeros((8, SIZE)), SENSOR[:-1], "sensor_sigma has shape"),
+        (np.zeros((8, SIZE)), 0 * SENSOR, "positive"),
+        (np.full((8, SIZE), np.nan), SENSOR, "finite"),
     ],
 )
-def test_unusable_twins_are_refused(twins, sigma, words):
+def test_unusable_replicates_are_refused(replicates, sigma, words):
     with pytest.raises(ValueError, match=words):
-        NoiseModel.from_twins(twins, sigma, LAYOUT)
+        NoiseModel.from_replicates(replicates, sigma, LAYOUT)
 
 
-def test_twins_without_numerical_error_leave_the_sensor_noise():
+def test_replicates_without_numerical_error_leave_the_sensor_noise():
     """Then ||W r||^2 is chi^2 with 192 degrees of freedom, but for the spread that was learnt from noise."""
     rng = np.random.default_rng(3)
-    noise = NoiseModel.from_twins(toy.SENSOR * rng.standard_normal((16, 192)), SENSOR, LAYOUT)
-    squares = [(noise.whiten_residual(toy.SENSOR * rng.standard_normal(192)) ** 2).sum() for _ in range(50)]
-    assert 0.8 * 192 < np.mean(squares) < 1.05 * 192
+    noise = NoiseModel.from_replicates(toy.SENSOR * rng.standard_normal((16, SIZE)), SENSOR, LAYOUT)
+    squares = [(noise.whiten_residual(toy.SENSOR * rng.standard_normal(SIZE)) ** 2).sum() for _ in range(50)]
+    assert 0.8 * SIZE < np.mean(squares) < 1.05 * SIZE
+
+
+def test_an_error_whose_direction_is_known_is_noise():
+    """The data show an error that the replicates have not, three standard deviations of one that is known beforehand:
+    the mean square of the standardised residual is about 1 then, and much larger otherwise.
+    """
+    error = toy.seen(along_x=toy.CONTACT, taller=toy.CONTACT**2)[:, None]
+    found = {}
+    for directions in (None, error):
+        rng = np.random.default_rng(11)
+        noise = NoiseModel.from_replicates(WORLD.draw(rng, 16), SENSOR, LAYOUT, directions)
+        measured = [WORLD.draw(rng, 1)[0] + 3 * rng.choice([-1, 1]) * error[:, 0] for _ in range(30)]
+        found[directions is not None] = np.median([np.mean(noise.whiten_residual(one) ** 2) for one in measured])
+    assert found[True] < 1.3 < 2 * found[True] < found[False]

@@ -14,8 +14,10 @@ from pacnerf_lpo.mpm.point import Law, Point
 
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
-PROBES = 10.0
-"""Standard deviation of a coefficient in units of the farthest probe: ten times what is just visible is not unusual."""
+PROBES = 20.0
+"""Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard deviations
+of the noise, and an effect that stands out by a hundred is as many times stronger.
+"""
 
 
 class Effect(ABC):

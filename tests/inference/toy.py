@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pacnerf_lpo.diagnosis.statistics.score import Probe
 
+from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.layout import Layout
+from pacnerf_lpo.inference.noise import NoiseModel
 
 VIEWS, FRAMES = 4, 12
 KINDS = ("x", "y", "size", "height")
@@ -76,9 +77,12 @@ EFFECTS: dict[str, tuple[list[np.ndarray], bool, bool]] = {
 }  # fmt: skip
 
 
-def probes() -> list[Probe]:
+def hypotheses(width: float = 5.0) -> list[Hypothesis]:
+    """Every effect, with a prior standard deviation of its coefficients that is the same for all."""
     return [
-        Probe(name, np.stack(columns, axis=1), (1.0,) * len(columns), one_sided, joint)
+        Hypothesis.of_probes(
+            name, np.stack(columns, axis=1), np.ones(len(columns)), np.full(len(columns), width), one_sided, joint
+        )
         for name, (columns, one_sided, joint) in EFFECTS.items()
     ]
 
@@ -100,6 +104,17 @@ class World:
         common = np.array([seen(*motion) for motion in motions])
         noise = SENSOR * rng.standard_normal(own.shape)
         return self.bias() + self.common * common + self.own * own + noise
+
+
+PRIOR = 5.0
+"""Standard deviation of the parameters' priors."""
+
+
+def learnt(rng: np.random.Generator, count: int, world: World | None = None) -> NoiseModel:
+    """The noise model of a comparison: from replicates, with the fitted parameters among its directions."""
+    sensor = np.full(len(layout()), SENSOR)
+    drawn = (world or World()).draw(rng, count)
+    return NoiseModel.from_replicates(drawn, sensor, layout(), PRIOR * jacobian())
 
 
 def smooth(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,0 +1,129 @@
+"""A whole diagnosis in seconds: a ball whose motion is computed for its centre alone, before small cameras.
+
+The centre falls with linear drag, a uniform and a smooth force, and touches a soft ground, that pushes by its stiffness;
+touching, the ball is flatter. Everything behind the motion (cameras, outlines, fits, statistics) is real.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.data.synthetic import hemisphere_rig
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.smooth_force import SmoothForce
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.silhouette_moments import sensor_noise
+from pacnerf_lpo.identification.split import Split
+from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
+from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.types import Video
+
+VIEWS, FRAMES, SIZE, SPACING, RADIUS = 4, 9, 32, 0.1, 0.18
+STEPS, RATE = 8, 24.0
+TRUTH = {"E": 6e4, "nu": 0.3, "ground_height": 0.0, "v_x": 0.4, "v_y": -1.0, "v_z": 0.2}
+GUESS = {**TRUTH, "E": 9e4, "v_x": 0.3, "v_y": -1.1, "v_z": 0.3}
+CENTRE = np.array([0.0, 0.75, 0.0])
+CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n- class_path: GroundFriction\n"
+EFFECTS: dict[str, Effect] = {name_of(effect): effect for effect in (LinearDrag(), UniformForce(), GroundFriction())}
+
+
+def candidate(name: str) -> Candidate:
+    return Candidate(name, EFFECTS[name])
+
+
+class Falling(Problem):
+    """A ball that falls, with some effects in the recording that the model has not."""
+
+    spacing = SPACING
+    first_guess = GUESS
+
+    def __init__(self, hidden: dict[str, float], seed: int = 0):
+        rig = hemisphere_rig(VIEWS, SIZE, (0.0, 0.4, 0.0), 2.2, 40.0)
+        video = Video(
+            torch.zeros(1).expand(VIEWS, FRAMES, SIZE, SIZE, 3),
+            torch.zeros(1).expand(VIEWS, FRAMES, SIZE, SIZE),
+            torch.ones(1, dtype=torch.bool).expand(VIEWS, SIZE, SIZE),
+            torch.tensor(rig.camera_to_world, dtype=torch.float32),
+            torch.tensor(rig.intrinsics, dtype=torch.float32),
+            torch.arange(FRAMES, dtype=torch.float64) / RATE,
+            tuple(range(VIEWS)),
+            tuple(range(FRAMES)),
+        )
+        split = Split(np.arange(VIEWS) != 2, np.arange(FRAMES) < FRAMES - 2)
+        physics = Physics(NeoHookean(E=9e4, nu=0.3), substep_rate=960.0, fit_ground_height=True)
+        blank = np.ones((VIEWS, FRAMES, 11))
+        super().__init__("falling", video, split, physics, SPACING, blank, blank)
+        effects = [effect for effect in EFFECTS.values() if set(effect.parameters) & set(hidden)]
+        true = self.model(effects, {**TRUTH, **{n: v for e in effects for n, v in e.null.items()}, **hidden})
+        measured = true.observe(motion(true, true.start), true.start)
+        self.sensor = np.concatenate((sensor_noise(measured[..., :-1]), shading(measured[..., -1])), axis=-1)
+        noise = np.random.default_rng(seed).standard_normal(measured.shape)
+        self.measured = measured + self.sensor * noise
+        self.usable = np.isfinite(self.measured) & np.isfinite(self.measured[:, :1])
+        self.usable[:, 0, -1] = False
+
+    def sample(self, spacing: float, seed: int) -> Body:
+        axis = np.arange(-RADIUS - spacing, RADIUS + spacing, spacing / 2) + 0.05 * spacing * (seed % 5)
+        points = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3)
+        inside = points[np.linalg.norm(points, axis=1) < RADIUS] + CENTRE
+        return Body(torch.tensor(inside, dtype=torch.float32), torch.ones(len(inside)), spacing)
+
+
+def motion(model: Model, free: np.ndarray) -> Tensor:
+    """What takes the place of :meth:`Model.path` [m, (F, N, 3)]."""
+    c = model.physical(free)
+    position = model.body.positions.numpy().astype(float)
+    centre, velocity = position.mean(0), np.array([c["v_x"], c["v_y"], c["v_z"]])
+    push = np.array([c.get("push_x", 0.0), 0.0, c.get("push_z", 0.0)])
+    smooth = next((e for e in model.physics.effects if isinstance(e, SmoothForce)), None)
+    numbers = SimpleNamespace(**c, **(smooth.constants if smooth else {}))
+    coarseness = model.body.spacing / SPACING
+    stiffness = 2000.0 * (c["E"] / 6e4) ** 0.5 * (1 + c["nu"]) * (1 + 0.05 * coarseness)
+    until = min(model.frames or FRAMES, FRAMES)
+    found, at, dt = [position], centre.copy(), 1 / RATE / STEPS
+    for step in range((until - 1) * STEPS):
+        depth = max(RADIUS - (at[1] - c["ground_height"]), 0.0)
+        force = push - c.get("drag", 0.0) * velocity + [0.0, stiffness * depth - 9.8, 0.0]
+        if smooth is not None:
+            point = SimpleNamespace(t=step * dt, X=centre.tolist())
+            force = force + np.array(SmoothForce.acceleration(point, numbers), dtype=float)
+        if depth > 0:
+            slow = np.exp(-dt * 20 * c.get("ground_friction", 1.0))
+            velocity = velocity * [slow, 1.0, slow]
+        velocity = velocity + dt * force
+        at = at + dt * velocity
+        if (step + 1) % STEPS == 0:
+            flat = np.array([1.0 + 0.3 * depth / RADIUS, 1.0 - 0.6 * depth / RADIUS, 1.0 + 0.3 * depth / RADIUS])
+            found.append((position - centre) * flat + at)
+    found += found[-1:] * (FRAMES - len(found))
+    return torch.tensor(np.array(found), dtype=torch.float32)
+
+
+def install(patch: pytest.MonkeyPatch, unstable: Callable[[Model, np.ndarray], bool] = lambda *_: False) -> None:
+    """Let all models move like that, but for some calls."""
+
+    def path(model: Model, free: np.ndarray) -> Tensor:
+        if unstable(model, free):
+            raise SimulationError(3, 1, "made unstable by a test")
+        return motion(model, free)
+
+    patch.setattr(Model, "path", path)
+
+
+def listed(folder: Path) -> str:
+    """A file with the candidates."""
+    path = folder / "candidates.yaml"
+    path.write_text(CANDIDATES)
+    return str(path)

@@ -1,0 +1,101 @@
+"""The family-wise error rate that is promised, on simulated recordings in which nothing is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from pacnerf_lpo.inference import calibration
+from pacnerf_lpo.inference.calibration import Calibration, calibrate, moderated_scales
+from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.evidence import Score, score
+from tests.inference import toy
+
+HYPOTHESES = toy.hypotheses()
+DRAG = toy.seen(along_y=toy.TIME**3)
+MODELS, NULLS, DRAWS = 8, 8, 2000
+CHANCE = 1e-3
+"""Of a false failure of a test here; seeds are fixed, but may change with NumPy."""
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[tuple[list[float], float, str]]:
+    """For each of some worlds, learnt from 10 replicates: p-values of the best hypothesis in recordings without any
+    effect, and p-value and name of the best with a drag of seven deviates of the largest scale.
+
+    Recordings have parameters that were drawn from their prior.
+    """
+    rng, found = np.random.default_rng(0), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "DRAWS", DRAWS)
+        for _ in range(MODELS):
+            noise = toy.learnt(rng, 10)
+            calibrated = calibrate(noise, HYPOTHESES, LEVEL)
+
+            def best(strength: float, noise=noise, calibrated=calibrated) -> tuple[float, str]:
+                moved = toy.PRIOR * toy.jacobian() @ rng.standard_normal(toy.jacobian().shape[1])
+                measured = toy.World().draw(rng, 1)[0] + moved + strength * DRAG
+                scores = [score(noise, measured, one, calibrated.scales[one.name]) for one in HYPOTHESES]
+                first = max(scores, key=lambda one: one.log_bayes_factor)
+                return calibrated.p_value(first.log_bayes_factor), first.name
+
+            largest = max(calibrated.scales.values())
+            strong = 7 * largest / float(np.linalg.norm(noise.whiten(DRAG)))
+            found.append(([best(0.0)[0] for _ in range(NULLS)], *best(strong)))
+    return found
+
+
+@pytest.mark.parametrize("level", [0.01, 0.05, 0.2])
+def test_nulls_are_called_an_effect_no_more_often_than_promised(recordings, level: float):
+    p_values = [p for nulls, _, _ in recordings for p in nulls]
+    assert sum(p < level for p in p_values) <= binom.ppf(1 - CHANCE, len(p_values), level)
+
+
+def test_p_values_of_nulls_are_not_all_near_one(recordings):
+    """Conservative, not useless: half of them are below 0.9."""
+    assert np.median([p for nulls, _, _ in recordings for p in nulls]) < 0.9
+
+
+def test_a_strong_effect_or_one_that_resembles_it_is_named(recordings):
+    """Deviates are Student's t; one of 7 is above a threshold near 4 with a probability of some 97 %."""
+    named = [p < LEVEL and name in ("linear drag", "quadratic drag", "gravity") for _, p, name in recordings]
+    assert sum(named) >= binom.ppf(CHANCE, MODELS, 0.97)
+
+
+def test_a_p_value_is_the_share_of_simulated_maxima_beyond_and_falls_on_as_a_power():
+    draws = np.sort(np.random.default_rng(1).exponential(size=10_000))
+    told = Calibration({}, 10.0, 0.01, float(np.quantile(draws, 0.99)), draws)
+    assert told.p_value(told.threshold) == pytest.approx(0.01, rel=0.02)
+    assert told.p_value(float(np.median(draws))) == pytest.approx(0.5, rel=0.01)
+    last = float(draws[-calibration.TAIL_DRAWS])
+    assert told.p_value(4 * last) == pytest.approx(calibration.TAIL_DRAWS / 10_000 / 4**5)
+    ps = [told.p_value(x) for x in np.linspace(0, 5 * last, 400)]
+    assert (np.diff(ps) <= 0).all() and ps[0] == 1.0
+
+
+def test_scales_are_moderated_towards_their_mean_and_never_below_one():
+    """6 replicates of 3 directions; the mean of all counts as four more."""
+    squares = np.tile([9.0, 1.0, 0.2], (6, 1))
+    common = 10.2 / 3
+    expected = np.sqrt((6 * np.array([9.0, 1.0, 0.2]) + 4 * common) / 10)
+    assert moderated_scales(squares) == pytest.approx(np.maximum(expected, 1.0))
+    assert moderated_scales(0.1 * squares[:, 1:]).tolist() == [1.0, 1.0]
+
+
+def test_the_threshold_rises_with_the_number_of_hypotheses():
+    """The same one twice costs nothing, but for another draw of the dispersion; twelve more cost their odds."""
+    noise = toy.learnt(np.random.default_rng(3), 12)
+    alone, twice, all_ = (
+        calibrate(noise, chosen, 0.05).threshold for chosen in (HYPOTHESES[:1], HYPOTHESES[:1] * 2, HYPOTHESES)
+    )
+    assert twice == pytest.approx(alone, abs=0.2) and all_ > alone + 1.0
+
+
+def test_a_scale_weakens_a_score():
+    noise = toy.learnt(np.random.default_rng(4), 12)
+    measured = noise.mean + 4 * DRAG
+    by_scale: list[Score] = [score(noise, measured, HYPOTHESES[0], s) for s in (1.0, 1.5, 3.0)]
+    factors = [one.log_bayes_factor for one in by_scale]
+    assert factors[0] > factors[1] > factors[2]
+    assert by_scale[0].error[0] < by_scale[2].error[0]
