@@ -109,7 +109,7 @@ def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
     columns: list[np.ndarray] = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
-            progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
+            progress(f"smooth force on {part.name}: {number} of {len(SmoothForce.parameters)}")
         if isinstance(predicted, SimulationError):
             columns.append(0 * base)
         else:
