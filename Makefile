@@ -24,7 +24,7 @@ bird: $(INSTALLED)
 
 torus: $(INSTALLED)
 	@{ $(call fit,$(MISSING),configs/demo_missing.yaml) && $(THREADS) $(BIN)/pacnerf-lpo diagnose $(MISSING) \
-		--candidates configs/demo_candidates.yaml --particles 2500 --twins 8 --effects 1 --jobs $(JOBS); } > $(MISSING).log 2>&1 \
+		--candidates configs/demo_candidates.yaml --particles 2500 --replicates 8 --effects 1 --jobs $(JOBS); } > $(MISSING).log 2>&1 \
 		|| { tail -n 20 $(MISSING).log; exit 1; }
 
 fit = if [ -f $(1)/manifest.json ]; then $(THREADS) $(BIN)/pacnerf-lpo fit --resume $(1); else \

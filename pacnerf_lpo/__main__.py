@@ -20,6 +20,7 @@ COMMANDS = {
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
+    "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
 }
 

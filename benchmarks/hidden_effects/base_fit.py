@@ -1,4 +1,4 @@
-"""How often a base fit ends in the right optimum: ``python -m benchmarks.hidden_effects.base_fit FOLDER --first 6000``.
+"""How often a base fit ends in the right optimum: ``python -m benchmarks.hidden_effects.base_fit FOLDER --first 7000``.
 
 Scenes with one strong effect (40 to 80 standard deviations) and a short contact (two to five fitted frames see it), the
 shape known. The model has the true effect in place; its fit starts from what a user guesses and from the effect's null.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable
@@ -114,7 +115,7 @@ def draw(folder: Path, seed: int) -> Path:
     else:
         raise RunError(f"scene {seed}: none of {ATTEMPTS} draws is stable, strong and short")
     setting, recorded = scene.setting, scene.recorded
-    partial = target.with_name(f".{target.name}.part")
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     silhouettes = (recorded.silhouettes * 255).round().to(torch.uint8).numpy()
@@ -127,7 +128,8 @@ def draw(folder: Path, seed: int) -> Path:
         "touching": scene.touching,
     }
     (partial / TRUTH).write_text(json.dumps(truth, indent=1))
-    partial.rename(target)
+    with suppress(OSError):  # another process has drawn the same scene meanwhile
+        partial.rename(target)
     return target
 
 
@@ -186,7 +188,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=6000, help="seed; below 6000: development, from 6000: scored")
+    parser.add_argument("--first", type=int, default=7000, help="seed; below 7000: development, from 7000: scored")
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--draw-only", action="store_true")
     options = parser.parse_args()

@@ -190,6 +190,48 @@ def draw_setting(random: np.random.Generator, size: Size, material: str | None) 
     return setting, {**true, **velocity}
 
 
+def another_drop(
+    random: np.random.Generator, size: Size, setting: Setting, velocity: dict[str, float], higher: float
+) -> tuple[Setting, dict[str, float]]:
+    """The same body dropped once more, with a velocity of its own, cameras of its own and as many frames after contact.
+
+    Args:
+        random: source of all choices.
+        size: of the scene.
+        setting, velocity: of the first drop [SI].
+        higher: factor on the height above the ground.
+
+    Returns:
+        The setting, and the true velocity [m/s].
+    """
+    lattice = torch.linspace(-setting.reach, setting.reach, VOLUME_LATTICE)
+    points = torch.cartesian_prod(lattice, lattice, lattice) + torch.tensor(setting.centre)
+    points = points[setting.inside(points)]
+    gap = float(points[:, 1].min())
+    sideways = random.uniform(-0.4, 0.4, 2)
+    other = {"v_x": float(sideways[0]), "v_y": -random.uniform(0.0, 1.0), "v_z": float(sideways[1])}
+    longer = _fall(higher * gap, other["v_y"]) - _fall(gap, velocity["v_y"])
+    frames = setting.frames + max(0, round(longer * FRAME_RATE))
+    centre = [0.0, setting.centre[1] + (higher - 1) * gap, 0.0]
+    across = float((points - torch.tensor(setting.centre)).abs().max())
+    extent = max(centre[1] + across + 0.1, 2 * (across + frames / FRAME_RATE * float(np.abs(sideways).max())))
+    cameras, intrinsics = _ring(random, size, extent)
+    return replace(
+        setting,
+        centre=centre,
+        frames=frames,
+        cameras=cameras.tolist(),
+        intrinsics=intrinsics.tolist(),
+        held_views=_held(random, size),
+        guess={**setting.guess, **{name: value + 0.1 * random.standard_normal() for name, value in other.items()}},
+    ), other
+
+
+def _fall(height: float, velocity: float) -> float:
+    """Time [s] of a fall from a height [m] with an upward velocity [m/s]."""
+    return (velocity + float(np.sqrt(velocity**2 + 2 * GRAVITY * height))) / GRAVITY
+
+
 def _held(random: np.random.Generator, size: Size) -> list[int]:
     if size.trained is None:
         return sorted(random.choice(size.views, size.held, replace=False).tolist())

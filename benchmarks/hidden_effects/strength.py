@@ -67,7 +67,7 @@ class Ruler:
         found = replicates(problem, (), model.start, model, count, seed=0)
         self.masks = {
             "motion": problem.fitted,
-            "camera": problem.usable & problem.split.frames[:, None],
+            "camera": problem.usable & problem.split.frames[..., None],
         }
         self.noises = {key: noise_of(problem, found, mask) for key, mask in self.masks.items()}
 

@@ -52,6 +52,8 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
         else:
             options[-1].append(word)
     result = options[0]
+    if result and next(iter(kinds.values()), "").startswith("list[str]"):
+        result = [str(result)]
     for option, *values in options[1:]:
         kind = kinds.get(option.removeprefix("--"), "")
         if kind == "bool" and not values:

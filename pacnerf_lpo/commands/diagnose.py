@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import time
 from functools import partial
-from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
+from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import processes
+from pacnerf_lpo.identification.study import without_contact
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
 from pacnerf_lpo.report.diagnosis_stages import write_pictures
@@ -19,7 +20,7 @@ from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
 
 
 def run(
-    run_dir: str,
+    run_dirs: list[str] | str,
     phase: str | None = None,
     candidates: str | None = None,
     replicates: int = 20,
@@ -32,18 +33,25 @@ def run(
     clouds: str | None = None,
     images: bool = True,
     jobs: int | None = None,
+    out: str | None = None,
+    per_recording: list[str] = [],  # noqa: B006
 ) -> None:
     """Compare a run with its video, see where it fails, learn which effect is missing, and add it.
 
     Writes diagnosis.json, effects.yaml (for fit --config) and diagnosis.html into RUN_DIR/diagnosis. A stopped
     diagnosis goes on where it was; so do the single steps, with --until.
 
+    Several runs of one object are a study: material and effects are those of the object; velocity, ground, spin and
+    camera faults belong to each recording.
+
     example: pacnerf-lpo diagnose runs/demo
 
     example: pacnerf-lpo diagnose runs/demo --tracks points.csv --images false
 
+    example: pacnerf-lpo diagnose runs/low runs/high --out runs/both
+
     Args:
-        run_dir: folder that fit wrote.
+        run_dirs: folder that fit wrote, or several.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it; all known effects when not given.
         replicates: simulated recordings of the fitted model that calibrate the statistics, 8 to 24.
@@ -58,21 +66,29 @@ def run(
         images: compare the outlines in the video, too.
         jobs: simulations at the same time, each in a process of its own; as many as torch may use threads, at most 8,
             when not given.
+        out: folder for the results of a study, which go into its subfolder diagnosis.
+        per_recording: effects, such as UniformForce, that every recording of a study has for itself.
     """
     began = time.monotonic()
     step: Step = until
-    options = Options(candidates, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs)
-    problem, store = prepare(run_dir, phase, options)
+    options = Options(
+        candidates, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
+    )
+    runs = [run_dirs] if isinstance(run_dirs, str) else run_dirs
+    problem, store = prepare(runs, phase, options, out)
     folder = store.folder
+    Settings(runs, phase, options).write(folder)
 
     def tell(text: str) -> None:
         print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
 
+    for sentence in without_contact(problem):
+        tell(sentence)
     with StopRequest(), processes(jobs):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
     write_pictures(problem, rounds, folder)
     write_page(folder)
-    log_diagnosis(Path(run_dir))
+    log_diagnosis(folder.parent)
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     print("\n".join([verdict["sentence"], *verdict["details"]]))
     print(f"results: {folder}")

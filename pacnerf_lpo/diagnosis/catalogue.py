@@ -15,6 +15,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import effects as known_effects
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.parameters import own_name
 from pacnerf_lpo.render import camera_faults
 from pacnerf_lpo.render.camera_faults.base import Observation
 
@@ -115,7 +116,7 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
 
 def candidates(effects: Sequence[Effect], material: Material, installed: Sequence[Effect]) -> list[Candidate]:
     """Those of the effects that may be added to a model."""
-    taken = {name for effect in installed for name in effect.parameters}
+    taken = {own_name(name) for effect in installed for name in effect.parameters}
     grounded = any(isinstance(effect, GroundEffect) for effect in installed)
     return [
         Candidate(name_of(effect), effect)

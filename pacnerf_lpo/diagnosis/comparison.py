@@ -23,8 +23,8 @@ WHITENED_ITERATIONS = 8
 CONFIDENCE = 0.9
 """Of all intervals."""
 FORCE = 0.02
-"""Prior standard deviation of the unknown smooth force in every model [m/s^2]: what the replicates of recordings without
-any leave; a known cause of a force as small is of no interest."""
+"""Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
+recording of a soft body is good enough to be believed about."""
 Progress = Callable[[str], None]
 
 
@@ -78,8 +78,8 @@ class Comparison:
 
 
 class Objective:
-    """Standardised residual of a model in some entries, then how far each unknown is from the mean of its prior in standard
-    deviations [(D + K,)], as a function of free coordinates [(K,)]; raises SimulationError.
+    """Standardised residual of a model in some entries, then how far each unknown is from the mean of its prior in
+    standard deviations [(D + K,)], as a function of free coordinates [(K,)]; raises SimulationError.
     """
 
     def __init__(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -16,15 +16,14 @@ from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, refit
+from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, force_wins, leaves_more
-from pacnerf_lpo.diagnosis.run_problem import RunProblem
+from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
 from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, screen
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
 from pacnerf_lpo.inference.decision import LEVEL, best, indistinguishable, log_odds, worth_refitting
@@ -49,6 +48,7 @@ class Options:
     clouds: folder of point clouds, in place of the run's own; None: as the run has them.
     images: False: only points are compared.
     jobs: processes at once; None: as many as torch may use threads, at most 8.
+    per_recording: names of the classes of effects that every recording of a study has for itself.
     """
 
     candidates: str | None = None
@@ -62,26 +62,40 @@ class Options:
     clouds: str | None = None
     images: bool = True
     jobs: int | None = None
+    per_recording: list[str] = field(default_factory=list)
 
 
-def prepare(run_dir: str | Path, stem: str | None, options: Options) -> tuple[RunProblem, Store]:
+def prepare(
+    run_dirs: Sequence[str | Path], stem: str | None, options: Options, out: str | None = None
+) -> tuple[Problem, Store]:
     """What is under diagnosis, and where its results are kept, after every check that needs no long work.
 
+    Args:
+        run_dirs: a run, or several of one object.
+        stem: phase of the runs; None: the last before a correction.
+        options: of the diagnosis.
+        out: where the results go, into a folder of that name; None: the run, if it is one.
+
     Raises:
-        UserInputError: no such run or phase, too few views, an unknown effect in the list of candidates.
+        UserInputError: no such run or phase, too few views, an unknown effect in the list of candidates, or runs that
+            are no study of one object.
     """
     if not LEAST_REPLICATES <= options.replicates <= MOST_REPLICATES:
         raise UserInputError(
-            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are enough"
+            f"diagnose: replicates = {options.replicates}; give {LEAST_REPLICATES} to {MOST_REPLICATES}, 8 to 24 are "
+            "enough"
         )
     check_jobs(options.jobs, "diagnose")
     if options.particles < 300:
         raise UserInputError(f"diagnose: particles = {options.particles}; give at least 300, 4000 are a good number")
-    problem = RunProblem(Run(run_dir), stem, options.particles, options.tracks, options.clouds, options.images)
+    if out is None and len(run_dirs) > 1:
+        raise UserInputError("diagnose: several runs are a study; give a folder for its results with --out")
+    points, divided = (options.tracks, options.clouds), options.per_recording
+    problem, fingerprint = problem_of_runs(run_dirs, stem, options.particles, points, options.images, divided)
     check(problem, options)
     what = {k: v for k, v in asdict(options).items() if k in ("replicates", "seed", "particles")}
     what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
-    return problem, Store(problem.run.run_dir / FOLDER, problem.fingerprint, what)
+    return problem, Store(Path(out or run_dirs[0]) / FOLDER, fingerprint, what)
 
 
 def investigate(
@@ -121,12 +135,12 @@ def investigate(
         last.removed = [type(effect).__name__ for effect in gone]
         rounds.append(last)
     if options.until == "refit" and (force_wins(last) or leaves_more(last)):
-        step = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
-        last.force = store.once(f"{len(rounds)}_force", step)
+        asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
+        last.force = store.once(f"{len(rounds)}_force", asked)
     if options.profile is not None:
         told = _prefixed(progress, "profile likelihood: ")
-        step = partial(profile, problem, last.effects, last.comparison, options.profile, told)
-        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", step)[:2]
+        followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
+        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
     keep(rounds)
     return rounds
 
@@ -149,8 +163,10 @@ def candidates_for(problem: Problem, options: Options, installed: Sequence[Effec
     """What may be added to a model with these effects."""
     material = problem.physics.material
     if options.candidates is not None:
-        return read_candidates(Path(options.candidates), material, installed)
-    return whole_catalogue(material, problem.video.view_ids, installed)
+        found = read_candidates(Path(options.candidates), material, installed)
+    else:
+        found = whole_catalogue(material, problem.video.view_ids, installed)
+    return [Candidate(candidate.name, problem.adopt(candidate.effect)) for candidate in found]
 
 
 def _round(
@@ -185,15 +201,15 @@ def _round(
         found.candidates = candidates_for(problem, options, effects)
     with _timed(effort, "screen") as spent:
         told = _prefixed(progress, "screen: ")
-        step = partial(screen, problem, effects, comparison, found.candidates, told)
-        screening: Screening = store.once(f"{number}_screen", step)
+        look = partial(screen, problem, effects, comparison, found.candidates, told)
+        screening: Screening = store.once(f"{number}_screen", look)
         found.screening = screening
         spent(screening.simulated)
     if options.until == "screen":
         return found
     with _timed(effort, "refit") as spent:
-        found.refits = _refits(problem, store, number, found, screening, progress)
-        spent(sum(again.simulated for again in found.refits))
+        found.refits, simulated = _refits(problem, store, number, found, screening, progress)
+        spent(simulated)
     found.finished = True
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
@@ -209,11 +225,13 @@ def _round(
 
 def _refits(
     problem: Problem, store: Store, number: int, found: Round, screening: Screening, progress: Callable[[str], None]
-) -> list[Refit]:
-    """Every hypothesis that could win, fitted: those whose linear change says so, and while more than noise is left, the
-    non-local ones, of which it says little: first from their probes, then by a search of their own parameter space.
+) -> tuple[list[Refit], int]:
+    """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
+    while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model
+    without them has gone far from what was expected, by a search of their own parameter space, too.
     """
     refits: list[Refit] = []
+    simulated = [0]
 
     def attempt(candidate: Candidate, searched: bool) -> None:
         near = [again.cost for again in refits if again.name not in screening.outside]
@@ -224,6 +242,7 @@ def _refits(
         again = store.once(name, partial(step, compared, searched))
         if again is None:
             return
+        simulated[0] += again.simulated
         before = next((other for other in refits if other.name == candidate.name), None)
         if before is None or again.log_bayes_factor > before.log_bayes_factor:
             refits[:] = [other for other in refits if other is not before] + [again]
@@ -233,17 +252,17 @@ def _refits(
     by_name = {candidate.name: candidate for candidate in found.candidates}
     for name in worth_refitting(list(scored.items()), screening.threshold):
         attempt(by_name[name], False)
-    for searched in (False, True):
+    for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
             known = any(again.name == candidate.name for again in refits)
             if more_than_noise(found, refits) and (searched or not known):
                 attempt(candidate, searched)
-    return refits
+    return refits, simulated[0]
 
 
 def more_than_noise(found: Round, refits: Sequence[Refit]) -> bool:
-    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that another
-    hypothesis could be better.
+    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that
+    another hypothesis could be better.
     """
     size = len(found.check.replicates)
     floor = float(np.mean(found.check.replicates)) + 2 * float(np.std(found.check.replicates)) * (1 + 1 / size) ** 0.5

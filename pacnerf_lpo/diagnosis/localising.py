@@ -17,14 +17,17 @@ REACH = 1.0
 """A particle within so many node spacings of the ground touches it."""
 
 
-def phases(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> list[str]:
-    """Phase of the simulated motion in every frame.
+def phases(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> list[list[str]]:
+    """Phase of the simulated motion in every frame of every recording.
 
     Free fall until the first contact; impact until the body is lowest; contact while it touches; rebound afterwards in
     the air.
     """
-    model = problem.model(effects, comparison.known)
-    return phases_of(model.path(comparison.free), model.body.spacing, comparison.known["ground_height"])
+    found = []
+    for part in problem.parts(effects, comparison.known):
+        model = part.model
+        found.append(phases_of(model.path(model.start), model.body.spacing, part.known["ground_height"]))
+    return found
 
 
 def phases_of(path: torch.Tensor, spacing: float, ground: float) -> list[str]:

@@ -24,7 +24,7 @@ ITERATIONS = 10
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""
 BENT = 1.0
-"""Prior standard deviations by which the null model's material has moved: then fits begin at the guess, too."""
+"""Prior standard deviations by which an unknown has moved; so far it goes by itself in one of three recordings."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def refit(
         None if the motion is unstable from every start.
     """
     outside = candidate.name in screening.outside
-    mask = problem.usable & problem.split.frames[:, None] if outside else problem.fitted
+    mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
     noise = comparison.noise(problem, mask)
     without = _cost_without(problem, comparison, mask) if outside else comparison.cost
     more = [*effects, candidate.effect]
@@ -146,8 +146,8 @@ def refit(
 def _begun(
     objective: Objective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray, mask: np.ndarray
 ) -> Fit | None:
-    """The start of a fit [(K,)] with its sensitivities: those of the model without the effect, which fits correct as they
-    go, and those to its own coefficients [(K,), bool], measured; None where the motion is unstable.
+    """The start of a fit [(K,)] with its sensitivities: those of the model without the effect, which a fit corrects on
+    its way, and those to its own coefficients [(K,), bool], measured; None where the motion is unstable.
     """
     try:
         now = objective(start)
@@ -157,7 +157,7 @@ def _begun(
     changes = np.stack([known.get(name, np.zeros(mask.sum())) for name in model.names], axis=1)
     jacobian = np.concatenate((objective.noise.whiten(np.nan_to_num(changes)), np.diag(1 / objective.deviation)))
     for index in np.flatnonzero(own):
-        jacobian[:, index] = column(objective, start, now, index, model.scales[index], model.bounds[1][index])[0]
+        jacobian[:, index] = column(objective, start, now, int(index), model.scales[index], model.bounds[1][index])[0]
     return Fit(start, now, jacobian, 1 + int(own.sum()), objective)
 
 
@@ -171,8 +171,8 @@ def _cost_without(problem: Problem, comparison: Comparison, mask: np.ndarray) ->
 def _starts(
     model: Model, comparison: Comparison, candidate: Candidate, score: Score | None, mean: np.ndarray
 ) -> list[np.ndarray]:
-    """Free coordinates to begin a fit at [(K,) each]: the effect as its score or its probes say, everything else as in the
-    model without it; and where that has moved far, as guessed.
+    """Free coordinates to begin a fit at [(K,) each]: the effect as its score or its probes say, everything else as in
+    the model without it; and where that has moved far, as guessed.
     """
     found = []
     for values in starts(candidate, score):
@@ -181,11 +181,15 @@ def _starts(
             index = model.names.index(name)
             start[index] = model.unknowns[index].transform.to_free(value)
         found.append(start)
-    away = np.abs(comparison.free - comparison.mean) / comparison.deviation
-    if (away > BENT).any():
+    if bent(comparison):
         own = np.isin(model.names, list(candidate.effect.parameters))
         found += [np.where(own, start, mean) for start in found]
     return [np.clip(start, *model.bounds) for start in found]
+
+
+def bent(comparison: Comparison) -> bool:
+    """Whether the fitted model has moved far from what was expected: it may stand in for an effect."""
+    return bool((np.abs(comparison.free - comparison.mean) / comparison.deviation > BENT).any())
 
 
 def starts(candidate: Candidate, score: Score | None) -> list[dict[str, float]]:

@@ -15,8 +15,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 def superfluous(problem: Problem, found: Round) -> list[Effect]:
     """Effects of a fitted model without which it explains the data as well: each is scored as a hypothesis against the
-    model in which it stands at its null, by the sensitivities at the fit. Non-local effects, which no straight line joins
-    with their null, and those of the run itself stay.
+    model in which it stands at its null, by the sensitivities at the fit. Non-local effects, which no straight line
+    joins with their null, and those of the run itself stay.
     """
     comparison, mask = found.comparison, problem.fitted
     assert found.screening is not None

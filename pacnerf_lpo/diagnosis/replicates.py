@@ -1,4 +1,4 @@
-"""Null replicates: what the residual would be if the fitted model were true, from other discretisations of its motion."""
+"""Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
-from pacnerf_lpo.identification.problem import Problem, beside_median
+from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -22,6 +22,8 @@ WAVES = 3
 DENSITY_ERROR = 0.1
 """Of the reconstructed matter, from the centre to the rim."""
 TRIALS = 4
+SEEDS = 101
+"""Recordings of one study have seeds that are so far apart."""
 MEDIAN_OF_CHI2 = 0.4549
 SINGLE_CAMERAS = 0.2
 """Of all views, may be wrong."""
@@ -36,10 +38,10 @@ def replicates(
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> np.ndarray:
-    """Residuals [(T, V, F, 11)] of data simulated from the model itself.
+    """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself.
 
-    Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly by as
-    much as the outlines at frame 0 disagree, and fresh sensor noise.
+    Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly
+    by as much as the outlines at frame 0 disagree, and fresh sensor noise.
 
     Args:
         problem: the run.
@@ -53,7 +55,17 @@ def replicates(
     Raises:
         SimulationError: a finer motion is unstable.
     """
-    reference, known = model.predict(free), model.physical(free)
+    parts, reference = problem.parts(effects, model.physical(free)), model.predict(free)
+    found = []
+    for number, part in enumerate(parts):
+        found.append(_of_recording(part, problem.part_of(reference, number), count, seed + SEEDS * number, progress))
+    return problem.join(found, axis=1)
+
+
+def _of_recording(
+    part: Part, reference: np.ndarray, count: int, seed: int, progress: Callable[[int], None]
+) -> np.ndarray:
+    problem = part.recording
     sigma = distortion(problem, reference)
     found: list[np.ndarray] = []
     attempts = range(count)
@@ -61,8 +73,8 @@ def replicates(
         draws = [np.random.default_rng((seed, attempt)) for attempt in attempts]
         others = []
         for attempt, random in zip(attempts, draws, strict=True):
-            body = problem.sample(model.body.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
-            others.append(problem.model(effects, known, distorted(body, sigma, random)))
+            body = problem.sample(problem.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
+            others.append(problem.model(part.effects, part.known, distorted(body, sigma, random)))
         for random, predicted in zip(draws, each(outcome, ((other,) for other in others)), strict=True):
             if isinstance(predicted, SimulationError):
                 unstable = predicted

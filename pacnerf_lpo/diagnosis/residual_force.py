@@ -11,7 +11,7 @@ import torch
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
 from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, PARTS, SmoothForce, force_of
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.inference.force_law import Law, name_force
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -20,12 +20,12 @@ SAMPLES = 200
 
 @dataclass(frozen=True)
 class ResidualForce:
-    """The smooth force that the residual asks for.
+    """The smooth force that the residual asks for, in the recording where it is largest.
 
     times: of the knots [s since frame 0, (K,)]
     mean: acceleration of the whole body [m/s^2, (K, 3)]
     field: all coefficients [m/s^2, (K, 4, 3)]: constant, then linear in each material coordinate
-    law: what it looks like.
+    law: what it looks like, in all recordings together.
     explained: share of the excess of the cost over the noise that it would remove.
     """
 
@@ -45,29 +45,27 @@ def residual_force(
         problem, effects, comparison: the run, its fitted model and its effects.
         deviation: prior standard deviation of every coefficient [m/s^2]
     """
-    mask, force = problem.fitted, force_of(problem)
+    mask, parts = problem.fitted, problem.parts(effects, comparison.known)
     noise = comparison.marginal(problem, mask)
     left, design = noise.whiten_residual(comparison.residual[mask]), noise.whiten(comparison.force[mask]) * deviation
     solution = deviation * np.linalg.solve(design.T @ design + np.eye(design.shape[1]), design.T @ left)
-    field = solution.reshape(KNOTS, len(PARTS), len(AXES))
+    fields = solution.reshape(len(parts), KNOTS, len(PARTS), len(AXES))
     rest, size = left - design @ (solution / deviation), len(left)
     explained = float(left @ left - rest @ rest) / max(float(left @ left) - size, 1e-9)
-    knots = np.linspace(0.0, force.constants["force_interval"] * (KNOTS - 1), KNOTS)
-    law = _name(problem, effects, comparison, field, knots, force)
-    return ResidualForce(knots, field[:, 0], field, law, float(np.clip(explained, 0.0, 1.0)))
+    forces = [force_of(part.recording) for part in parts]
+    knots = [np.linspace(0.0, force.constants["force_interval"] * (KNOTS - 1), KNOTS) for force in forces]
+    samples = [_samples(*given) for given in zip(parts, fields, knots, forces, strict=True)]
+    acceleration, velocity, position, spin, contact, blocks = map(np.concatenate, zip(*samples, strict=True))
+    law = name_force(acceleration, velocity, position, spin, contact, blocks)
+    shown = int(np.argmax((fields[:, :, 0] ** 2).sum((1, 2))))
+    field = fields[shown]
+    return ResidualForce(knots[shown], field[:, 0], field, law, float(np.clip(explained, 0.0, 1.0)))
 
 
-def _name(
-    problem: Problem,
-    effects: Sequence[Effect],
-    comparison: Comparison,
-    field: np.ndarray,
-    knots: np.ndarray,
-    force: SmoothForce,
-) -> Law:
-    """Regress the field, sampled along the fitted motion, on a library of laws."""
-    model = problem.model(effects, comparison.known)
-    path = model.path(comparison.free)
+def _samples(part: Part, field: np.ndarray, knots: np.ndarray, force: SmoothForce) -> tuple[np.ndarray, ...]:
+    """The field along the fitted motion of a recording, as :func:`name_force` regresses it on a library of laws."""
+    problem, model = part.recording, part.model
+    path = model.path(model.start)
     centre = np.array([force.constants[f"force_centre_{axis}"] for axis in AXES])
     extent = force.constants["force_extent"]
     times = problem.video.times.numpy() - float(problem.video.times[0])
@@ -76,13 +74,13 @@ def _name(
     velocity = np.gradient(positions, times, axis=0)
     inside = (positions[0] - centre) / extent
     at_times = np.stack([[np.interp(times, knots, field[:, p, a]) for a in range(3)] for p in range(len(PARTS))])
-    force = at_times[0].T[:, None] + np.einsum("jaf,nj->fna", at_times[1:], inside)
+    acceleration = at_times[0].T[:, None] + np.einsum("jaf,nj->fna", at_times[1:], inside)
     touching = np.array(
-        [phase != PHASES[0] for phase in phases_of(path, model.body.spacing, comparison.known["ground_height"])]
+        [phase != PHASES[0] for phase in phases_of(path, model.body.spacing, part.known["ground_height"])]
     )
     frames, samples = positions.shape[:2]
-    return name_force(
-        force.reshape(-1, 3),
+    return (
+        acceleration.reshape(-1, 3),
         velocity.reshape(-1, 3),
         positions.reshape(-1, 3),
         np.repeat(_spin(positions, velocity), samples, axis=0),

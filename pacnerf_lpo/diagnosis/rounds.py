@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
 
+if TYPE_CHECKING:
+    from pacnerf_lpo.diagnosis.plan import Proposal
+
 
 @dataclass
 class Round:
@@ -26,12 +30,13 @@ class Round:
     check, held: whether its residual is what it predicts, in the fitted and in the held-out data.
     parameters: intervals of all unknowns.
     undetermined: what the recording does not determine, in words.
-    phases: of the motion, by frame.
+    phases: of the motion, by recording and frame.
     candidates: effects that were screened.
     screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
     alike: names that the recording does not tell apart from the accepted one, itself first.
+    proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
     force: the smooth force that would remove the residual; None where it is not asked for.
     profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
@@ -45,12 +50,13 @@ class Round:
     held: Check
     parameters: list[Interval]
     undetermined: list[str]
-    phases: list[str]
+    phases: list[list[str]]
     candidates: list[Candidate] = field(default_factory=list)
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
     alike: list[str] = field(default_factory=list)
+    proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)
     force: ResidualForce | None = None
     profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -115,8 +121,8 @@ def force_wins(found: Round) -> bool:
 
 
 def removed_share(rounds: list[Round]) -> float:
-    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise; of
-    the fitted data where the held-out have none. At most 1.
+    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise;
+    of the fitted data where the held-out have none. At most 1.
     """
     first, last = rounds[0], rounds[-1]
     pair = (first.held, last.held) if first.held.excess > 0 else (first.check, last.check)

@@ -3,15 +3,75 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
 
+from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
-from pacnerf_lpo.identification.problem import PARTICLES, StateProblem
+from pacnerf_lpo.identification.problem import PARTICLES, Problem, StateProblem
 from pacnerf_lpo.identification.split import split
+from pacnerf_lpo.identification.study import StudyProblem
 
 LEAST_FITTED = 30
 """Numbers of points that make a fit, where there is nothing else."""
+
+
+def problem_of_runs(
+    run_dirs: Sequence[str | Path],
+    stem: str | None,
+    particles: int,
+    points: tuple[str | None, str | None],
+    images: bool,
+    divided: Sequence[str],
+) -> tuple[Problem, bytes]:
+    """What is under diagnosis, a run or a study of several, and bytes that differ where the diagnosis may differ.
+
+    Args:
+        run_dirs: folders that fit wrote, of one object.
+        stem, particles, images: as for :class:`RunProblem`.
+        points: tracks and clouds in place of the run's own.
+        divided: names of the classes of effects that every recording has for itself.
+
+    Raises:
+        UserInputError: a run or its points cannot be used, or the runs are no study of one object.
+    """
+    if len(run_dirs) == 1:
+        if divided:
+            raise UserInputError("diagnose: --per-recording is for several runs; give them one after the other")
+        problem = RunProblem(Run(run_dirs[0]), stem, particles, *points, images)
+        return problem, problem.fingerprint
+    if any(points):
+        raise UserInputError("diagnose: --tracks and --clouds belong to one recording; of several, give them to fit")
+    paths = [Path(run_dir).resolve() for run_dir in run_dirs]
+    for path, given in zip(paths, run_dirs, strict=True):
+        if paths.count(path) > 1:
+            raise UserInputError(f"diagnose: {given} is given twice; a study is of different recordings")
+    check_divided(divided)
+    runs = [Run(run_dir) for run_dir in run_dirs]
+    for run in runs:
+        if run.manifest.status == "failed":
+            raise UserInputError(
+                f"{run.run_dir}: its fit failed; go on with `fit --resume {run.run_dir}`, or leave it out of the study"
+            )
+    problems = [RunProblem(run, stem, particles, images=images) for run in runs]
+    called = [path.name for path in paths]
+    if len(set(called)) < len(called):
+        called = [f"{path.parent.name}_{path.name}" for path in paths]
+    return StudyProblem(problems, called, divided), b"".join(p.fingerprint for p in problems) + str(divided).encode()
+
+
+def check_divided(names: Sequence[str]) -> None:
+    """Raise UserInputError for the name of an effect that the package does not have or that has no coefficient."""
+    known = {kind.__name__: kind for kind in known_classes()}
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, 1, 0.0)
+            raise UserInputError(f"diagnose: --per-recording {name}: no such effect; did you mean {near[0]}?")
+        if not known[name].parameters:
+            raise UserInputError(f"diagnose: --per-recording {name}: it has no coefficient that could differ")
 
 
 class RunProblem(StateProblem):

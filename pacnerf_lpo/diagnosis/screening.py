@@ -96,7 +96,7 @@ def screen(
     inside = [candidate for candidate in candidates if candidate not in outside]
     families = [(inside, problem.fitted)]
     if outside:
-        families.append((outside, problem.usable & problem.split.frames[:, None]))
+        families.append((outside, problem.usable & problem.split.frames[..., None]))
     null = problem.model(effects, comparison.known)
     scores: list[Score] = []
     calibrations, simulated = [], 0
@@ -142,8 +142,8 @@ def probed(
 ) -> tuple[list[Hypothesis], int]:
     """Every candidate as a hypothesis about the entries of a mask [(R, F, 11), bool], and the number of simulations.
 
-    The prior standard deviation of a coefficient is its largest probe. A trial whose motion is unstable, or that changes
-    nothing there, is left out; so is a candidate without a trial.
+    The prior standard deviation of a coefficient is its largest probe. A trial whose motion is unstable, or that
+    changes nothing there, is left out; so is a candidate without a trial.
 
     Args:
         problem, effects: the run, and the effects of its model.
@@ -209,8 +209,8 @@ def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:
 def usual_fault(scores: Sequence[Score], name: str) -> float:
     """By how much faults of the kind of this one are larger in a typical camera than noise, at least 1.
 
-    Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to view;
-    so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
+    Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to
+    view; so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
     """
     kind, at, _ = name.partition("@")
     deviates = [

@@ -18,7 +18,7 @@ from pacnerf_lpo.diagnosis.replicates import distortion
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
-from pacnerf_lpo.identification.problem import Problem, StateProblem
+from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -43,11 +43,28 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
     Raises:
         SimulationError: the motion is unstable with every one of them.
     """
+    reference = model.predict(free)
+    parts = problem.parts(effects, model.physical(free))
+    return of_each(problem, [_of_recording(part, problem.part_of(reference, n)) for n, part in enumerate(parts)])
+
+
+def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
+    """Changes of the residual of every recording, each by causes of its own [(R', F', 11, M') each], as changes of the
+    whole residual by all of them [(R, F, 11, M)].
+    """
+    columns = []
+    for number, own in enumerate(changes):
+        others = [np.zeros((*other.shape[:3], own.shape[3])) for other in changes]
+        columns.append(problem.join([*others[:number], own, *others[number + 1 :]]))
+    return np.concatenate(columns, axis=-1)
+
+
+def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
+    problem = part.recording
     if not isinstance(problem, StateProblem):
         return np.zeros((*problem.usable.shape, 0))
-    reference, known = model.predict(free), model.physical(free)
     bodies = wrong_bodies(problem, distortion(problem, reference))
-    seen = list(each(outcome, ((problem.model(effects, known, body),) for body in bodies)))
+    seen = list(each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)))
     changes = [problem.relative(found - reference) for found in seen if not isinstance(found, SimulationError)]
     if not changes:
         raise next(found for found in seen if isinstance(found, SimulationError))

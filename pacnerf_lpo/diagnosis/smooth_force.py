@@ -1,4 +1,4 @@
-"""A smooth force on the body that no law gives: the discrepancy that every model has, and what an unknown effect does."""
+"""A smooth force on the body that no law gives: the discrepancy of every model, and what an unknown effect does."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.diagnosis.shape_errors import of_each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import outcome
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
@@ -40,9 +41,9 @@ class SmoothForce(BodyForce):
         extent: L [m].
     """
 
-    parameters = {
+    parameters = {  # noqa: RUF012
         name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()
-    }  # noqa: RUF012
+    }
     null = dict.fromkeys(parameters, 0.0)
     signature = "anything that a smooth force can do"
     probes = ()
@@ -83,7 +84,8 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation of a coarser body each, which responds to a smooth force in the same way; zero where that is unstable.
+    simulation of a coarser body each, which responds to a smooth force in the same way, and of 60 for each recording; zero
+    where that is unstable.
 
     Args:
         problem: the run.
@@ -93,15 +95,23 @@ def force_changes(
     Raises:
         SimulationError: the motion without the force is unstable.
     """
-    models = [*effects, force_of(problem)]
+    found = [_of_recording(part, progress) for part in problem.parts(effects, known)]
+    return of_each(problem, found)
+
+
+def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
+    problem = part.recording
+    models = [*part.effects, force_of(problem)]
     body = problem.sample(COARSER * problem.spacing, seed=0)
-    still = problem.model(models, known, body)
+    still = problem.model(models, part.known, body)
     base = problem.residual(still.predict(still.start))
-    pushed = ((problem.model(models, {**known, name: PROBE}, body),) for name in names_of_force())
-    columns = []
+    pushed = ((problem.model(models, {**part.known, name: PROBE}, body),) for name in names_of_force())
+    columns: list[np.ndarray] = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
-            progress(f"smooth force: {number} of {len(SmoothForce.parameters)}")
-        unstable = isinstance(predicted, SimulationError)
-        columns.append(0 * base if unstable else (base - problem.residual(predicted)) / PROBE)
+            progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
+        if isinstance(predicted, SimulationError):
+            columns.append(0 * base)
+        else:
+            columns.append((base - problem.residual(predicted)) / PROBE)
     return np.nan_to_num(np.stack(columns, -1))

@@ -63,8 +63,8 @@ class Store:
         self.key = hashlib.sha256(problem + json.dumps([options, SCHEMA]).encode()).hexdigest()[:16]
 
     def once(self, name: str, step: Callable[[], Result]) -> Result:
-        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A file that is
-        damaged is made again.
+        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A damaged file
+        is made again.
         """
         path = self.folder / "steps" / f"{self.key}_{name}.npz"
         if path.is_file():
@@ -99,7 +99,7 @@ def packed(result: Any) -> bytes:
 
     text = json.dumps(plain(result))
     content = io.BytesIO()
-    np.savez_compressed(content, structure=np.array(text), **arrays)
+    np.savez_compressed(content, structure=np.array(text), **arrays)  # type: ignore[arg-type]
     return content.getvalue()
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
-from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
+from pacnerf_lpo.identification.multistart import Search, Stage, horizons, multistart
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 from pacnerf_lpo.mpm.parameters import Log10
@@ -19,8 +19,12 @@ COARSER = 1.4
 """Node spacing of the search relative to that of the problem: a rollout costs a third."""
 SAMPLES = 8
 """Points tried for each modulus: over three decades they lie nearer to each other than one fit reaches."""
+JOINT_SAMPLES = 32
+"""Points tried for moduli and coefficients of effects at once, where a strong effect hides behind a wrong modulus."""
+EXPLAINED = 3.0
+"""Cost per row of a coarse body's best fit: above that it is not its own error alone that is left."""
 WIDE = 1.5
-"""Standard deviations of its prior, to either side, over which a modulus is searched."""
+"""Standard deviations of its prior, to either side, over which a modulus or a coefficient is searched."""
 COMPETITIVE = 3.0
 """Of the cost of the fit from the guess: a point above that, with all else as there, promises no other minimum."""
 RIVAL = 1.5
@@ -76,7 +80,7 @@ class Objective:
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         """Rows at free coordinates [(K,) to (D + K,)]. Raises SimulationError."""
-        self.model.physics.halvings = 0
+        self.model.restart()
         return np.concatenate((self._weighted(free), self.level * (free - self.mean) / self.deviation))
 
 
@@ -98,25 +102,28 @@ def base_fit(
     Raises:
         SimulationError: the motion is unstable at every start, with the shortest time step too.
     """
-    coarse = problem.model(effects, known, problem.sample(COARSER * problem.spacing, 0))
+    coarse = problem.coarse_model(effects, known, COARSER)
     fine = problem.model(effects, known)
     mean, deviation = priors(problem, fine)
     starts = _starts(coarse, effects)
-    frames = int(problem.split.frames.sum())
+    frames = problem.split.last_fitted + 1
     contact, looked = _contact(coarse, starts)
     rows = [_rows(problem, until, len(mean)) for until in horizons(contact, frames)]
     settings = Objective(problem, coarse, mean, deviation), coarse.scales, coarse.bounds
-    spans = _spans(problem, coarse, mean, deviation)
+    free = problem.physics.material.free_names
+    moduli = [p.name for p in coarse.unknowns if p.name in free and isinstance(p.transform, Log10)]
+    coefficients = [name for effect in effects for name in effect.parameters]
+    spans, wider = (_spans(coarse, names, mean, deviation) for names in (moduli, [*free, *coefficients]))
     first = rows[-min(len(rows), 3)], None
     progress(f"base fit from {len(starts)} starts on a coarse body; contact in frame {contact} of {frames}")
-    search = multistart(
-        [
-            Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS),
-            Stage(*settings, first, spans=spans, samples=SAMPLES * len(spans), rival=COMPETITIVE),
-            Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL),
-        ],
-        starts,
-    )
+    refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL)
+    sampled = Stage(*settings, first, spans=spans, samples=SAMPLES * len(moduli), rival=COMPETITIVE)
+    search = multistart([replace(refitted, rival=None), sampled, refitted], starts)
+    if coefficients and search.fits and _level(search.fits, len(mean)) ** 2 > EXPLAINED:
+        progress("base fit: nothing explains the video yet; searching the effects' coefficients, too")
+        sampled = replace(sampled, keep=MOST_OPTIMA, spans=wider, samples=JOINT_SAMPLES)
+        more = multistart([sampled, refitted], search.fits)
+        search = Search(more.fits, search.rollouts + more.rollouts, search.unstable + more.unstable)
     found: Sequence[Fit | np.ndarray] = search.fits or starts
     level = _level(search.fits, len(mean))
     progress(f"base fit: {len(found)} optima on the body itself")
@@ -148,8 +155,8 @@ def priors(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard deviations of a model's free coordinates [(K,), (K,)]: those of the effects, and for the rest
     around what the user guessed.
     """
-    guess = {**model.known, **problem.first_guess, **problem.physics.guess}
-    of_effects = {name: effect.prior(name) for effect in model.physics.effects for name in effect.parameters}
+    guess = {**model.known, **problem.first_guess, **problem.guess}
+    of_effects = {name: effect.prior(name) for effect in model.effects for name in effect.parameters}
     found = [of_effects.get(unknown.name) or unknown.prior(guess[unknown.name]) for unknown in model.unknowns]
     mean, deviation = np.array(found).T
     return mean, deviation
@@ -197,11 +204,9 @@ def _contact(model: Model, starts: Sequence[np.ndarray]) -> tuple[int, int]:
     """
     for used, start in enumerate(starts, 1):
         try:
-            low = model.path(start)[..., 1].amin(1).numpy() - model.physics.ground_height
+            return model.contact(start, TOUCH), used
         except SimulationError:
             continue
-        touching = np.nonzero(low < TOUCH * model.body.spacing)[0]
-        return (int(touching[0]) if len(touching) else len(low)), used
     return model.shape[1], len(starts)
 
 
@@ -210,12 +215,12 @@ def _rows(problem: Problem, until: int, unknowns: int) -> np.ndarray:
     return np.append(np.nonzero(problem.fitted)[1] < until, np.ones(unknowns, bool))
 
 
-def _spans(problem: Problem, model: Model, mean: np.ndarray, deviation: np.ndarray) -> dict[int, tuple[float, float]]:
-    """Between which free coordinates the moduli are searched, by index."""
+def _spans(
+    model: Model, names: Sequence[str], mean: np.ndarray, deviation: np.ndarray
+) -> dict[int, tuple[float, float]]:
+    """Between which free coordinates some unknowns are searched, by index."""
     low, high = np.clip((mean - WIDE * deviation, mean + WIDE * deviation), *model.bounds)
-    free = problem.physics.material.free_names
-    moduli = [k for k, p in enumerate(model.unknowns) if p.name in free and isinstance(p.transform, Log10)]
-    return {index: (low[index], high[index]) for index in moduli}
+    return {index: (low[index], high[index]) for index in map(model.names.index, names)}
 
 
 def _level(fits: Sequence[Fit], unknowns: int) -> float:

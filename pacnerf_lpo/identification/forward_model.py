@@ -29,16 +29,21 @@ MARGIN = 24
 """How far the model's images go beyond the camera's [pixels]: an outline may leave the picture in a bad guess."""
 
 
-def with_effects(physics: Physics, effects: Sequence[Effect], spacing: float, run_spacing: float) -> Physics:
-    """The physical model of a run with other effects, stepped as finely as another grid spacing [m] needs."""
-    steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / physics.frame_rate))
+def with_effects(
+    physics: Physics, effects: Sequence[Effect], spacing: float, run_spacing: float, frame_rate: float | None = None
+) -> Physics:
+    """The physical model of a run with other effects, stepped as finely as another grid spacing [m] needs, and with
+    frames at another rate [1/s] where that is given.
+    """
+    frame_rate = frame_rate or physics.frame_rate
+    steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / frame_rate))
     return Physics(
         physics.material,
         physics.ground,
         effects,
         physics.rho,
-        max(steps, 1) * physics.frame_rate,
-        physics.frame_rate,
+        max(steps, 1) * frame_rate,
+        frame_rate,
         physics.gravity,
         physics.ground_height,
         physics.fit_ground_height,
@@ -75,6 +80,11 @@ class Model:
         self.bounds = self._bounds()
 
     @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Of the model, those on the cameras among them."""
+        return self.physics.effects
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Views and frames."""
         return self.video.images.shape[0], len(self.video.times)
@@ -86,6 +96,18 @@ class Model:
             for parameter, value in zip(self.unknowns, free, strict=True)
         }
         return {**self.known, **found}
+
+    def restart(self) -> None:
+        """Forget which time step earlier motions needed: the next one begins with the model's own."""
+        self.physics.halvings = 0
+
+    def contact(self, free: np.ndarray, within: float) -> int:
+        """First frame in which a particle is within so many node spacings of the ground; the number of frames where
+        none is. Raises SimulationError.
+        """
+        low = self.path(free)[..., 1].amin(1).numpy() - self.physics.ground_height
+        touching = np.nonzero(low < within * self.body.spacing)[0]
+        return int(touching[0]) if len(touching) else len(low)
 
     @torch.no_grad()
     def path(self, free: np.ndarray) -> Tensor:

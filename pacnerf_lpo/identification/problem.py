@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -33,6 +33,27 @@ BISECTIONS = 9
 LEAST_SHADING = 0.01
 MODEL_ERROR = 0.1
 """Error of a summary that the model makes, before twins tell [pixels]."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording of a problem with what a model of the problem says of it.
+
+    name: of the recording.
+    recording: itself a problem.
+    effects: of the model, as the recording names them.
+    known: every value that concerns it, velocity included, as the recording names them [SI].
+    """
+
+    name: str
+    recording: Problem
+    effects: tuple[Effect, ...]
+    known: dict[str, float]
+
+    @property
+    def model(self) -> Model:
+        """Of the recording, starting from what is known."""
+        return self.recording.model(self.effects, self.known)
 
 
 class Problem(ABC):
@@ -68,6 +89,7 @@ class Problem(ABC):
         self.measured, self.sensor, self.points = measured, sensor, points
         self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
+        self._relative: Callable[[np.ndarray], np.ndarray] = partial(relative, views=self.views)
         if points is not None:
             found = points.measured
             self.measured = np.concatenate((measured, found))
@@ -89,6 +111,27 @@ class Problem(ABC):
     @abstractmethod
     def sample(self, spacing: float, seed: int) -> Body:
         """The body at a node spacing [m], as another sampling for every seed."""
+
+    @property
+    def guess(self) -> dict[str, float]:
+        """Physical parameters as the user guessed them [SI]."""
+        return self.physics.guess
+
+    def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
+        """What a model with these effects and values [SI] says of each recording."""
+        return [Part(self.scene, self, tuple(effects), known)]
+
+    def join(self, arrays: Sequence[np.ndarray], axis: int = 0) -> np.ndarray:
+        """Arrays of the recordings (..., rows, frames, ...) as one; ``axis`` is that of the rows."""
+        return arrays[0]
+
+    def part_of(self, values: np.ndarray, number: int, axis: int = 0) -> np.ndarray:
+        """What concerns one recording in an array (..., rows, frames, ...); ``axis`` is that of the rows."""
+        return values
+
+    def adopt(self, effect: Effect) -> Effect:
+        """An effect with its coefficients declared as this problem has them."""
+        return effect
 
     @cached_property
     def body(self) -> Body:
@@ -112,6 +155,25 @@ class Problem(ABC):
         physics = with_effects(self.physics, effects, body.spacing, self.voxel)
         return Model(body, physics, self._cameras, known, self.points)
 
+    def coarse_model(self, effects: Sequence[Effect], known: dict[str, float], coarser: float) -> Model:
+        """The same on a body whose node spacing is that of the problem times ``coarser``."""
+        return self.model(effects, known, self.sample(coarser * self.spacing, 0))
+
+    @property
+    def point_names(self) -> list[str]:
+        """Of the rows of points [R]."""
+        return [] if self.points is None else self.points.names
+
+    @property
+    def point_kinds(self) -> np.ndarray:
+        """Names of the entries in the rows of points [(R, 11), str]."""
+        return np.zeros((0, len(KINDS) + 1), dtype=object) if self.points is None else self.points.kinds
+
+    @property
+    def pixel(self) -> float:
+        """Size of a pixel at the body [m], where there are points; 0 where there are none."""
+        return 0.0 if self.points is None else self.points.pixel
+
     @property
     def views(self) -> int:
         """V, the number of rows that cameras see."""
@@ -126,31 +188,31 @@ class Problem(ABC):
         """Names of the entries of a mask [(V, F, 11), bool]."""
         row, frame, kind = np.nonzero(mask)
         names = np.broadcast_to(np.array([*KINDS, BRIGHTNESS], dtype=object), (self.views, len(KINDS) + 1))
-        if self.points is not None:
-            names = np.concatenate((names, self.points.kinds))
+        names = np.concatenate((names, self.point_kinds))
         return Layout(np.where(row < self.views, row, self.views - 1 - row), frame, names[row, kind].astype(str))
 
     def relative(self, difference: np.ndarray) -> np.ndarray:
         """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
-        return relative(difference, self.views)
+        return self._relative(difference)
 
     @property
     def unit(self) -> tuple[str, float]:
         """Unit in which a report shows errors, and how many of it a pixel is: millimetres where only points count."""
-        if self.points is None or self.usable[: self.views].any():
+        if not self.point_names or self.usable[: self.views].any():
             return "px", 1.0
-        return "mm", 1000 * self.points.pixel
+        return "mm", 1000 * self.pixel
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return _residual(self.measured, predicted, self.usable, self.views)
+        return np.where(self.usable, self._relative(self.measured - predicted), np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
-        usable, measured, views = self.usable, self.measured, self.views  # not self: other processes get a copy
+        usable, measured = self.usable, self.measured  # not self: other processes get a copy
+        compared = self._relative
 
         def residual(free: np.ndarray) -> np.ndarray:
-            return np.nan_to_num(_residual(measured, model.predict(free), usable, views)[mask])
+            return np.where(usable, np.nan_to_num(compared(measured - model.predict(free))), 0.0)[mask]
 
         return residual
 
@@ -266,11 +328,6 @@ def shading(brightness: np.ndarray) -> np.ndarray:
     """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
     spread = 1.4826 * np.median(np.abs(brightness))
     return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
-
-
-def _residual(measured: np.ndarray, predicted: np.ndarray, usable: np.ndarray, views: int) -> np.ndarray:
-    """Measured minus predicted summaries [(V + R, F, 11)] as :func:`relative` compares them; NaN where not usable."""
-    return np.where(usable, relative(measured - predicted, views), np.nan)
 
 
 def relative(difference: np.ndarray, views: int | None = None) -> np.ndarray:

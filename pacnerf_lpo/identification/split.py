@@ -20,7 +20,7 @@ class Split:
     """Which views, frames and rows of points are fitted; the others are held out.
 
     views: True where a view is fitted [(V,), bool]
-    frames: True where a frame is fitted [(F,), bool]
+    frames: True where a frame is fitted [(F,), bool]; where that differs from row to row [(V + R, F), bool]
     points: True where a row of points is fitted [(R,), bool]
     """
 
@@ -32,6 +32,11 @@ class Split:
     def fitted(self) -> np.ndarray:
         """[(V + R, F), bool]"""
         return np.concatenate((self.views, self.points))[:, None] & self.frames
+
+    @property
+    def last_fitted(self) -> int:
+        """Number of the last frame of which something is fitted."""
+        return int(np.nonzero(np.atleast_2d(self.frames).any(0))[0][-1])
 
     @property
     def held(self) -> np.ndarray:

@@ -76,7 +76,7 @@ def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float,
 
 
 def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-    """Mean square of every replicate's coordinates along every hypothesis, under the noise model of the others (T, H)."""
+    """Mean square of every replicate's coordinates along every hypothesis, by the noise model of the others (T, H)."""
     changes = np.concatenate([change for h in hypotheses for change in h.alternatives], axis=1)
     rows = []
     for model, replicate in noise.left_out:

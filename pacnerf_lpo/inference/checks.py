@@ -68,8 +68,8 @@ def _square(noise: NoiseModel, residual: np.ndarray) -> float:
 
 
 def _check(square: float, replicates: list[float], size: int) -> Check:
-    """The logarithm of the statistic is compared with that of the left-out replicates by Student's t for one further draw;
-    its spread is not believed to be below that of chi^2 with as many degrees of freedom.
+    """The logarithm of the statistic is compared with that of the left-out replicates by Student's t for one further
+    draw; its spread is not believed to be below that of chi^2 with as many degrees of freedom.
     """
     squares, least = np.maximum(replicates, 1e-6 * size) / size, 1e-6
     logs, count = np.log(squares), len(replicates)

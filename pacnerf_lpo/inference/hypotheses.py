@@ -12,8 +12,8 @@ class Hypothesis:
     """What an effect, a camera fault or a discrepancy would change in the residual.
 
     Coefficients are counted from the null in units of their prior standard deviation, so that the prior of each is
-    N(0, 1). An effect that is not linear in its coefficient is tried at several sizes: each gives a straight line through
-    the null, and the lines are alternatives with equal prior probability.
+    N(0, 1). An effect that is not linear in its coefficient is tried at several sizes: each gives a straight line
+    through the null, and the lines are alternatives with equal prior probability.
 
     name: of the hypothesis
     alternatives: changes of the residual by one prior standard deviation of every coefficient [(D, m) each]

@@ -1,15 +1,15 @@
 """The error of a comparison where the physics is right: bias and covariance of the residual, learnt from replicates.
 
-A replicate is the residual of data simulated from the fitted null model itself, by a finer grid, with other particle seeds,
-a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24, and D >> T entries, so that the sample
-covariance alone is singular, and far too small along directions that the replicates did not happen to take. It is shrunk
-towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
+A replicate is the residual of data simulated from the fitted null model itself, by a finer grid, with other particle
+seeds, a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24, and D >> T entries, so that the sample
+covariance alone is singular, and far too small along directions that the replicates did not happen to take. It is
+shrunk towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
 
     C = S^2 + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'| within one view and kind,
 
-S the sensor noise, G^2 the rest of the replicates' variance, smoothed over neighbouring frames and shared between views, X
-the replicates' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely, and B
-the directions of errors that are known beforehand, each of one standard deviation.
+S the sensor noise, G^2 what else the replicates vary, smoothed over neighbouring frames and shared between views, X the
+replicates' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely,
+and B the directions of errors that are known beforehand, each of one standard deviation.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class NoiseModel:
             directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
 
         Raises:
-            ValueError: shapes do not agree, fewer than four replicates, values not finite, or a sigma that is not positive.
+            ValueError: shapes do not agree, fewer than four replicates, values not finite, or a sigma not positive.
         """
         replicates, sensor_sigma = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
         _check(replicates, sensor_sigma, layout)
@@ -176,7 +176,7 @@ class NoiseModel:
 
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
-        """For each replicate: the model learnt from the others (shrinkage and correlation kept), and the replicate (D,)."""
+        """For each replicate: the model learnt from the others (shrinkage and correlation kept), and itself (D,)."""
         kept = self.sensor_sigma, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
             (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate)

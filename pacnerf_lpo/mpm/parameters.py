@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -11,6 +11,8 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 
+OF = "@"
+"""Between the name of a parameter and that of the recording that has it for itself."""
 GUESSED_WITHIN = 1.0
 """Decades: standard deviation of a guessed modulus, which people know to a factor of ten."""
 GUESSED_SCALES = 10.0
@@ -126,3 +128,17 @@ class Parameter:
     def show(self, value: float) -> str:
         """The value with its unit, as a person reads it."""
         return f"{value:.4g}" if self.unit == "1" else f"{value:.4g} {self.unit}"
+
+    def of_recording(self, recording: str) -> Parameter:
+        """The parameter as one recording of several has it."""
+        return replace(self, name=name_in(self.name, recording), label=f"{self.label} in {recording}")
+
+
+def name_in(name: str, recording: str) -> str:
+    """Name of a parameter that every recording has for itself, such as ``v_x@low``."""
+    return f"{name}{OF}{recording}"
+
+
+def own_name(name: str) -> str:
+    """The name of a parameter without that of a recording."""
+    return name.partition(OF)[0]

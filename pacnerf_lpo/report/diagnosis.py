@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -13,9 +13,13 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
+from pacnerf_lpo.report.diagnosis_markup import bullets
 from pacnerf_lpo.report.encoding import atlas, atlas_columns
+from pacnerf_lpo.report.recordings import recordings_section
+from pacnerf_lpo.report.wording import listed, readable
 
 RESULT_FILE, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
 IMAGE_BUDGET = 5_000_000
@@ -25,7 +29,7 @@ SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis.js")
 
 
 def write_page(folder: Path) -> Path:
-    """Write ``diagnosis.html`` beside the ``diagnosis.json`` and ``pictures.npz`` of a diagnosis; returns its path."""
+    """Write ``diagnosis.html`` next to the ``diagnosis.json`` and ``pictures.npz`` of a diagnosis; returns its path."""
     result = json.loads((folder / RESULT_FILE).read_text())
     with np.load(folder / PICTURES_FILE) as pictures:
         images = build_images(dict(pictures))
@@ -70,7 +74,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
     verdict = result["verdict"]
     data = json.dumps(payload(result, images), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    advice = [f"To tell {names}: {experiment}." for names, experiment in words.experiments(result)]
+    advice = [f"To separate {names}: {experiment}." for names, experiment in words.experiments(result)]
     return Template(_asset("diagnosis.html")).substitute(
         title=html.escape(f"{result['scene']}: {verdict['sentence']}"),
         style="\n".join(_asset(name) for name in STYLES),
@@ -80,36 +84,41 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         unit=words.unit_of(result),
         light=sections.traffic_light(words.light(verdict)),
         sentence=html.escape(verdict["sentence"]),
-        details=sections.bullets(verdict["details"]),
+        details=bullets(verdict["details"]),
         cards=sections.first_screen(result),
         rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
         points=sections.points_table(result),
+        recordings=recordings_section(result),
         parameters=sections.parameter_table(result),
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
-        undetermined=sections.bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",
-        limits=sections.bullets(words.NOT_IDENTIFIABLE),
-        experiments=sections.bullets(advice) or "<p>No two of the effects in question look alike here.</p>",
+        undetermined=bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",
+        limits=bullets(words.NOT_IDENTIFIABLE),
+        experiments=bullets(advice) or "<p>No indistinguishable effects are left here.</p>",
+        notes=_notes(words.notes(result)),
         bounds=sections.bounds_table(result),
+        effort=sections.effort_table(result),
     )
 
 
 def _round(result: Mapping[str, Any], number: int) -> str:
-    """Ranking, confounding and refits of one round; the first is open."""
+    """Check, ranking, confounding and refits of one round; the first is open."""
     done = result["rounds"][number]
-    installed = [stage["readable"] for stage in result["stages"][1 : number + 1]]
-    title = "The model as it was fitted" if not number else f"The model {html.escape(' '.join(installed))}"
-    omnibus = done["omnibus"]["p_value"]
-    head = f"What the model leaves over: {words.chance(omnibus)} (p = {omnibus:.2g})."
-    table = sections.refit_table(done, result["unit"])
-    refits = f"<h3>Fitted again with one more effect, judged on the data kept aside</h3>{table}"
+    effects = listed([readable(name) for name in done["effects"]], "and") if done["effects"] else "no effect added"
+    title = "The model as it was fitted" if not number else f"The model with {effects}"
+    refits = f'<div class="card scroll"><h3>Fitted again with one more effect</h3>{evidence.refit_table(done)}</div>'
     return (
-        f"<details{'' if number else ' open'}><summary>{title}</summary><p>{head}</p>"
-        f'<div class="pair"><div class="card"><h3>How well each effect explains what is left over</h3>'
-        f"{sections.ranking(done['screen'])}</div>"
-        f'<div class="card"><h3>Which effects look alike here (100: the same)</h3>'
-        f"{sections.confounding(done['screen'])}</div></div>"
+        f"<details{'' if number else ' open'}><summary>{html.escape(title)}</summary>"
+        f"<p>{html.escape(words.checked(done))}</p>{_notes(done['notes'])}"
+        f'<div class="pair"><div class="card"><h3>Log Bayes factor of each effect</h3>{evidence.ranking(done)}</div>'
+        f'<div class="card"><h3>Correlation of signatures [%] (100: the same)</h3>'
+        f"{evidence.confounding(done['screen'])}</div></div>"
         f"{refits if done['screen'] else ''}</details>"
     )
+
+
+def _notes(sentences: Sequence[str]) -> str:
+    """What is suspect about estimates, so that it is seen."""
+    return f'<div class="warning">{bullets(sentences)}</div>' if sentences else ""
 
 
 def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:

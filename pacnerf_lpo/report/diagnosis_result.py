@@ -12,6 +12,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.contributions import recordings
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
@@ -19,13 +20,13 @@ from pacnerf_lpo.diagnosis.rounds import Round, accepted_names, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Screening, size_of
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.checks import Check
-from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.decision import LEVEL, log_odds
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
 
-RESULT, OVERLAY = "diagnosis.json", "effects.yaml"
+RESULT, OVERLAY, OVERLAY_OF = "diagnosis.json", "effects.yaml", "effects_{}.yaml"
 FORMAT = 2
 MOST_CORRELATIONS = 30
 
@@ -38,8 +39,12 @@ def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
         last = rounds[-1]
         more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
         values = last.comparison.known if last.accepted is None else last.accepted.known
-        write_atomically(folder / OVERLAY, overlay(problem, [*last.effects, *more], values).encode())
+        for part in problem.parts([*last.effects, *more], values):
+            name = OVERLAY if part.recording is problem else OVERLAY_OF.format(part.name)
+            write_atomically(folder / name, overlay(part.recording, part.effects, part.known).encode())
     else:
+        for path in folder.glob(OVERLAY_OF.format("*")):
+            path.unlink()
         (folder / OVERLAY).unlink(missing_ok=True)
 
 
@@ -55,22 +60,24 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "frames": list(video.frame_ids),
         "times": video.times.tolist(),
         "held_views": [video.view_ids[v] for v in np.flatnonzero(~split.views)],
-        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~split.frames)],
+        "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~np.atleast_2d(split.frames).any(0))],
         "verdict": {
             "kind": said.kind,
             "effects": said.names if said.kind != "unknown" else [],
             "nearest": said.names if said.kind == "unknown" else [],
             "rest": said.rest,
+            "doubt": said.kind == "nothing" and wording.doubt(rounds[-1]) is not None,
             "removed": said.removed,
             "p_value": _chance(rounds),
             "sentence": sentences[0],
             "details": sentences[1:],
         },
         "unit": problem.unit[0],
-        "points": [] if problem.points is None else problem.points.names,
+        "recordings": recordings(problem, rounds),
+        "points": problem.point_names,
         "stages": diagnosis_stages.stages(problem, rounds),
         "rounds": [_round(problem, found) for found in rounds],
-        "residual_force": None if force is None else _force(force),
+        "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),
     }
 
 
@@ -83,6 +90,7 @@ def _chance(rounds: list[Round]) -> float | None:
 def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
+    odds = _odds(problem, found)
     return {
         "effects": [name_of(effect) for effect in found.effects],
         "parameters": _intervals(found.parameters, unknowns),
@@ -91,17 +99,28 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),
         "check_held": _check(found.held),
-        "phases": found.phases,
+        "phases": found.phases[0],
         "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
         "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
         "error": _errors(problem, comparison.residual, found),
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
-        "refits": [_refit(problem, again, found) for again in found.refits],
+        "refits": [{**_refit(problem, again, found), "log_odds": odds[again.name]} for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.name,
         "alike": found.alike,
+        "plan": [asdict(proposal) for proposal in found.proposals],
         "removed": found.removed,
         "effort": found.effort,
     }
+
+
+def _odds(problem: Problem, found: Round) -> dict[str, float]:
+    """Log odds of every refit against the best of those fitted to the same data, by name."""
+    if found.screening is None:
+        return {}
+    size, outside = int(problem.fitted.sum()), found.screening.outside
+    families = [[a.contender for a in found.refits if (a.name in outside) == held] for held in (False, True)]
+    parts = [log_odds(family, size, found.screening.usual_scale) for family in families]
+    return {name: value for part in parts for name, value in part.items()}
 
 
 def _check(check: Check) -> dict[str, Any]:
@@ -136,7 +155,9 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
                 "log_bayes_factor": score.log_bayes_factor,
                 "p_value": screening.p_value(score.name, score.log_bayes_factor),
                 "coefficient": list(score.coefficient),
-                "interval": [[c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)],
+                "interval": [
+                    [c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)
+                ],
                 "strength": score.strength,
                 **described(by_name[score.name], len(score.coefficient), score.alternative),
             }
@@ -146,7 +167,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
 
 
 def described(candidate: Candidate, count: int, alternative: int) -> dict[str, Any]:
-    """What a reader must know of a candidate to read its score.
+    """What a reader has to know of a candidate to read its score.
 
     Args:
         candidate: the effect.
@@ -178,7 +199,7 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
         "camera": candidate.observes,
         "signature": candidate.effect.signature,
         "separating_experiment": candidate.effect.separating_experiment,
-        "values": {told["name"]: told for told in _intervals(again.intervals, unknowns)},
+        "values": {one["name"]: one for one in _intervals(again.intervals, unknowns)},
         "cost_without": again.cost_without,
         "cost": again.cost,
         "log_bayes_factor": again.log_bayes_factor,
@@ -189,8 +210,9 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
     }
 
 
-def _force(force: ResidualForce) -> dict[str, Any]:
+def _force(force: ResidualForce, determined: bool) -> dict[str, Any]:
     return {
+        "determined": determined,
         "times": force.times.tolist(),
         "mean": np.round(force.mean, 4).tolist(),
         "field": np.round(force.field, 4).tolist(),

@@ -1,5 +1,5 @@
-"""What the page of a diagnosis shows beside the statistics: errors by frame against those of the replicates, and images of
-the model before and after.
+"""What the page of a diagnosis shows in addition to the statistics: errors by frame, those of the null replicates, and
+images of the model before and after.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ class Stage:
     """The model as it stood at one time of the diagnosis.
 
     added: name of the effect that was added last; None: none was.
+    removed: names of the effects that were left out again last.
     effects: all of its effects.
     known: every value [SI]
     residual: measured minus predicted [pixels, (V, F, 11)]
@@ -40,6 +41,7 @@ class Stage:
     """
 
     added: str | None
+    removed: tuple[str, ...]
     effects: tuple[Effect, ...]
     known: dict[str, float]
     residual: np.ndarray
@@ -47,25 +49,25 @@ class Stage:
 
 
 def stages_of(rounds: Sequence[Round]) -> list[Stage]:
-    """The run's own model, and the model after each accepted effect."""
+    """The run's own model, and the model after each accepted effect and after the removal of superfluous ones."""
     found = []
     added: str | None = None
     for done in rounds:
         comparison = done.comparison
-        found.append(Stage(added, done.effects, comparison.known, comparison.residual, comparison))
+        found.append(Stage(added, tuple(done.removed), done.effects, comparison.known, comparison.residual, comparison))
         added = None if done.accepted is None else done.accepted.name
     last = rounds[-1]
     if last.accepted is not None:
         again, effects = last.accepted, (*last.effects, last.candidate(last.accepted.name).effect)
-        found.append(Stage(again.name, effects, again.known, again.residual, last.comparison))
+        found.append(Stage(again.name, (), effects, again.known, again.residual, last.comparison))
     return found
 
 
 def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
     """Errors of every stage, and of its replicates, by view and frame [the problem's unit].
 
-    Root mean squares over the numbers of the outlines and points, less the replicates' mean. The floor is the median replicate's;
-    the band holds nine tenths of the replicates. Errors of points by row, ``by_point``, are in millimetres.
+    Root mean squares over the silhouette moments and points, less the replicates' mean. The floor is the median
+    replicate's; the band holds nine tenths of the replicates. Errors of points by row are in millimetres.
     """
     return [_stage(problem, stage) for stage in stages_of(rounds)]
 
@@ -75,15 +77,15 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     bias = floor(stage.comparison)[0]
     unit = problem.unit[1]
     error = unit * (stage.residual - bias)[..., : len(KINDS)]
-    alone = unit * (others - bias)[..., : len(KINDS)] * count / (count - 1)  # each beside the mean of the others
+    alone = unit * (others - bias)[..., : len(KINDS)] * count / (count - 1)  # each relative to the mean of the others
     replicate_errors = np.where(np.isfinite(error), alone, np.nan)
     fitted, held = problem.split.fitted, problem.split.held
     band = np.quantile(root_mean_square(replicate_errors, (1, 3)), BAND, axis=0)
     by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(replicate_errors, (2, 3)), axis=0)
-    views, millimetres = problem.views, 0.0 if problem.points is None else 1000 * problem.points.pixel / unit
+    views, millimetres = problem.views, 1000 * problem.pixel / unit
     return {
         "added": stage.added,
-        "readable": "as fitted" if stage.added is None else f"+ {wording.readable(stage.added)}",
+        "readable": _readable(stage),
         "error": {name: _of_part(error, part) for name, part in (("fitted", fitted), ("held", held))},
         "floor": {
             name: float(np.median([_of_part(one, part) for one in replicate_errors]))
@@ -97,6 +99,13 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
         "point_floor": _rounded(row_floor[views:] * millimetres),
         "excess": [_rounded(row) for row in excess(stage.residual, stage.comparison)[:views]],
     }
+
+
+def _readable(stage: Stage) -> str:
+    """What distinguishes a stage from the one before."""
+    if stage.removed:
+        return f"without {wording.listed([wording.readable(name) for name in stage.removed], 'and')}"
+    return "as fitted" if stage.added is None else f"+ {wording.readable(stage.added)}"
 
 
 def root_mean_square(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
@@ -121,21 +130,34 @@ def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> N
     """
     found = stages_of(rounds)
     shown = found[:1] if len(found) == 1 else [found[0], found[-1]]
-    video = problem.video
+    videos = [part.recording.video for part in problem.parts((), {})]
     np.savez_compressed(
         folder / PICTURES,
-        measured=_small(video.images.numpy()),
-        matte=_small(video.silhouettes.numpy()),
-        models=np.stack([_small(_outlines(problem, stage)) for stage in shown]),
+        measured=_stacked([_small(video.images.numpy()) for video in videos]),
+        matte=_stacked([_small(video.silhouettes.numpy()) for video in videos]),
+        models=np.stack([_outlines(problem, stage) for stage in shown]),
     )
 
 
 @torch.no_grad()
 def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
-    """Opacity in every view and frame [0..1, (V, F, H, W)]."""
-    model = problem.model(stage.effects, stage.known)
-    seen = model.outlines(model.path(model.start), model.start)
-    return seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
+    """Opacity in every view and frame, small [(V, F, h, w), uint8]."""
+    found = []
+    for part in problem.parts(stage.effects, stage.known):
+        model = part.model
+        seen = model.outlines(model.path(model.start), model.start)
+        found.append(_small(seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()))
+    return _stacked(found)
+
+
+def _stacked(recordings: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures of several recordings [(V, F, h, w[, 3]), uint8] as one; white where one has no frame or is smaller."""
+    shape = [sum(len(one) for one in recordings), *np.max([one.shape[1:] for one in recordings], axis=0)]
+    found, at = np.full(shape, 255 if len(shape) == 5 else 0, np.uint8), 0
+    for one in recordings:
+        found[at : at + len(one), : one.shape[1], : one.shape[2], : one.shape[3]] = one
+        at += len(one)
+    return found
 
 
 def _small(values: np.ndarray) -> np.ndarray:

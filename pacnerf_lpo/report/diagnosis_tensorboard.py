@@ -23,18 +23,18 @@ def log_diagnosis(run_dir: Path) -> None:
     added effects), by frame (at the frame's index), and the view x frame map of the excess error before and after.
     """
     result = json.loads((run_dir / "diagnosis" / "diagnosis.json").read_text())
-    logger = PhaseLogger(run_dir, "diagnosis", 0)
+    logger, unit = PhaseLogger(run_dir, "diagnosis", 0), result["unit"]
     for number, stage in enumerate(result["stages"]):
-        whole = {f"error, {part} data [px]": value for part, value in stage["error"].items()}
+        whole = {f"error, {part} data [{unit}]": value for part, value in stage["error"].items()}
         views = {
-            f"error by view/{view} [px]": value
+            f"error by view/{view} [{unit}]": value
             for view, value in zip(result["views"], stage["by_view"], strict=True)
             if value is not None
         }
         logger.log_metrics(whole | views, number)
         for frame, value in enumerate(stage["by_frame"]):
             if value is not None:
-                logger.log_metrics({f"error by frame/{number} {stage['readable']} [px]": value}, frame)
+                logger.log_metrics({f"error by frame/{number} {stage['readable']} [{unit}]": value}, frame)
     logger.log_image("excess error, view by frame (above: before, below: after)", excess_picture(result), 0)
     logger.finalize("success")
 

@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pacnerf_lpo.diagnosis.rounds import BY_ITSELF, MORE_THAN_NOISE
+from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
+from pacnerf_lpo.report.wording import capitalised, listed, readable
 
 Result = Mapping[str, Any]
 
@@ -22,7 +23,7 @@ NOT_IDENTIFIABLE = (
 
 @dataclass(frozen=True)
 class Light:
-    """The mark beside the verdict.
+    """The mark next to the verdict.
 
     colour: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``.
     caption: what it stands for.
@@ -40,15 +41,18 @@ LIGHTS = {
     "unfinished": Light("none", "not finished"),
 }
 DOUBT = Light("fair", "reconstruction in doubt")
+PARTIAL = Light("fair", "cause found, not all explained")
 
 
 def light(verdict: Mapping[str, Any]) -> Light:
-    """The mark beside a verdict."""
-    return DOUBT if verdict["kind"] == "nothing" and verdict["rest"] else LIGHTS[verdict["kind"]]
+    """The mark next to a verdict."""
+    if verdict["doubt"]:
+        return DOUBT
+    return PARTIAL if verdict["kind"] == "missing" and verdict["rest"] else LIGHTS[verdict["kind"]]
 
 
 @dataclass(frozen=True)
-class Misfit:
+class Distance:
     """How far the model is from what was measured [the unit of the result].
 
     before: the model as it was fitted.
@@ -63,17 +67,20 @@ class Misfit:
     where: str
 
 
-def misfit(result: Result) -> Misfit:
-    """Of the data kept aside; of the wrong camera where one was found and nothing else."""
+HELD_OUT = "in the held-out data"
+
+
+def distance_of(result: Result) -> Distance:
+    """Of the held-out data; of the wrong camera where one was found and nothing else."""
     first, last = result["stages"][0], result["stages"][-1]
     changed = len(result["stages"]) > 1
-    if result["verdict"]["kind"] == "camera" and "@" in result["verdict"]["effects"][0]:
+    if result["verdict"]["kind"] == "camera":
         view_id = int(result["verdict"]["effects"][0].partition("@")[2])
         view = result["views"].index(view_id)
         after = last["by_view"][view] if changed else None
-        return Misfit(first["by_view"][view], first["view_floor"][view], after, f"in camera {view_id}")
+        return Distance(first["by_view"][view], first["view_floor"][view], after, f"in camera {view_id}")
     after = last["error"]["held"] if changed else None
-    return Misfit(first["error"]["held"], first["floor"]["held"], after, "in the data kept aside")
+    return Distance(first["error"]["held"], first["floor"]["held"], after, HELD_OUT)
 
 
 def unit_of(result: Result) -> str:
@@ -87,135 +94,209 @@ def length(value: float, result: Result) -> str:
 
 
 def compared(result: Result) -> str:
-    """Which data were fitted, and which were kept aside."""
+    """Which data were fitted, and which were held out."""
     frames, last = len(result["frames"]), _count(len(result["held_frames"]), "frame")
     if result["unit"] == "px":
         what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
-        aside = f"{_some(result['held_views'], 'camera')} and the"
+        held = f"{_some(result['held_views'], 'camera')} and the"
     else:
         tracked = sum(name.startswith("point ") for name in result["points"])
         points = [f"{tracked} tracked points"] * (tracked > 0) + ["point clouds"] * (tracked < len(result["points"]))
         what = f"The positions of {' and '.join(points)} in {frames} frames, with those"
-        aside = "Every third tracked point and the" if tracked else "The"
+        held = "Every third tracked point and the" if tracked else "The"
     return (
-        f"{what} that the model predicts. {aside} last {last} were kept aside: the model was never adjusted to them, "
-        "so they tell whether a change is a real improvement."
+        f"{what} that the model predicts. {held} last {last} were held out: no parameter was fitted to them, so they "
+        "check at the end whether the model predicts what it has not seen."
     )
 
 
 def distance(result: Result) -> str:
-    """How far off the model is, beside its own error."""
-    found, outlines = misfit(result), result["unit"] == "px"
-    times = found.before / max(found.floor, 1e-9)
+    """How far off the model is, relative to its own error."""
+    found, outlines = distance_of(result), result["unit"] == "px"
     what = "edges and centres of the outlines" if outlines else "the points"
-    measured = "the video" if outlines else "what was measured"
     sentence = (
-        f"{found.where[0].upper()}{found.where[1:]}, {what} are typically {length(found.before, result)} from where "
-        "they should be. Simulated copies of this model, computed a little differently, differ from it by "
-        f"{length(found.floor, result)}: "
+        f"{capitalised(found.where)}, {what} are typically {length(found.before, result)} from where they should be. "
+        "Null replicates (simulations of this model on other grids, with other particles and noise) are typically "
+        f"{length(found.floor, result)} away from it: "
     )
-    first = result["rounds"][0]
-    more = first["omnibus"]["p_value"] < MORE_THAN_NOISE or first["omnibus_held"]["p_value"] < BY_ITSELF
-    if more and times >= 1.1:
-        return f"{sentence}{measured} is {times:.1f} times as far away as that, which is too far to be an accident."
-    if more:
-        return f"{sentence}as a whole no more, but the differences have a pattern that accidents do not make."
-    return f"{sentence}{measured} is no farther away than that."
+    return sentence + _relative(found, result["rounds"][0], "the video" if outlines else "what was measured")
+
+
+def _relative(found: Distance, first: Mapping[str, Any], measured: str) -> str:
+    """The distance in units of that of the replicates, and whether chance explains it."""
+    times, inside = found.before / max(found.floor, 1e-9), first["check"]["p_value"] < LEVEL
+    farther = f"{measured} is {times:.1f} times as far away as that"
+    outside = first["check_held"]["p_value"] < LEVEL or (found.where != HELD_OUT and times >= 2)
+    if outside and times >= 1.1:
+        return f"{farther}, which is too much for chance."
+    if outside:
+        return f"{measured} is no farther away on average, but differs in a pattern that chance does not make."
+    end = " In the fitted data the residual is larger than chance explains." if inside else ""
+    return f"{farther}, which chance explains.{end}" if times >= 1.1 else f"{measured} is no farther away.{end}"
 
 
 def chance(p: float) -> str:
     """A p-value in words."""
     if p >= 0.5:
-        return "accidents alone do this more often than not"
+        return "chance alone does this more often than not"
     if p < 1e-4:
-        return "accidents alone would do this in less than 1 of 10 000 recordings"
-    return f"accidents alone would do this in about 1 of {_round(1 / p)} recordings"
+        return "chance alone would do this in less than 1 of 10 000 recordings in which nothing is missing"
+    return f"chance alone would do this in about 1 of {_round(1 / p)} recordings in which nothing is missing"
 
 
-def refits_of(result: Result) -> list[Mapping[str, Any]]:
-    """The accepted refits, in the order in which they were accepted."""
-    found = []
-    for done in result["rounds"]:
-        found += [again for again in done["refits"] if again["name"] == done["accepted"]]
-    return found
+def odds(log_bayes_factor: float, short: bool = False) -> str:
+    """``67 to 1``: odds of an effect, if they were even before; ``1 to 12`` where the recording speaks against it."""
+    size = math.exp(min(abs(log_bayes_factor), 20.0))
+    most = "over 1 000 000" if short else "more than a million"
+    text = most if size > 1e6 else f"{size:.1f}" if size < 9.95 else f"{int(float(f'{size:.2g}')):,}".replace(",", " ")
+    return f"{text} to 1" if log_bayes_factor >= 0 else f"1 to {text}"
 
 
-def missing(result: Result) -> str:
-    """What is missing, or why nothing is named."""
-    kind, accepted = result["verdict"]["kind"], refits_of(result)
+def refits_of(result: Result) -> list[tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """The rounds in which an effect was accepted that stayed in the model, each with its refit."""
+    gone = {name for done in result["rounds"] for name in done["removed"]}
+    return [
+        (done, again)
+        for done in result["rounds"]
+        for again in done["refits"]
+        if again["name"] == done["accepted"] and again["name"] not in gone
+    ]
+
+
+def missing(result: Result) -> list[str]:
+    """What is missing and how sure that is, or why nothing is named."""
+    kind = result["verdict"]["kind"]
     if kind in ("missing", "camera"):
-        return " ".join(
-            f"{again['readable'].capitalize()}{_like(result, again['name'])}: {again['signature']}."
-            for again in accepted
-        )
-    tried = len({c["name"] for done in result["rounds"] if done["screen"] for c in done["screen"]["candidates"]})
+        return [sentence for done, again in refits_of(result) for sentence in _named(done, again)]
+    tried = _tried(result)
+    if kind == "unfinished":
+        return ["Not determined yet: the diagnosis was stopped before candidates were fitted."]
     if kind == "nothing":
-        return (
-            f"{tried} effects and camera faults were tried and none explains anything. How strong each of them may "
-            "still be without being seen stands below."
-        )
-    if kind == "unknown":
-        return (
-            f"{tried} effects and camera faults were tried. None removes enough of the error in the data kept aside "
-            "to be believed."
-        )
-    return "Not looked for yet: the diagnosis was stopped before candidates were fitted."
+        return [
+            tried,
+            *_best(result["rounds"][-1]),
+            "How large each of them can still be stands at the end of the page.",
+        ]
+    force = (result["rounds"][-1]["screen"] or {"discrepancies": {}})["discrepancies"].get("UnknownForce")
+    against = "" if force is None else f", for which the odds are {odds(force['log_bayes_factor'])}"
+    return [f"{tried} None explains the residual as well as a smooth force of unknown cause{against}."]
+
+
+def _tried(result: Result) -> str:
+    tried = len({c["name"] for done in result["rounds"] if done["screen"] for c in done["screen"]["candidates"]})
+    return f"{tried} effects and camera faults were tried."
+
+
+def _named(done: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:
+    name, others = again["readable"], [readable(other) for other in done["alike"] if other != again["name"]]
+    alternatives = f" (or {listed(others)}: this recording does not separate them)" if others else ""
+    return [
+        f"{capitalised(name)}{alternatives}: {again['signature']}.",
+        f"If {name} and its absence were equally plausible beforehand, the odds for it are now "
+        f"{odds(again['log_bayes_factor'])}; {chance(again['p_value'])}.",
+    ]
+
+
+def _best(done: Mapping[str, Any]) -> list[str]:
+    """How near the best candidate of a round comes to the threshold."""
+    screen = done["screen"]
+    entries = {c["name"]: (c["log_bayes_factor"], c["readable"]) for c in (screen or {"candidates": []})["candidates"]}
+    entries.update({again["name"]: (again["log_bayes_factor"], again["readable"]) for again in done["refits"]})
+    if not entries:
+        return []
+    factor, name = max(entries.values())
+    return [
+        f"The best of them, {name}, reaches odds of {odds(factor)}, with even odds beforehand; where nothing is "
+        f"missing, chance takes the best to {odds(screen['threshold'])} in 1 of {_round(1 / screen['level'])} "
+        "recordings."
+    ]
 
 
 def changes(result: Result) -> str:
     """What adding the effects does."""
-    found = misfit(result)
+    found = distance_of(result)
     if found.after is None:
         return "Nothing was added to the model."
     before, after = (result["stages"][k]["error"]["fitted"] for k in (0, -1))
-    sentence = f"{found.where[0].upper()}{found.where[1:]}, the distance falls from {found.before:.2f} to "
-    sentence += length(found.after, result)
-    fitted = f" (where the model was adjusted, from {before:.2f} to {after:.2f})" if "aside" in found.where else ""
-    return f"{sentence}{fitted}."
+    moved, place = _moved(found.before, found.after, result), capitalised(found.where)
+    if found.where != HELD_OUT:
+        return f"{place}, the distance {moved}."
+    sentence = f"{place}, the distance {moved}; in the fitted data it {_moved(before, after, result)}."
+    removed, held = result["verdict"]["removed"], result["rounds"][0]["check_held"]
+    if found.after > found.before and removed and held["statistic"] > _mean(held["replicates"]):
+        sentence += (
+            f" In {unit_of(result)} all numbers count equally; with each number weighted by its noise, the held-out "
+            f"error beyond noise falls by {removed:.0%}."
+        )
+    return sentence
+
+
+def _moved(before: float, after: float, result: Result) -> str:
+    if f"{before:.2f}" == f"{after:.2f}":
+        return f"stays at {length(after, result)}"
+    return f"{'falls' if after < before else 'rises'} from {before:.2f} to {length(after, result)}"
 
 
 def experiments(result: Result) -> list[tuple[str, str]]:
-    """For every class that cannot be told apart and that may be meant: its names, and what would separate them."""
+    """For every choice of effects that the recording does not separate: their names, and what would separate them."""
     found: dict[str, str] = {}
     for done in result["rounds"]:
-        screen = done["screen"]
-        if screen is None:
+        by_name = {again["name"]: again for again in done["refits"]}
+        if done["plan"]:
+            best = done["plan"][0]
+            names = listed([readable(name) for name in done["alike"]], "and")
+            found[names] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"
             continue
-        by_name = {candidate["name"]: candidate for candidate in screen["candidates"]}
-        for group in screen["groups"]:
-            members = [by_name[name] for name in group if name in by_name]
-            if len(members) > 1 and any(abs(member["z"]) >= screen["threshold"] for member in members):
-                advice = [m["separating_experiment"] for m in members if m["separating_experiment"]]
-                names = either([member["readable"] for member in members])
-                if advice:
-                    found.setdefault(names, advice[0])
+        advice = [by_name[name]["separating_experiment"] for name in done["alike"] if name in by_name]
+        if len(done["alike"]) > 1 and any(advice):
+            names = listed([readable(name) for name in done["alike"]], "and")
+            found.setdefault(names, next(one for one in advice if one))
     return list(found.items())
 
 
+def indistinguishable(done: Mapping[str, Any]) -> str:
+    """Which effects a round leaves to choose from; empty where it leaves one."""
+    if len(done["alike"]) < 2:
+        return ""
+    names = listed([readable(name) for name in done["alike"]], "and")
+    return (
+        f"This recording does not separate {names}: the odds of the added one to each of the others are below "
+        f"{odds(DECISIVE)}."
+    )
+
+
+def checked(done: Mapping[str, Any]) -> str:
+    """Whether the model of a round predicts the fitted and the held-out data within its error."""
+    parts = []
+    for key, where in (("check", "fitted"), ("check_held", "held-out")):
+        check = done[key]
+        times = check["statistic"] / _mean(check["replicates"])
+        verdict = "more than its error explains" if check["p_value"] < LEVEL else "within its error"
+        parts.append(f"in the {where} data {times:.2g} times that of the null replicates, {verdict} ({_p(check)})")
+    return f"Mean square of the standardised residual: {'; '.join(parts)}."
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _p(check: Mapping[str, Any]) -> str:
+    return "p < 0.0001" if check["p_value"] < 1e-4 else f"p = {check['p_value']:.2g}"
+
+
+def notes(result: Result) -> list[str]:
+    """What is suspect about the estimates of the last model: at a bound, or far from the guess."""
+    last = result["rounds"][-1]
+    again = next((one for one in last["refits"] if one["name"] == last["accepted"]), None)
+    return list((again or last)["notes"])
+
+
 def undetermined(result: Result) -> list[str]:
-    """What the recording does not determine in the last model, with labels in the place of parameters' names."""
+    """What the recording does not determine in the last model, with labels in place of names."""
     last = result["rounds"][-1]
     labels = {p["name"]: p["label"] for p in last["parameters"]}
     pattern = "|".join(rf"\b{re.escape(name)}\b" for name in sorted(labels, key=len, reverse=True))
     return [re.sub(pattern, lambda found: labels[found[0]], sentence) for sentence in last["undetermined"]]
-
-
-def either(names: Sequence[str]) -> str:
-    """``a, b or c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-
-
-def _like(result: Result, name: str) -> str:
-    """The effects that cannot be told apart from one, in brackets; without those that were fitted and rejected."""
-    for done in result["rounds"]:
-        if done["screen"] is None or done["accepted"] != name:
-            continue
-        by_name = {candidate["name"]: candidate["readable"] for candidate in done["screen"]["candidates"]}
-        rejected = {again["name"] for again in done["refits"] if not again["accepted"]}
-        alike = [group for group in done["screen"]["groups"] if name in group]
-        others = [by_name[other] for group in alike for other in group if other != name and other not in rejected]
-        return f" (or {either(others)}: this recording cannot tell)" if others else ""
-    return ""
 
 
 def _some(ids: Sequence[int], noun: str) -> str:

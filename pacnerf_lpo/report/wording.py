@@ -5,42 +5,64 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from pacnerf_lpo.diagnosis.rounds import Round, Verdict, removed_share
+from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share
+from pacnerf_lpo.diagnosis.screening import SHAPE
+from pacnerf_lpo.identification.study import view_name
+from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.force_law import Law
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.quantities import quantity
 
 NOTHING = "Nothing detectable is missing: what the model does not explain is no more than its own numerical error."
-DOUBT = (
-    "No missing effect is detectable, but the model does not predict the held-out views and frames within its error: the "
-    "reconstruction or a camera is in doubt."
+DOUBT_HELD = (
+    "No missing effect is detectable, but the model does not predict the held-out views and frames within its error: "
+    "the reconstruction or a camera is in doubt."
 )
+DOUBT_FITTED = (
+    "No missing effect is detectable, but the model leaves more than its numerical error in the views and frames it "
+    "was fitted to: the reconstruction or a camera is in doubt."
+)
+DOUBT_SHAPE = "No missing effect is detectable, but the residual looks like an error of the reconstructed shape."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
-UNFINISHED = "The diagnosis has not ended: the effects have not been fitted yet."
-REST = (
-    "What the model with it does not explain is more than its own numerical error: a further effect, or an error of the "
-    "reconstruction."
+UNFINISHED = "The diagnosis is not finished: no effect has been fitted yet."
+REMAINDER = (
+    "The held-out views and frames still differ from the model by more than its numerical error: a further effect, or "
+    "an error of the reconstruction."
 )
-LIKENESS = 0.5
-"""Share of a force that a law explains which it is said to look like."""
+NO_FORCE = (
+    "In the fitted data the residual is no more than the model's numerical error, so it does not determine a missing "
+    "force."
+)
+NAMES = {"KelvinVoigt": "Kelvin-Voigt viscosity"}
+RESEMBLES = 0.5
+"""Share of a force that a law explains which the force is said to look like."""
 
 
 def readable(name: str) -> str:
     """``LinearDrag`` as *linear drag*, ``CameraShift@3`` as *camera shift of view 3*."""
     kind, _, view = name.partition("@")
-    words = re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
-    return f"{words} of view {view}" if view else words
+    words = NAMES.get(kind) or re.sub(r"(?<!^)(?=[A-Z])", " ", kind).lower()
+    return f"{words} of {view_name(int(view))}" if view else words
+
+
+def listed(words: Sequence[str], last: str = "or") -> str:
+    """``a, b or c``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def either(names: Sequence[str]) -> str:
-    """Effects that cannot be told apart, as a choice."""
-    words = [readable(name) for name in names]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+    """Effects that are indistinguishable, as a choice."""
+    return listed([readable(name) for name in names])
 
 
 def probability(p: float) -> str:
     """A p-value as a person reads it."""
     return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
+
+
+def capitalised(sentence: str) -> str:
+    """With a capital letter at its beginning, and the others as they are."""
+    return sentence[:1].upper() + sentence[1:]
 
 
 def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
@@ -51,77 +73,105 @@ def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]
         rounds: of the diagnosis.
         said: their verdict.
     """
-    found: list[str] = []
     last = rounds[-1]
     if said.kind == "unfinished":
         return [UNFINISHED]
     if said.kind == "nothing":
-        found.append(DOUBT if said.rest else NOTHING)
-    if said.kind == "unknown":
-        found.append(UNKNOWN)
-        if said.names:
-            nearest = " and ".join(readable(name) for name in said.names)
-            share = 0.0 if said.removed is None else said.removed
-            found.append(f"The nearest known cause, {nearest}, removes {share:.0%} of the held-out error.")
-    if said.kind in ("missing", "camera"):
-        found += _named(material, rounds, said)
-        found += [REST] if said.rest else []
+        found = [doubt(last) or NOTHING]
+    elif said.kind == "unknown":
+        found = [UNKNOWN, *_nearest(rounds, said)]
+    else:
+        found = [*_named(material, rounds, said), *([REMAINDER] if leaves_more(last) else [])]
+    found += _removed(rounds)
     if last.force is not None:
-        found += force(last.force.explained, last.force.law)
-    return [*found, *last.comparison.notes]
+        determined = force_is_determined(last, said)
+        found += force(last.force.explained, last.force.law) if determined else [NO_FORCE]
+    return [*found, *(last.comparison.notes if last.accepted is None else last.accepted.notes)]
+
+
+def doubt(last: Round) -> str | None:
+    """Why the reconstruction is in doubt where no effect was found; None where it is not."""
+    if leaves_more(last):
+        return DOUBT_HELD
+    if last.check.p_value < LEVEL:
+        return DOUBT_FITTED
+    shape = None if last.screening is None else last.screening.score(SHAPE)
+    if last.screening is None or shape is None:
+        return None
+    return DOUBT_SHAPE if last.screening.p_value(SHAPE, shape.log_bayes_factor) < LEVEL else None
+
+
+def force_is_determined(last: Round, said: Verdict) -> bool:
+    """Whether the fitted data, from which a residual force is estimated, leave more than noise."""
+    return said.kind == "unknown" or last.check.p_value < LEVEL
+
+
+def _nearest(rounds: list[Round], said: Verdict) -> list[str]:
+    if not said.names:
+        return []
+    names, several = listed([readable(name) for name in said.names], "and"), len(said.names) > 1
+    causes, share = f"The nearest known cause{'s' * several}, {names},", said.removed or 0.0
+    return [f"{causes} remove{'' if several else 's'} {_share(share, rounds[0])}."]
 
 
 def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
+    """Every effect that was found: its name, how sure it is, and what it changes."""
     found: list[str] = []
     for number, done in enumerate(rounds):
         again = done.accepted
         if again is None or again.name not in said.names:
             continue
         after = rounds[number + 1] if number + 1 < len(rounds) else None
-        share = removed_share([done, after]) if after is not None else None
-        candidate = done.candidate(again.name)
-        named, too = either(done.alike), "also " if found else ""
-        what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {too}missing"
-        removes = "" if share is None else f"; adding it removes {share:.0%} of the held-out error"
-        found.append(f"{what[0].upper()}{what[1:]} ({probability(again.p_value)}{removes}).")
+        candidate, also = done.candidate(again.name), "also " if found else ""
+        named = either(done.alike or [again.name])
+        what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {also}missing"
+        removes = "" if after is None else f"; adding it removes {_share(removed_share([done, after]), done)}"
+        found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
         values = again.known if after is None else after.comparison.known
-        changed = [
-            f"{material.parameters[i.name].label} moves from {quantity(i.value, material.parameters[i.name].unit)} to "
-            f"{quantity(values[i.name], material.parameters[i.name].unit)}"
+        moves = [
+            f"{material.parameters[i.name].label} moves from {old} to {new}"
             for i in done.parameters
             if i.name in material.free_names
+            for old, new in [[quantity(v, material.parameters[i.name].unit) for v in (i.value, values[i.name])]]
+            if old != new
         ]
-        if changed:
-            found.append(f"{'; '.join(changed)[0].upper()}{'; '.join(changed)[1:]}.")
+        found += [f"{capitalised('; '.join(moves))}."] if moves else []
         others = [name for name in done.alike if name != again.name]
-        if others and candidate.effect.separating_experiment:
-            found.append(
-                f"To tell {readable(again.name)} from {either(others)}: {candidate.effect.separating_experiment}."
-            )
+        advice = done.proposals[0].words if done.proposals else candidate.effect.separating_experiment
+        if others and advice:
+            found.append(f"To separate {readable(again.name)} from {either(others)}: {advice}.")
     return found
+
+
+def _share(share: float, before: Round) -> str:
+    """How much of the excess error is removed, and in which data."""
+    where = "held-out" if before.held.excess > 0 else "fitted"
+    return f"{'none' if share <= 0 else f'{share:.0%}'} of the {where} error beyond noise"
+
+
+def _removed(rounds: list[Round]) -> list[str]:
+    """Effects that were found at first and left out again."""
+    names = [readable(name) for done in rounds for name in done.removed]
+    if not names:
+        return []
+    one = len(names) == 1
+    needed = f"{'is' if one else 'are'} not needed with the others in the model, and {'was' if one else 'were'} removed"
+    return [f"{capitalised(listed(names, 'and'))}, found at first, {needed}."]
 
 
 def force(explained: float, law: Law) -> list[str]:
     """About the smooth force that would remove the residual.
 
     Args:
-        explained: share of the excess error that it removes.
+        explained: share of the fitted data's excess error that it removes.
         law: that it looks like.
     """
-    found = [f"A smooth force on the body would remove {explained:.0%} of the error that is left."]
+    found = [f"A smooth force on the body would remove {explained:.0%} of the excess error in the fitted data."]
     terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)
-    if law.terms and law.explained >= LIKENESS:
-        found.append(f"It looks like {terms}, which explains {law.explained:.0%} of it.")
+    if law.terms and law.explained >= RESEMBLES:
+        found.append(f"It looks like {terms}, which explains {law.explained:.0%} of that force.")
     elif law.terms:
         found.append(f"No simple law describes that force; the nearest, {terms}, explains {law.explained:.0%} of it.")
     else:
-        found.append("No simple law describes that force: it follows neither place nor velocity.")
+        found.append("No simple law describes that force: it follows neither position nor velocity.")
     return found
-
-
-NOT_IDENTIFIABLE = (
-    "Motion alone gives E / rho, eta / rho and yield stress / rho, not the density itself.",
-    "A time offset common to all cameras looks like another initial position and velocity.",
-    "Another strength of gravity looks like another length scale.",
-    "A tilt of the world looks like a uniform sideways force.",
-)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.report.wording import readable
+
 VIEWS, FRAMES, SIZE = [0, 2, 5, 7], list(range(6)), 24
 HELD_VIEWS, HELD_FRAMES = [2], [5]
 
@@ -29,18 +31,17 @@ def stage(added: str | None, error: float) -> dict[str, Any]:
     }
 
 
-def candidate(name: str, z: float, unit: str, label: str, camera: bool = False, **more: Any) -> dict[str, Any]:
-    coefficient = "drag" if name == "Linear drag" else name
+def candidate(name: str, factor: float, unit: str, label: str, camera: bool = False, **more: Any) -> dict[str, Any]:
+    coefficient = "drag" if name == "LinearDrag" else name
     return {
         "name": name,
-        "readable": name.lower(),
+        "readable": readable(name),
         "camera": camera,
-        "z": z,
-        "p_value": 1e-6 if z > 5 else 0.6,
+        "log_bayes_factor": factor,
+        "p_value": 1e-6 if factor > 5 else 0.6,
         "coefficient": [0.5],
         "interval": [[-0.25, 0.75]],
-        "fraction": 0.2,
-        "snr": 3.0,
+        "strength": 3.0,
         "discrete": False,
         "one_sided": False,
         "signature": f"a trace <of> {name}",
@@ -51,20 +52,22 @@ def candidate(name: str, z: float, unit: str, label: str, camera: bool = False, 
 
 
 def screen() -> dict[str, Any]:
-    names = ["Linear drag", "Gravity", "Spin", "Exposure of view 5", "Yield"]
-    likeness = np.eye(5)
-    likeness[0, 1] = likeness[1, 0] = 0.98
+    correlations = np.eye(5)
+    correlations[0, 1] = correlations[1, 0] = 0.98
     return {
         "threshold": 5.0,
-        "false_alarms": 0.01,
-        "groups": [["Linear drag", "Gravity"]],
-        "correlations": likeness.tolist(),
+        "level": 0.01,
+        "correlations": correlations.tolist(),
+        "discrepancies": {
+            "UnknownForce": {"log_bayes_factor": 25.0, "p_value": 1e-6},
+            "WrongShape": {"log_bayes_factor": -2.0, "p_value": 1.0},
+        },
         "candidates": [
-            candidate(names[0], 40.0, "1/s", "drag rate"),
-            candidate(names[1], 30.0, "m/s^2", "extra gravity"),
-            candidate(names[2], 4.0, "rad/s", "spin rate"),
-            candidate(names[3], 2.0, "1", "gain", camera=True),
-            candidate(names[4], 1.0, "Pa", "yield stress", discrete=True),
+            candidate("LinearDrag", 40.0, "1/s", "drag rate"),
+            candidate("GravityMagnitude", 30.0, "m/s^2", "extra gravity"),
+            candidate("InitialSpin", 4.0, "rad/s", "spin rate"),
+            candidate("Exposure@5", 2.0, "1", "gain", camera=True),
+            candidate("YieldStress", -1.0, "Pa", "yield stress", discrete=True),
         ],
     }
 
@@ -74,33 +77,39 @@ def parameter(name: str, value: float, unit: str, label: str) -> dict[str, Any]:
     return {"name": name, "value": value, "unit": unit, "label": label, **ends}
 
 
-def refit(name: str, accepted: bool, held: float) -> dict[str, Any]:
+def refit(name: str, factor: float, held: float) -> dict[str, Any]:
     values = [parameter("E", 7e4, "Pa", "Young's modulus"), parameter("drag", 1.5, "1/s", "drag rate")]
     return {
         "name": name,
-        "readable": name.lower(),
+        "readable": readable(name),
         "camera": False,
         "signature": "the body arrives late",
+        "separating_experiment": f"the experiment for {name}",
         "values": {value["name"]: value for value in values},
-        "refined": 1.4,
-        "misfit_before": 900.0,
-        "misfit": 300.0,
-        "accepted": accepted,
-        "removed": 0.64 if accepted else -0.1,
-        "z": 9.0 if accepted else 1.0,
-        "reasons": [[True, "most held-out views improve"], [accepted, "the interval excludes the null"]],
+        "cost_without": 900.0,
+        "cost": 300.0,
+        "log_bayes_factor": factor,
+        "log_odds": factor - 44.0,
+        "p_value": 1e-7,
+        "notes": [],
         "excess": [[0.0] * 6] * 4,
         "error": {"fitted": held, "held": held},
     }
+
+
+def check(statistic: float, p_value: float) -> dict[str, Any]:
+    return {"statistic": statistic, "replicates": [1.0, 1.1, 0.9], "p_value": p_value}
 
 
 def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], accepted: str | None) -> dict[str, Any]:
     return {
         "effects": [],
         "parameters": parameters,
+        "notes": [],
         "undetermined": ["raising nu while lowering E changes nothing that this recording shows"],
-        "omnibus": {"statistic": 9.0, "twins": [1.0, 1.1], "p_value": 1e-7},
-        "omnibus_held": {"statistic": 5.0, "twins": [1.0, 1.2], "p_value": 1e-5},
+        "profiles": {},
+        "check": check(9.0, 1e-7),
+        "check_held": check(5.0, 1e-5),
         "phases": ["free fall"] * 3 + ["impact"] + ["contact"] * 2,
         "excess": [],
         "floor": [],
@@ -108,15 +117,22 @@ def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], acce
         "screen": screen(),
         "refits": refits,
         "accepted": accepted,
+        "alike": [] if accepted is None else [accepted],
+        "removed": [],
+        "effort": {
+            "compare": {"seconds": 40.0, "simulations": 60},
+            "screen": {"seconds": 20.0, "simulations": 15},
+            "refit": {"seconds": 30.0, "simulations": 25.0},
+        },
     }
 
 
 def missing() -> dict[str, Any]:
     """Drag was found, and the model with it is still being compared."""
     before = [parameter("E", 3.4e4, "Pa", "Young's modulus"), parameter("nu", 0.3, "1", "Poisson's ratio")]
-    refits = [refit("Gravity", False, 0.9), refit("Linear drag", True, 0.35)]
+    refits = [refit("GravityMagnitude", 33.0, 0.9), refit("LinearDrag", 44.0, 0.35)]
     return {
-        "format": 1,
+        "format": 2,
         "scene": "drag_<torus>",
         "views": VIEWS,
         "frames": FRAMES,
@@ -125,14 +141,18 @@ def missing() -> dict[str, Any]:
         "held_frames": HELD_FRAMES,
         "verdict": {
             "kind": "missing",
-            "effects": ["Linear drag"],
+            "effects": ["LinearDrag"],
+            "nearest": [],
             "rest": False,
+            "doubt": False,
+            "removed": 0.64,
+            "p_value": 1e-7,
             "sentence": "Linear drag is missing (p < 0.0001); adding it removes 64% of the held-out error.",
             "details": ["Young's modulus moves from 34 kPa to 70 kPa."],
         },
         "unit": "px",
-        "stages": [stage(None, 1.0), stage("Linear drag", 0.4)],
-        "rounds": [a_round(before, refits, "Linear drag")],
+        "stages": [stage(None, 1.0), stage("LinearDrag", 0.4)],
+        "rounds": [a_round(before, refits, "LinearDrag")],
         "residual_force": None,
     }
 
@@ -144,7 +164,11 @@ def other(kind: str) -> dict[str, Any]:
     result["verdict"] = {
         "kind": kind,
         "effects": [],
+        "nearest": [],
         "rest": False,
+        "doubt": False,
+        "removed": None,
+        "p_value": None,
         "sentence": f"Verdict of kind {kind}.",
         "details": [],
     }
@@ -154,12 +178,14 @@ def other(kind: str) -> dict[str, Any]:
         result["stages"][1]["by_view"][2] = 0.5
         return result
     result["stages"] = result["stages"][:1]
-    only["accepted"], only["refits"] = None, only["refits"][:1]
+    only["accepted"], only["alike"], only["refits"] = None, [], []
     if kind == "nothing":
-        only["omnibus"]["p_value"] = only["omnibus_held"]["p_value"] = 0.4
+        only["check"], only["check_held"] = check(1.0, 0.4), check(1.1, 0.4)
+        for one in only["screen"]["candidates"]:
+            one["log_bayes_factor"] /= 20
         result["stages"][0]["error"]["held"] = 0.2
     if kind == "unknown":
-        result["residual_force"] = {"times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}
+        result["residual_force"] = {"determined": True, "times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}
     if kind == "unfinished":
         only["screen"], only["refits"] = None, []
     return result

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import html
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis import render_page, write_page
@@ -33,6 +36,7 @@ def test_page_of_every_verdict_says_it_first_and_needs_no_network(kind, tmp_path
     body = page[page.index("<body>") :]
     assert f"<h1>{html.escape(result['verdict']['sentence'])}</h1>" in body[:900]
     assert words.LIGHTS[kind].caption in body[:900]
+    assert not re.search(r"kept aside|\btwins?\b|misfit|matter", body)
     assert "$" not in re.sub(r"\$\{", "", page[: page.index('<script type="application/json"')])
     assert "drag_&lt;torus&gt;" in body and "<torus>" not in body[: body.index("<script")]
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", page)
@@ -42,44 +46,90 @@ def test_page_of_every_verdict_says_it_first_and_needs_no_network(kind, tmp_path
 def test_a_faulty_reconstruction_is_no_green_light():
     verdict = example.other("nothing")["verdict"]
     assert words.light(verdict).colour == "good"
-    assert words.light({**verdict, "rest": True}) == words.DOUBT and words.DOUBT.colour == "fair"
+    assert words.light({**verdict, "doubt": True}) == words.DOUBT and words.DOUBT.colour == "fair"
 
 
-def test_first_screen_tells_distances_in_pixels():
-    found = words.misfit(example.missing())
+def test_a_cause_that_leaves_more_than_noise_is_not_all():
+    verdict = example.missing()["verdict"]
+    assert words.light(verdict).caption == "cause found"
+    assert words.light({**verdict, "rest": True}) == words.PARTIAL
+
+
+def test_first_screen_has_distances_in_pixels():
+    found = words.distance_of(example.missing())
     assert (found.before, found.floor, found.after) == (1.0, 0.2, 0.4)
     assert "1.00 pixels from where they should be" in words.distance(example.missing())
-    assert "5.0 times as far away" in words.distance(example.missing())  # 1.0 / 0.2
-    assert "no farther away" in words.distance(example.other("nothing"))
-    fails_aside = example.missing()
-    fails_aside["rounds"][0]["omnibus"]["p_value"] = 0.4
-    assert "5.0 times as far away" in words.distance(fails_aside)
+    assert "5.0 times as far away as that, which is too much for chance" in words.distance(example.missing())
+    assert words.distance(example.other("nothing")).endswith("the video is no farther away.")
     assert "falls from 1.00 to 0.40 pixels" in words.changes(example.missing())
 
 
-def test_points_alone_are_told_in_millimetres_and_by_no_camera(tmp_path: Path):
+def test_a_distance_that_chance_explains_is_not_called_too_large():
+    result = example.missing()
+    result["rounds"][0]["check_held"] = example.check(1.5, 0.2)
+    said = words.distance(result)
+    assert "5.0 times as far away as that, which chance explains." in said
+    assert said.endswith("In the fitted data the residual is larger than chance explains.")
+
+
+def test_a_distance_that_rises_while_the_weighted_error_falls_is_explained():
+    result = example.missing()
+    result["stages"][1]["error"]["held"] = 1.2
+    said = words.changes(result)
+    assert "rises from 1.00 to 1.20 pixels" in said and "beyond noise falls by 64%" in said
+    assert "falls by" not in words.changes(example.missing())
+
+
+def test_points_alone_are_in_millimetres_and_of_no_camera(tmp_path: Path):
     result = {**example.missing(), "unit": "mm", "points": ["point 7", "point 9", "clouds 1", "clouds 2"]}
     for stage in result["stages"]:
         stage["by_point"], stage["point_floor"] = 4 * [1.0], 4 * [0.5]
-    told = words.compared(result)
-    assert "2 tracked points and point clouds in" in told and "Every third" in told and "camera" not in told
-    told = words.compared({**result, "points": ["clouds 1", "clouds 2"]})
-    assert "of point clouds in" in told and "Every third" not in told
+    said = words.compared(result)
+    assert "2 tracked points and point clouds in" in said and "Every third" in said and "camera" not in said
+    said = words.compared({**result, "points": ["clouds 1", "clouds 2"]})
+    assert "of point clouds in" in said and "Every third" not in said
     assert "the points are typically 1.00 mm from where" in words.distance(result)
     page = write_page(example.write(tmp_path, result)).read_text()
     assert "Distance over time [mm]" in page and "1.00 mm</b>" in page and " px" not in sections.first_screen(result)
 
 
 def test_a_wrong_camera_is_judged_by_its_own_view():
-    found = words.misfit(example.other("camera"))
+    found = words.distance_of(example.other("camera"))
     assert (found.before, found.floor, found.after, found.where) == (3.0, 0.25, 0.5, "in camera 5")
 
 
-def test_what_was_rejected_in_a_refit_is_not_named_as_an_alternative():
+def test_only_what_the_recording_does_not_separate_is_an_alternative():
     result = example.missing()
-    assert "gravity" not in words.missing(result)
-    result["rounds"][0]["refits"] = result["rounds"][0]["refits"][1:]
-    assert "(or gravity: this recording cannot tell)" in words.missing(result)
+    assert "gravity" not in " ".join(words.missing(result)) and words.experiments(result) == []
+    result["rounds"][0]["alike"] = ["LinearDrag", "GravityMagnitude"]
+    assert words.missing(result)[0].startswith("Linear drag (or gravity magnitude: this recording does not separate")
+    assert words.experiments(result) == [("linear drag and gravity magnitude", "the experiment for LinearDrag")]
+    assert "linear drag and gravity magnitude: the odds of the added one" in words.indistinguishable(
+        result["rounds"][0]
+    )
+
+
+def test_an_effect_that_was_removed_again_is_not_said_to_be_missing():
+    result = example.missing()
+    result["rounds"].append({**copy.deepcopy(result["rounds"][0]), "accepted": None, "removed": ["LinearDrag"]})
+    assert words.refits_of(result) == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [(math.log(67), "67 to 1"), (0.0, "1.0 to 1"), (-math.log(12), "1 to 12"), (40.0, "more than a million to 1")],
+)
+def test_odds_in_words(factor, text):
+    assert words.odds(factor) == text
+
+
+def test_without_an_effect_the_best_one_is_compared_with_the_threshold():
+    said = " ".join(words.missing(example.other("nothing")))
+    assert "5 effects and camera faults were tried" in said
+    assert "linear drag, reaches odds of 7.4 to 1" in said  # exp(40 / 20)
+    assert "to 150 to 1 in 1 of 100 recordings" in said  # exp(5) = 148, two digits
+    said = words.missing(example.other("unknown"))[0]
+    assert "a smooth force of unknown cause, for which the odds are more than a million to 1" in said
 
 
 @pytest.mark.parametrize(
@@ -94,21 +144,63 @@ def test_parameters_in_sentences_carry_their_labels():
     assert words.undetermined(example.missing()) == [sentence]
 
 
-def test_ranking_marks_threshold_cameras_and_groups():
-    text = sections.ranking(example.screen())
-    rows = re.findall(r'<div class="rank ([a-z ]+)"', text)
-    assert rows == ["physics passed", "physics passed", "physics", "camera", "physics"]
-    assert text.count(">A</em>") == 3  # two members and the note
-    most = 1.08 * 40.0  # the axis ends 8 % beyond the longest bar
+def test_ranking_marks_threshold_cameras_discrepancies_and_refits():
+    done = example.missing()["rounds"][0]
+    text = evidence.ranking(done)
+    assert re.findall(r'<div class="rank ([a-z ]+)"', text) == [
+        "physics passed",
+        "physics passed",
+        "discrepancy passed linear",
+        "physics linear",
+        "camera linear",
+        "physics linear",
+        "discrepancy linear",
+    ]
+    assert re.findall(r"<b>([^<]+)</b>", text) == ["44.0", "33.0", "25.0", "4.0", "2.0", "&minus;1.0", "&minus;2.0"]
+    assert text.count("<em>added</em>") == 1
+    most = 1.08 * 44.0  # the axis ends 8 % beyond the longest bar
     assert f'style="left:{100 * 5 / most:.1f}%"' in text
-    assert "a trace &lt;of&gt; Spin" in text
+    assert "a trace &lt;of&gt; InitialSpin" in text
+    assert "No effect has been tried" in evidence.ranking(example.other("unfinished")["rounds"][0])
 
 
-def test_refits_show_ticks_and_crosses_and_the_accepted_one_first():
-    text = sections.refit_table(example.missing()["rounds"][0], "px")
-    assert text.index("linear drag") < text.index("gravity")
-    assert text.count("✓") == 3 and text.count("✗") == 1
-    assert "removes 64%" in text and "removes nothing" in text
+def test_a_round_without_candidates_still_shows_the_discrepancies():
+    done = example.missing()["rounds"][0]
+    done["screen"] |= {"candidates": [], "correlations": []}
+    done |= {"refits": [], "accepted": None, "alike": []}
+    assert evidence.ranking(done).count("rank discrepancy") == 2
+    assert "matrix" not in evidence.confounding(done["screen"])
+
+
+def test_refits_show_cost_evidence_coefficient_and_outcome_with_the_accepted_one_first():
+    done = example.missing()["rounds"][0]
+    done["refits"][0]["notes"] = ["Drag rate: 50 1/s is a bound of what is possible."]
+    text = evidence.refit_table(done)
+    assert text.index("linear drag") < text.index("gravity magnitude")
+    assert "900 → 300" in text and "<td>44.0</td>" in text and "&lt; 0.0001" in text
+    assert "1.5 1/s" in text and "1.2 1/s … 1.8 1/s" in text and "70 kPa" not in text.replace("7e4", "")
+    assert "is a bound of what is possible" in text
+    assert evidence.outcome(done["refits"][1], done) == "added"
+    assert evidence.outcome(done["refits"][0], done) == "60 000 to 1 for the added one"  # exp(44 - 33)
+    assert evidence.outcome({**done["refits"][0], "p_value": 0.3}, done) == "p above 1%: chance explains it"
+    done["alike"].append("GravityMagnitude")
+    assert evidence.outcome(done["refits"][0], done) == "not separated from the added one"
+
+
+def test_effort_is_summed_over_the_steps():
+    text = sections.effort_table(example.missing())
+    assert "<td>compare (fit, null replicates)</td><td>40 s</td><td>60</td>" in text
+    assert "<td>all</td><td>90 s</td><td>100</td>" in text
+    result = example.missing()
+    result["rounds"][0]["effort"]["screen"]["seconds"] = 0.0
+    assert "<td>done in an earlier run</td><td>15</td>" in sections.effort_table(result)
+
+
+def test_a_parameter_at_its_bound_is_visible(tmp_path: Path):
+    result = example.missing()
+    result["rounds"][0]["refits"][1]["notes"] = ["Drag rate: 50 1/s is a bound of what is possible."]
+    page = render_page(result, {})
+    assert page.count("Drag rate: 50 1/s is a bound of what is possible.") == 2  # with the parameters and in the table
 
 
 def test_parameters_before_and_after_with_intervals():
@@ -119,12 +211,14 @@ def test_parameters_before_and_after_with_intervals():
     assert "70 kPa" not in alone and "after" not in alone
 
 
-def test_bounds_count_from_the_null_and_leave_out_alternatives_of_kind():
+def test_bounds_count_from_the_null_and_leave_out_non_local_effects():
     result = example.other("nothing")
     result["rounds"][0]["screen"]["candidates"][3]["coefficients"][0]["null"] = 1.0
     text = sections.bounds_table(result)
     assert "<td>gain</td><td>0.75</td><td>1.75</td>" in text
     assert "yield" not in text
+    result["rounds"][0]["screen"]["candidates"][0]["one_sided"] = True
+    assert "<td>drag rate</td><td>0 1/s</td><td>0.75 1/s</td>" in sections.bounds_table(result)
 
 
 def test_errors_appear_in_tensorboard_by_view_and_frame(tmp_path):
@@ -188,13 +282,13 @@ def test_sliders_and_heat_maps_work_in_a_browser(tmp_path):
         html.unescape(re.search(r'data-seen="([^"]*)"', dom).group(1))
     )
     assert errors == []
-    assert start == {"view": 2, "frame": 5}  # the worst picture of the camera that was kept aside
+    assert start == {"view": 2, "frame": 5}  # the worst picture of the held-out camera
     assert before > 2 * after  # the disc is 2.4 pixels off before, 0.4 after
-    assert clicked == [1, 2, "2 (kept aside)"]  # six frames a row
+    assert clicked == [1, 2, "2 (held out)"]  # six frames a row
     assert charts == 2 + 2 + 3  # heat maps, timeline and course, three parameters
 
 
-def test_points_are_told_before_and_after():
+def test_points_stand_before_and_after():
     result = example.missing()
     assert sections.points_table(result) == ""
     result["points"] = ["nose", "cloud"]

@@ -14,8 +14,10 @@ from pacnerf_lpo.mpm.point import Law, Point
 
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
-PROBES = 10.0
-"""Standard deviation of a coefficient in units of the farthest probe: ten times what is just visible is not unusual."""
+PROBES = 20.0
+"""Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard deviations
+of the noise, and an effect that stands out by a hundred is as many times stronger.
+"""
 
 
 class Effect(ABC):
@@ -30,6 +32,7 @@ class Effect(ABC):
     separating_experiment: one sentence: which other recording would separate it from those.
     like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
+    of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
     acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
@@ -51,6 +54,7 @@ class Effect(ABC):
     separating_experiment: ClassVar[str] = ""
     like_shape: ClassVar[bool] = False
     one_sided: ClassVar[bool] = False
+    of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):

@@ -22,6 +22,7 @@ class InitialSpin(InitialState):
         for name in ("spin_x", "spin_y", "spin_z")
     }
     null = {"spin_x": 0.0, "spin_y": 0.0, "spin_z": 0.0}  # noqa: RUF012
+    of_recording = True
     signature = "the body turns from frame 0 on"
     confused_with = ("GroundFriction", "DensityGradient")
     separating_experiment = "a longer flight before the contact"

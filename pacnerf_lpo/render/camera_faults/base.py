@@ -1,6 +1,9 @@
 """What a camera fault is. Add one by adding one file like ``exposure.py``."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -21,6 +24,7 @@ class Observation(Effect):
         view: file id of the one camera that is concerned; None: all of them.
     """
 
+    of_recording = True
     acts_on_motion = False
 
     def __init__(self, guess: Mapping[str, float], view: int | None = None):
@@ -41,6 +45,15 @@ class Observation(Effect):
     def coefficients(self, values: Mapping[str, Tensor]) -> SimpleNamespace:
         """What the methods receive, from the values of all parameters by their unique names."""
         return SimpleNamespace(**{name: values[self.full_name(name)] for name in type(self).parameters})
+
+    def at(self, view: int) -> Observation:
+        """The same fault of another camera (file id)."""
+        short = {name: self.guess[self.full_name(name)] for name in type(self).parameters}
+        moved = copy(self)
+        for renamed in ("parameters", "null", "probes"):
+            vars(moved).pop(renamed)
+        Observation.__init__(moved, short, view)
+        return moved
 
     def concerns(self, view: int) -> bool:
         """Whether this camera (file id) is concerned."""

@@ -26,11 +26,11 @@ function logTicks(low, high) {
 
 /* Lines over a common x axis.
    options: series [{label, x, y, colour, dash, faint}], bands [{label, from, to}], log, zero, truth, height, xLabel, format(y),
-   range: {x, low, high} shaded behind the lines, direct: labels at the ends of the lines, cursor, pick(x). */
+   range: {x, low, high} shaded behind the lines, direct: labels at the ends of the lines, continuous: x is no count, cursor, pick(x). */
 function lineChart(host, options) {
   host.textContent = "";
   const width = Math.max(host.clientWidth, 240), height = options.height || 190;
-  const left = 58, right = options.direct ? 22 : 12, top = options.bands ? 22 : 8, bottom = 34;
+  const left = 58, right = options.continuous ? 60 : options.direct ? 22 : 12, top = options.bands ? 22 : 8, bottom = 34;
   const svg = svgElement("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img" }, host);
   const scale = options.log ? Math.log10 : (v) => v;
   const usable = (v) => v !== null && isFinite(v) && (!options.log || v > 0);
@@ -42,7 +42,7 @@ function lineChart(host, options) {
   const least = options.log ? 0.1 : Math.max(1e-3, 0.04 * Math.abs(high));
   const pad = Math.max(0.06 * (high - low), 0.5 * (least - (high - low)), 0);
   low = options.zero ? 0 : low - pad; high += pad;
-  const xs = options.series.flatMap((s) => s.x), x0 = Math.min(...xs), x1 = Math.max(...xs, x0 + 1);
+  const xs = options.series.flatMap((s) => s.x), x0 = Math.min(...xs), x1 = Math.max(...xs, x0 + (options.continuous ? 1e-6 : 1));
   const toX = (x) => left + ((x - x0) / (x1 - x0)) * (width - left - right);
   const toY = (y) => top + (1 - (scale(y) - low) / (high - low)) * (height - top - bottom);
 
@@ -62,8 +62,8 @@ function lineChart(host, options) {
     svgElement("line", { class: "axis", x1: left, x2: width - right, y1: y, y2: y }, svg);
     svgElement("text", { x: left - 7, y: y + 4, "text-anchor": "end" }, svg, (options.format || number)(options.log ? 10 ** tick : tick));
   }
-  for (const tick of ticks(x0, x1, 5).filter((t) => Number.isInteger(t)))
-    svgElement("text", { x: toX(tick), y: height - bottom + 16, "text-anchor": "middle" }, svg, options.xFormat ? options.xFormat(tick) : tick);
+  for (const tick of ticks(x0, x1, 5).filter((t) => options.continuous || Number.isInteger(t)))
+    svgElement("text", { x: toX(tick), y: height - bottom + 16, "text-anchor": "middle" }, svg, (options.xFormat || (options.continuous ? number : String))(tick));
   if (options.xLabel) svgElement("text", { x: width - right, y: height - 3, "text-anchor": "end" }, svg, options.xLabel);
   if (options.truth !== null && options.truth !== undefined) {
     svgElement("line", { class: "truth", x1: left, x2: width - right, y1: toY(options.truth), y2: toY(options.truth) }, svg);

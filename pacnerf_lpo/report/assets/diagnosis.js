@@ -23,7 +23,7 @@
   function drawHeatMaps() {
     hosts.forEach((host, i) => heatMap(host, {
       values: maps[i][1], most, unit: "px", columns: DATA.frames, bands, marked: DATA.frames.map((id) => DATA.held_frames.includes(id)),
-      rows: DATA.views.map((id) => ({ label: held(id) ? `aside ${id}` : `camera ${id}`, strong: held(id) })),
+      rows: DATA.views.map((id) => ({ label: held(id) ? `held out ${id}` : `camera ${id}`, strong: held(id) })),
       selected: [shared.view, shared.frame], pick: (view, frame) => look({ view, frame }),
     }));
   }
@@ -44,13 +44,13 @@
     if (changed) series.push({ label: "with the effect", x, y: last.by_frame, colour: colourOf("--accent") });
     lineChart(byId("timeline"), { series, bands: onAxis, range: { x, low: first.band[0], high: first.band[1] }, height: 240, zero: true, xLabel: "frame",
       cursor: shared.frame, pick: (frame) => look({ frame }), xFormat: (f) => DATA.frames[f] });
-    legend("timeline-legend", [...series, { label: "the model's own error (9 of 10 simulated copies)", colour: colourOf("--muted"), area: true }]);
+    legend("timeline-legend", [...series, { label: "the model's own error (9 of 10 null replicates)", colour: colourOf("--muted"), area: true }]);
   }
 
   function drawCourse() {
     if (!changed) return;
     const x = DATA.errors.map((_, i) => i), line = (label, key, colour) => ({ label, x, y: DATA.errors.map((e) => e[key]), colour: colourOf(colour) });
-    const series = [line("fitted data", "fitted", "--series-0"), line("data kept aside", "held", "--series-1")];
+    const series = [line("fitted data", "fitted", "--series-0"), line("held-out data", "held", "--series-1")];
     lineChart(byId("course"), { series, height: 240, zero: true, xLabel: "added effects" });
     legend("course-legend", series);
     byId("course-legend").append(DATA.errors.map((e, i) => `${i}: ${e.label}`).join(", "));
@@ -59,22 +59,22 @@
   function drawForce() {
     const force = DATA.residual_force;
     const series = ["x", "y (up)", "z"].map((label, axis) => ({ label, x: force.times, y: force.mean.map((row) => row[axis]), colour: colourOf(`--series-${axis}`) }));
-    lineChart(byId("force-chart"), { series, height: 220, direct: true, xLabel: "time [s]" });
+    lineChart(byId("force-chart"), { series, height: 220, direct: true, continuous: true, xLabel: "time [s]" });
   }
 
   if (!changed) {
     byId("course").closest(".card").remove();
     byId("heatmaps").append(byId("timeline").closest(".card"));
   }
-  if (!DATA.residual_force) byId("force").remove();
+  if (!(DATA.residual_force || {}).determined) byId("force").remove();
   if (!byId("bounds").querySelector("table")) byId("bounds").remove();
-  /* Begin where the first model fails most in data kept aside. */
+  /* Begin where the first model fails most in held-out data. */
   let worst = -1;
   maps[0][1].forEach((row, view) => row.forEach((value, frame) => {
     if (value !== null && value > worst && (held(DATA.views[view]) || !DATA.held_views.length)) { worst = value; Object.assign(shared, { view, frame }); }
   }));
   const draw = () => { drawHeatMaps(); drawTimeline(); };
   listeners.push(draw);
-  drawings.push(draw, drawCourse, ...(DATA.residual_force ? [drawForce] : []));
+  drawings.push(draw, drawCourse, ...((DATA.residual_force || {}).determined ? [drawForce] : []));
   drawEverything();
 })();

@@ -62,7 +62,7 @@
   async function draw() {
     const { view, frame, stage } = shared;
     byId("view").value = view; byId("frame").value = frame; byId("stage").value = stage;
-    byId("view-value").textContent = `${DATA.views[view]}${DATA.held_views.includes(DATA.views[view]) ? " (kept aside)" : ""}`;
+    byId("view-value").textContent = `${DATA.views[view]}${DATA.held_views.includes(DATA.views[view]) ? " (held out)" : ""}`;
     byId("frame-value").textContent = `${DATA.frames[frame]} · ${DATA.times[frame].toFixed(3)} s · ${DATA.phases[frame]}`;
     const measured = await pixels(images.measured[view], frame), matte = await pixels(images.matte[view], frame);
     const models = [];

@@ -1,0 +1,60 @@
+"""What each recording is, and what it contributes to a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.rounds import Round
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.mpm.parameters import OF
+
+
+def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
+    """Every recording: its views and frames, the phases of its motion, and of the first round
+
+    - ``cost`` and ``refits``: weighted sum of squares of its fitted numbers, ``numbers``, under the model and under the
+      model with each effect that was fitted: which effect this recording asks for;
+    - ``tells``: its share of what all recordings tell of each parameter that they have in common (information).
+    """
+    first, comparison = rounds[0], rounds[0].comparison
+    parts = problem.parts(first.effects, comparison.known)
+    shared = [index for index, name in enumerate(comparison.names) if OF not in name]
+    names = [comparison.names[index] for index in shared]
+    information: list[np.ndarray] = []
+    found: list[dict[str, Any]] = []
+    for number, part in enumerate(parts):
+        mask = _only(problem, number)
+        noise = comparison.noise(problem, mask)
+        columns = noise.whiten(comparison.jacobian[mask] * comparison.deviation)
+        information.append((columns[:, shared] ** 2).sum(0))
+        again = {r.name: _cost(noise.whiten_residual(np.nan_to_num(r.residual[mask]))) for r in first.refits}
+        video = part.recording.video
+        found.append(
+            {
+                "name": part.name,
+                "views": list(video.view_ids),
+                "frames": list(video.frame_ids),
+                "times": video.times.tolist(),
+                "phases": first.phases[number],
+                "numbers": int(mask.sum()),
+                "cost": _cost(noise.whiten_residual(comparison.residual[mask])),
+                "refits": again,
+            }
+        )
+    total = np.maximum(np.sum(information, axis=0), 1e-300)
+    for one, own in zip(found, information, strict=True):
+        one["tells"] = dict(zip(names, np.round(own / total, 4).tolist(), strict=True))
+    return found
+
+
+def _only(problem: Problem, number: int) -> np.ndarray:
+    """The fitted entries of one recording among those of all [(R, F, 11), bool]."""
+    count = len(problem.parts((), {}))
+    return problem.join([problem.part_of(problem.fitted, other) & (other == number) for other in range(count)])
+
+
+def _cost(standardised: np.ndarray) -> float:
+    return float(standardised @ standardised)

@@ -1,0 +1,88 @@
+"""``plan.json`` and ``plan.html``: which recording to make next, ranked, in words and as bars."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.plan import Proposal
+from pacnerf_lpo.inference.decision import DECISIVE
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report.diagnosis_words import odds
+from pacnerf_lpo.report.wording import either, readable
+
+RESULT, PAGE = "plan.json", "plan.html"
+BAR, ROW, WIDTH = 18, 46, 720
+LONGEST = float(np.log(1000.0))
+"""Log Bayes factor of the longest bar: beyond a thousand to one a recording decides in any case."""
+STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
+    "text{font:14px system-ui,sans-serif;fill:currentColor}td,th{padding:.2rem .8rem .2rem 0;text-align:left}"
+    "@media(prefers-color-scheme:dark){body{background:#16181d;color:#e6e6e6}}"
+)
+
+
+def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> Path:
+    """Write both files; returns the path of the page.
+
+    Args:
+        folder: of the diagnosis.
+        scene: its name.
+        names: of the hypotheses that are to be told apart.
+        proposals: best first.
+    """
+    content = {"scene": scene, "hypotheses": list(names), "proposals": [asdict(one) for one in proposals]}
+    write_atomically(folder / RESULT, json.dumps(content, indent=1).encode())
+    write_atomically(folder / PAGE, page(scene, names, proposals).encode())
+    return folder / PAGE
+
+
+def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
+    """What to do, best first, and what is expected of it."""
+    found = [f"To tell {either(names)}, with the expected odds for the one that is true:"]
+    found += [f"{rank}. {one.words}: {odds(one.score)}" for rank, one in enumerate(proposals, 1)]
+    best = max((one.score for one in proposals), default=0.0)
+    if best < DECISIVE:
+        found.append("None of these recordings is expected to decide; two of the best together may.")
+    return found
+
+
+def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str:
+    """The page as text."""
+    title = f"{scene}: which recording would tell {either(names)}"
+    rows = "".join(
+        f"<tr><td>{html.escape(one.words)}</td><td>{html.escape(readable(pair.true))}</td>"
+        f"<td>{html.escape(readable(pair.against))}</td><td>{odds(pair.log_bayes_factor)}</td></tr>"
+        for one in proposals
+        for pair in one.odds
+    )
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
+        "<p>Each recording was simulated under every hypothesis that the diagnosis left. The bar is the expected log "
+        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another hypothesis can "
+        "imitate with its own parameters does not count. The line marks odds of twenty to one, which decide.</p>"
+        f"{bars(proposals)}<h2>Pair by pair</h2><table><tr><th>recording</th><th>if this is true</th><th>against</th>"
+        f"<th>expected odds</th></tr>{rows}</table></body></html>"
+    )
+
+
+def bars(proposals: Sequence[Proposal]) -> str:
+    """One bar for each recording, as SVG; those beyond the longest are cut off."""
+    end = 1.05 * LONGEST
+    marks = []
+    for rank, one in enumerate(proposals):
+        length = WIDTH * float(np.clip(one.score / end, 0.002, 1.0))
+        top = rank * ROW
+        colour = "#2a7f62" if one.score >= DECISIVE else "#9a9a9a"
+        label = html.escape(f"{one.words}: {odds(one.score)}")
+        marks.append(f'<text x="0" y="{top + 16}">{label}</text>')
+        marks.append(f'<rect x="0" y="{top + 22}" width="{length:.1f}" height="{BAR}" fill="{colour}"/>')
+    height, line = len(proposals) * ROW, WIDTH * DECISIVE / end
+    marks.append(f'<path d="M{line:.1f} 0V{height}" stroke="#c0392b" stroke-dasharray="4 4"/>')
+    return f'<svg viewBox="0 0 {WIDTH} {height}" width="100%" role="img">{"".join(marks)}</svg>'
