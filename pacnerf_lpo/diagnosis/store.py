@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,6 +34,18 @@ RECORDS = {
     kind.__name__: kind
     for kind in (Calibration, Comparison, Interval, Law, Profile, Refit, ResidualForce, Score, Screening, Term)
 }
+DAMAGED = (
+    OSError,
+    EOFError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a file raises that no step has written, or not to its end."""
 Result = TypeVar("Result")
 
 
@@ -57,7 +70,7 @@ class Store:
         if path.is_file():
             try:
                 return read(path)
-            except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            except DAMAGED:
                 path.unlink()
         result = step()
         path.parent.mkdir(parents=True, exist_ok=True)

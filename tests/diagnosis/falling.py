@@ -1,6 +1,6 @@
 """A whole diagnosis in seconds: a ball whose motion is computed for its centre alone, before small cameras.
 
-The centre falls with linear drag, a uniform and a smooth force, and touches a soft ground, that pushes by its stiffness;
+The centre falls with linear drag, a uniform and a smooth force, and touches a soft ground that pushes by its stiffness;
 touching, the ball is flatter. Everything behind the motion (cameras, outlines, fits, statistics) is real.
 """
 

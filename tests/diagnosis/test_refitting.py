@@ -15,5 +15,5 @@ from pacnerf_lpo.mpm.effects import ThermalSoftening
 )
 def test_beyond_its_probe_a_score_is_not_trusted_alone(coefficient, expected):
     softening = Candidate("ThermalSoftening", ThermalSoftening())
-    score = SimpleNamespace(probe=0, coefficient=(coefficient,))
+    score = SimpleNamespace(alternative=0, coefficient=(coefficient,))
     assert [start["softening"] for start in starts(softening, score)] == pytest.approx(expected)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from pacnerf_lpo.diagnosis.twins import _typical_squares
+
+from pacnerf_lpo.diagnosis.replicates import _typical_squares
 
 VIEWS, KINDS = 11, 10
 

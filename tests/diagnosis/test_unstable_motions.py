@@ -1,0 +1,81 @@
+"""Whole diagnoses in which some motions are unstable: each ends with a verdict or one error about a base model."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.rounds import Round, verdict
+from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import Model
+from tests.diagnosis import falling
+
+KINDS = {"nothing", "missing", "camera", "unknown", "unfinished"}
+
+
+def diagnosed(folder: Path, drag: float = 2.0) -> list[Round]:
+    options = Options(falling.listed(folder), replicates=5, effects=1)
+    problem = falling.Falling({"drag": drag} if drag else {})
+    return investigate(problem, Store(folder, b"falling", {}), options, lambda _: None)
+
+
+def by_call(share: float, seed: int):
+    """Any call may fail, the same point now and not the next time, as a failure of another process does."""
+    random = np.random.default_rng(seed)
+    return lambda model, free: random.random() < share
+
+
+def by_point(share: float, seed: int):
+    """Some points are unstable, and remain so."""
+
+    def unstable(model: Model, free: np.ndarray) -> bool:
+        point = np.round(free, 9).tobytes() + f"{seed} {model.body.spacing:.9f} {model.names}".encode()
+        return zlib.crc32(point) < share * 2**32
+
+    return unstable
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("kind", "share"), [(by_call, 0.05), (by_call, 0.15), (by_point, 0.1)])
+def test_a_diagnosis_ends_with_a_verdict_or_one_clear_error(kind, share, seed, tmp_path, monkeypatch, small_threads):
+    failed = []
+    unstable = kind(share, seed)
+
+    def counted(model: Model, free: np.ndarray) -> bool:
+        failed.append(unstable(model, free))
+        return failed[-1]
+
+    falling.install(monkeypatch, counted)
+    try:
+        found = verdict(diagnosed(tmp_path))
+    except SimulationError:
+        found = None
+    assert any(failed)
+    assert found is None or found.kind in KINDS
+
+
+def test_a_diagnosis_of_what_is_stable_names_the_drag(tmp_path, monkeypatch, small_threads):
+    falling.install(monkeypatch)
+    rounds = diagnosed(tmp_path)
+    found = verdict(rounds)
+    assert (found.kind, found.names, found.rest) == ("missing", ["LinearDrag"], False)
+    (drag,) = (interval for interval in rounds[-1].parameters if interval.name == "drag")
+    assert drag.low < 2.0 < drag.high
+
+
+def test_a_hypothesis_that_is_never_stable_is_left_out(tmp_path, monkeypatch, small_threads):
+    """Drag cannot be simulated: the diagnosis ends without it."""
+    falling.install(monkeypatch, lambda model, _: "drag" in model.names)
+    found = verdict(diagnosed(tmp_path))
+    assert "LinearDrag" not in found.names and found.kind in KINDS
+
+
+def test_a_base_model_that_is_never_stable_is_one_error(tmp_path, monkeypatch, small_threads):
+    falling.install(monkeypatch, lambda *_: True)
+    with pytest.raises(SimulationError, match="unstable from every start of the base fit"):
+        diagnosed(tmp_path)
