@@ -84,8 +84,8 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation of a coarser body each, which responds to a smooth force in the same way; zero where that is unstable.
-    Every recording has 60 of its own.
+    simulation of a coarser body each, which responds to a smooth force in the same way, 60 for each recording; zero
+    where that is unstable.
 
     Args:
         problem: the run.
@@ -109,7 +109,7 @@ def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
     columns: list[np.ndarray] = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
-            progress(f"smooth force on {part.name}: {number} of {len(SmoothForce.parameters)}")
+            progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
         if isinstance(predicted, SimulationError):
             columns.append(0 * base)
         else:

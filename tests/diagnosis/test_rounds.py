@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.diagnose import more_than_noise
-from pacnerf_lpo.diagnosis.rounds import unknown_wins, removed_share, verdict
+from pacnerf_lpo.diagnosis.rounds import removed_share, unknown_wins, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
 from tests.diagnosis.examples import check, refit, round_of, screening
 
@@ -24,7 +24,7 @@ DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
         ([round_of(screened=None, finished=False)], "unfinished", [], False),
         ([round_of(screened=PUSHED, finished=False)], "unfinished", [], True),
         ([round_of(screened=PUSHED)], "unknown", [], True),
-        ([round_of(screened=DENTED)], "nothing", [], False),
+        ([round_of(screened=DENTED)], "nothing", [], True),
         ([round_of(accepted=DRAG, screened=PUSHED), round_of(screened=QUIET)], "missing", ["LinearDrag"], False),
         (
             [round_of(accepted=DRAG, screened=PUSHED), round_of(screened=QUIET, held=(1e-4, 3.0))],
