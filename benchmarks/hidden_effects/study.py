@@ -105,7 +105,7 @@ def diagnose(study: Path) -> dict[str, Any]:
             with open(study / "log.txt", "a", buffering=1) as log:
                 plan = propose(problem, first, partial(print, file=log))
             said["plan"] = [asdict(one) for one in plan]
-            said["plan_proposes_drop"] = best_drop(plan)
+            said["plan_rank_of_higher_drop"] = best_drop(plan)
     truth = json.loads((study / TRUTH).read_text())
     said |= {"truth": truth["name"], "seconds": time.monotonic() - began, "cpu_seconds": processor_time() - worked}
     for name in (*DROPS, BOTH):
@@ -132,7 +132,7 @@ def summary(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "studies": len(outcomes),
         "one_drop_cannot": len(hard),
         "exact_with_both": sum(one[BOTH]["exact"] for one in hard),
-        "plan_proposed_a_drop": sum(bool(one.get("plan_proposes_drop")) for one in hard),
+        "plan_put_a_higher_drop_first": sum(one.get("plan_rank_of_higher_drop") == 1 for one in hard),
         "exact_with_both_of_all": sum(one[BOTH]["exact"] for one in outcomes),
         "cpu_seconds": sum(one["cpu_seconds"] for one in outcomes),
         "outcomes": [{k: v for k, v in one.items() if k != "plan"} for one in outcomes],

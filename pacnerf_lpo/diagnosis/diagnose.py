@@ -19,7 +19,7 @@ from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
-from pacnerf_lpo.diagnosis.rounds import Round, force_wins, leaves_more
+from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
 from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, screen
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
@@ -134,7 +134,7 @@ def investigate(
         last = _round(problem, store, options, len(rounds) + 1, kept, last.comparison.known, told)
         last.removed = [type(effect).__name__ for effect in gone]
         rounds.append(last)
-    if options.until == "refit" and (force_wins(last) or leaves_more(last)):
+    if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
         asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
         last.force = store.once(f"{len(rounds)}_force", asked)
     if options.profile is not None:

@@ -31,6 +31,8 @@ from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 
 MOST_HYPOTHESES = 4
 """So many of the hypotheses are compared, the most probable first."""
+ENOUGH = float(np.log(1000.0))
+"""Recordings that are expected to reach such a log Bayes factor decide alike; the easiest to make comes first."""
 LEAST_NOISE = 0.05
 """Standard deviation of a silhouette moment that is always there [pixels]."""
 
@@ -85,13 +87,14 @@ class _Believed:
 def propose(
     problem: Problem, found: Round, progress: Callable[[str], None], recipes: Sequence[Recipe] | None = None
 ) -> list[Proposal]:
-    """Recordings that would separate the hypotheses of a round that were not told apart, best first.
+    """Recordings that would separate the hypotheses of a round that were not told apart, best first; of those that are
+    expected to do so with odds of more than a thousand to one, the easiest first.
 
     Args:
         problem: what was diagnosed.
         found: the round that left hypotheses.
         progress: told what happens.
-        recipes: to choose from; None: all.
+        recipes: to choose from, the easiest first; None: all.
 
     Raises:
         UserInputError: there are no two hypotheses to tell apart.
@@ -113,7 +116,7 @@ def propose(
             continue
         proposals.append(_judged(proposed, believed, views, quiet))
         progress(f"{proposals[-1].words}: log Bayes factor {proposals[-1].score:.1f}")
-    return sorted(proposals, key=lambda one: -one.score)
+    return sorted(proposals, key=lambda one: -min(one.score, ENOUGH))
 
 
 def best_drop(proposals: Sequence[Proposal]) -> int | None:

@@ -85,13 +85,13 @@ class Verdict:
 
 
 def verdict(rounds: list[Round]) -> Verdict:
-    """The verdict: what was accepted, unless a smooth force that no known effect makes explains what is left."""
+    """The verdict: what was accepted, unless what is left can only be physics that no known effect makes."""
     last, names = rounds[-1], accepted_names(rounds)
-    rest = leaves_more(last) or force_wins(last)
+    rest = leaves_more(last) or any(discrepancy_wins(last, name) for name in (FORCE, SHAPE))
     share = removed_share(rounds) if names else None
     if not last.finished and not names:
         return Verdict("unfinished", [], rest, None)
-    if force_wins(last):
+    if unknown_wins(last):
         return Verdict("unknown", names, True, share)
     if not names:
         return Verdict("nothing", [], rest, None)
@@ -110,14 +110,24 @@ def leaves_more(found: Round) -> bool:
     return found.held.p_value < LEVEL
 
 
-def force_wins(found: Round) -> bool:
-    """Whether an unknown force explains what is left, and better than an error of the reconstruction does."""
+def unknown_wins(found: Round) -> bool:
+    """Whether an unknown cause is left: a smooth force explains the residual, better than an error of the reconstruction
+    does; or, where the shape is known and cannot be wrong, the residual is more than the model predicts.
+    """
     if found.screening is None or found.accepted is not None:
         return False
-    force, shape = found.screening.score(FORCE), found.screening.score(SHAPE)
-    if force is None or found.screening.p_value(FORCE, force.log_bayes_factor) >= LEVEL:
+    known = found.screening.score(SHAPE) is None
+    return discrepancy_wins(found, FORCE) or (known and found.finished and leaves_more(found))
+
+
+def discrepancy_wins(found: Round, name: str) -> bool:
+    """Whether an unknown force or a wrong shape explains what is left, and better than the other of the two does."""
+    if found.screening is None or found.accepted is not None:
         return False
-    return shape is None or force.log_bayes_factor > shape.log_bayes_factor
+    own, others = found.screening.score(name), [found.screening.score(other) for other in (FORCE, SHAPE)]
+    if own is None or found.screening.p_value(name, own.log_bayes_factor) >= LEVEL:
+        return False
+    return own.log_bayes_factor >= max(other.log_bayes_factor for other in others if other is not None)
 
 
 def removed_share(rounds: list[Round]) -> float:

@@ -242,7 +242,7 @@ def experiments(result: Result) -> list[tuple[str, str]]:
     found: dict[str, str] = {}
     for done in result["rounds"]:
         by_name = {again["name"]: again for again in done["refits"]}
-        if done["plan"]:
+        if done.get("plan"):
             best = done["plan"][0]
             names = listed([readable(name) for name in done["alike"]], "and")
             found[names] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.plan import Proposal
+from pacnerf_lpo.diagnosis.plan import ENOUGH, Proposal
 from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis_words import odds
@@ -18,8 +18,6 @@ from pacnerf_lpo.report.wording import either, readable
 
 RESULT, PAGE = "plan.json", "plan.html"
 BAR, ROW, WIDTH = 18, 46, 720
-LONGEST = float(np.log(1000.0))
-"""Log Bayes factor of the longest bar: beyond a thousand to one a recording decides in any case."""
 STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     "text{font:14px system-ui,sans-serif;fill:currentColor}td,th{padding:.2rem .8rem .2rem 0;text-align:left}"
@@ -65,7 +63,7 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
         "<p>Each recording was simulated under every hypothesis that the diagnosis left. The bar is the expected log "
-        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another hypothesis can "
+        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another one can "
         "imitate with its own parameters does not count. The line marks odds of twenty to one, which decide.</p>"
         f"{bars(proposals)}<h2>Pair by pair</h2><table><tr><th>recording</th><th>if this is true</th><th>against</th>"
         f"<th>expected odds</th></tr>{rows}</table></body></html>"
@@ -74,7 +72,7 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
 
 def bars(proposals: Sequence[Proposal]) -> str:
     """One bar for each recording, as SVG; those beyond the longest are cut off."""
-    end = 1.05 * LONGEST
+    end = 1.05 * ENOUGH
     marks = []
     for rank, one in enumerate(proposals):
         length = WIDTH * float(np.clip(one.score / end, 0.002, 1.0))

@@ -13,7 +13,7 @@ Result = Mapping[str, Any]
 
 def recordings_section(result: Result) -> str:
     """A table of the recordings with a sentence on each; nothing where there is one only."""
-    recordings = result["recordings"]
+    recordings = result.get("recordings", [])
     if len(recordings) < 2:
         return ""
     labels = {p["name"]: p["label"] for p in result["rounds"][0]["parameters"]}

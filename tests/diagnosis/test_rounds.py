@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.diagnose import more_than_noise
-from pacnerf_lpo.diagnosis.rounds import force_wins, removed_share, verdict
+from pacnerf_lpo.diagnosis.rounds import unknown_wins, removed_share, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
 from tests.diagnosis.examples import check, refit, round_of, screening
 
@@ -56,9 +56,9 @@ def test_every_kind_of_verdict(rounds, kind, names, rest):
 
 
 def test_a_force_does_not_win_where_an_effect_was_accepted():
-    assert force_wins(round_of(screened=PUSHED))
-    assert not force_wins(round_of(screened=PUSHED, accepted=DRAG))
-    assert not force_wins(round_of(screened=screening(**{SHAPE: 1.0})))
+    assert unknown_wins(round_of(screened=PUSHED))
+    assert not unknown_wins(round_of(screened=PUSHED, accepted=DRAG))
+    assert not unknown_wins(round_of(screened=screening(**{SHAPE: 1.0})))
 
 
 def test_what_is_removed_is_a_share_of_the_excess_of_the_held_out_error():

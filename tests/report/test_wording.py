@@ -46,6 +46,7 @@ def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **mo
         "held": check(5.0, held),
         "accepted": accepted,
         "alike": [] if accepted is None else [accepted.name],
+        "proposals": [],
         "removed": [],
         "force": None,
         "screening": None,

@@ -28,9 +28,8 @@ class Effect(ABC):
     parameters: every coefficient; ``Parameter.scale`` is the size at which it becomes noticeable.
     null: the value of each at which the effect vanishes.
     signature: one sentence: what a video shows of it.
-    confused_with: names of the classes that leave nearly the same signature; a diagnosis that finds one tries them all.
+    confused_with: names of the classes that leave nearly the same signature, for whoever reads of the effect.
     separating_experiment: one sentence: which other recording would separate it from those.
-    like_shape: whether an error of the shape looks like it: it lets the body be another here than there.
     one_sided: whether the null lies on the boundary of what is physically possible.
     of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
     acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
@@ -52,7 +51,6 @@ class Effect(ABC):
     probes: tuple[dict[str, float], ...]
     confused_with: ClassVar[tuple[str, ...]] = ()
     separating_experiment: ClassVar[str] = ""
-    like_shape: ClassVar[bool] = False
     one_sided: ClassVar[bool] = False
     of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True

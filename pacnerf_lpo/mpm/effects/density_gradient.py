@@ -25,7 +25,6 @@ class DensityGradient(InitialState):
     signature = "the body tips over on contact, towards its heavy side"
     confused_with = ("StiffnessGradient", "InitialSpin")
     separating_experiment = "the body balanced on an edge, which shows its centre of mass"
-    like_shape = True
     probes = (
         {"density_gradient_x": 2.0, "density_gradient_y": 0.0, "density_gradient_z": 0.0},
         {"density_gradient_x": 0.0, "density_gradient_y": 2.0, "density_gradient_z": 0.0},

@@ -24,7 +24,6 @@ class StiffnessGradient(InitialState):
     signature = "one side gives way more than the other, and the body tips over on rebound"
     confused_with = ("DensityGradient", "InitialSpin")
     separating_experiment = "the same body dropped upside down"
-    like_shape = True
     probes = (
         {"stiffness_gradient_x": 2.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 0.0},
         {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 2.0, "stiffness_gradient_z": 0.0},
