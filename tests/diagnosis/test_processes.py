@@ -19,7 +19,7 @@ def test_a_diagnosis_is_the_same(small_threads, monkeypatch):
     problem = Ball(points(tracked(), None))
     no_force = np.zeros(
         (*problem.usable.shape, 1)
-    )  # saves two times 60 simulations, which are made by the same function
+    )  # saves 120 simulations
     monkeypatch.setattr(comparison_module, "force_changes", lambda *_: no_force)
     screened = []
     for jobs in (1, 2):
