@@ -9,20 +9,17 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import torch
 import yaml
-from pacnerf_lpo.diagnosis.statistics.acceptance import Verdict
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, name_of, read_candidates
-from pacnerf_lpo.diagnosis.diagnose import overlay
-from pacnerf_lpo.diagnosis.refitting import Refit
+from pacnerf_lpo.diagnosis.catalogue import as_config, name_of, read_candidates
+from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.effects import CentralForce, LinearDrag, ShearThinning
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -42,11 +39,9 @@ DRAG, MODULUS = 1.5, 7e4
 
 
 def found_overlay(physics: Physics, effects: list[Effect], values: dict[str, float], path: Path) -> Path:
-    """effects.yaml as a diagnosis writes it that accepted these effects one after another with these values at last."""
+    """effects.yaml as a diagnosis writes it whose last model has these effects, too, with these values."""
     known = {**physics.guess, **{name: null for effect in effects for name, null in effect.null.items()}, **values}
-    verdict = Verdict(True, 0.8, 9.0, [])
-    accepted = [Refit(Candidate(name_of(e), e), known, [], np.zeros(0), 9.0, 1.0, None, verdict) for e in effects]
-    path.write_text(overlay(SimpleNamespace(physics=physics), accepted))
+    path.write_text(overlay(SimpleNamespace(physics=physics), [*physics.effects, *effects], known))
     return path
 
 

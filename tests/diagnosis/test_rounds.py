@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.diagnose import more_than_noise
-from pacnerf_lpo.diagnosis.rounds import removed_share, unknown_wins, verdict
+from pacnerf_lpo.diagnosis.rounds import unknown_wins, removed_share, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
 from tests.diagnosis.examples import check, refit, round_of, screening
 
 QUIET = screening(**{FORCE: 1.0, SHAPE: 1.0, "LinearDrag": 2.0})
 PUSHED = screening(**{FORCE: 40.0, SHAPE: 10.0, "LinearDrag": 12.0})
 DENTED = screening(**{FORCE: 40.0, SHAPE: 41.0, "LinearDrag": 12.0})
+KNOWN = screening(**{FORCE: 1.0, "LinearDrag": 2.0})  # a shape that is known cannot be wrong
 DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
 
 
@@ -25,6 +26,8 @@ DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
         ([round_of(screened=PUSHED, finished=False)], "unfinished", [], True),
         ([round_of(screened=PUSHED)], "unknown", [], True),
         ([round_of(screened=DENTED)], "nothing", [], True),
+        ([round_of(screened=KNOWN)], "nothing", [], False),
+        ([round_of(screened=KNOWN, held=(0.001, 3.0))], "unknown", [], True),
         ([round_of(accepted=DRAG, screened=PUSHED), round_of(screened=QUIET)], "missing", ["LinearDrag"], False),
         (
             [round_of(accepted=DRAG, screened=PUSHED), round_of(screened=QUIET, held=(1e-4, 3.0))],
