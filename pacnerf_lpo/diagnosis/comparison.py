@@ -25,6 +25,8 @@ CONFIDENCE = 0.9
 FORCE = 0.02
 """Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
 recording of a soft body is good enough to be believed about."""
+BENT = 1.0
+"""Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 Progress = Callable[[str], None]
 
 
@@ -107,6 +109,7 @@ def compare(
     settings: tuple[int, int],
     searched: bool,
     progress: Progress,
+    before: Comparison | None = None,
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
@@ -119,6 +122,8 @@ def compare(
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
         progress: told what happens.
+        before: of a model with fewer effects; what errors of the shape and a smooth force change is not simulated again
+            while the unknowns stay near those.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -131,8 +136,12 @@ def compare(
     mean, deviation = priors(problem, model)
     count, seed = settings
     found = replicates(problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}"))
-    wrong = shape_errors(problem, effects, free, model)
-    force = force_changes(problem, effects, model.physical(free), progress)
+    if before is not None and _near(before, model.names, free):
+        wrong, force, simulated = before.shape_errors, before.force, 0
+    else:
+        wrong = shape_errors(problem, effects, free, model)
+        force = force_changes(problem, effects, model.physical(free), progress)
+        simulated = wrong.shape[-1] + force.shape[-1]
     everywhere = problem.residual_of(model, problem.usable)
     mask = problem.fitted
     directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
@@ -141,7 +150,7 @@ def compare(
     best = fit(objective, free, model.scales, model.bounds, WHITENED_ITERATIONS, reporter(model, progress))
     residual = everywhere(best.free)
     jacobian = sensitivities(everywhere, best.free, residual, model.scales, model.bounds)
-    simulated = best.rollouts + len(found) + wrong.shape[-1] + force.shape[-1] + len(model.names) + 2
+    simulated += best.rollouts + len(found) + len(model.names) + 2
     return Comparison(
         model.names,
         best.free,
@@ -157,6 +166,15 @@ def compare(
         tuple(notes(model, best.free, mean, deviation)),
         rollouts + simulated,
     )
+
+
+def _near(before: Comparison, names: Sequence[str], free: np.ndarray) -> bool:
+    """Whether unknowns [(K,)] are within :data:`BENT` prior standard deviations of where they were in another model."""
+    now = dict(zip(names, free.tolist(), strict=True))
+    moved = [
+        abs(now[n] - x) / d for n, x, d in zip(before.names, before.free, before.deviation, strict=True) if n in now
+    ]
+    return max(moved) < BENT
 
 
 def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:

@@ -120,7 +120,8 @@ def investigate(
     effects, known = tuple(problem.physics.effects), problem.first_guess
     rounds: list[Round] = []
     for number in range(1, options.effects + 2):
-        found = _round(problem, store, options, number, effects, known, _prefixed(progress, f"round {number}, "))
+        told = _prefixed(progress, f"round {number}, ")
+        found = _round(problem, store, options, effects, known, rounds, told)
         rounds.append(found)
         keep(rounds)
         if found.accepted is None or options.until != "refit":
@@ -131,7 +132,7 @@ def investigate(
     if gone:
         kept = tuple(effect for effect in last.effects if effect not in gone)
         told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
-        last = _round(problem, store, options, len(rounds) + 1, kept, last.comparison.known, told)
+        last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
         last.removed = [type(effect).__name__ for effect in gone]
         rounds.append(last)
     if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
@@ -173,16 +174,17 @@ def _round(
     problem: Problem,
     store: Store,
     options: Options,
-    number: int,
     effects: tuple[Effect, ...],
     known: dict[str, float],
+    before: Sequence[Round],
     progress: Callable[[str], None],
 ) -> Round:
+    number, latest = len(before) + 1, before[-1].comparison if before else None
     effort: dict[str, dict[str, float]] = {}
     with _timed(effort, "compare") as spent:
         told = _prefixed(progress, "compare: ")
         settings = options.replicates, options.seed
-        step = partial(compare, problem, effects, known, settings, number == 1, told)
+        step = partial(compare, problem, effects, known, settings, not before, told, latest)
         comparison: Comparison = store.once(f"{number}_compare", step)
         spent(comparison.rollouts)
     parameters, undetermined = intervals(problem, effects, comparison)

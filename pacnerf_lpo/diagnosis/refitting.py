@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, Objective, Progress, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, Objective, Progress, intervals_in_si, reporter
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
@@ -23,8 +23,6 @@ from pacnerf_lpo.mpm.effects.base import Effect
 ITERATIONS = 10
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""
-BENT = 1.0
-"""Prior standard deviations by which an unknown has moved; so far it goes by itself in one of three recordings."""
 
 
 @dataclass(frozen=True)
