@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
-from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
@@ -133,7 +133,7 @@ def investigate(
         kept = tuple(effect for effect in last.effects if effect not in gone)
         told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
         last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
-        last.removed = [type(effect).__name__ for effect in gone]
+        last.removed = [name_of(effect) for effect in gone]
         rounds.append(last)
     if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
         asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
