@@ -9,6 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.inference.intervals import LEAST_STRENGTH
 from pacnerf_lpo.mpm.parameters import OF
 
 
@@ -44,9 +45,10 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
                 "refits": again,
             }
         )
-    total = np.maximum(np.sum(information, axis=0), 1e-300)
+    total = np.sum(information, axis=0)
+    told = np.flatnonzero(total > LEAST_STRENGTH**2)
     for one, own in zip(found, information, strict=True):
-        one["tells"] = dict(zip(names, np.round(own / total, 4).tolist(), strict=True))
+        one["tells"] = {names[index]: round(float(own[index] / total[index]), 4) for index in told}
     return found
 
 

@@ -111,8 +111,8 @@ def leaves_more(found: Round) -> bool:
 
 
 def unknown_wins(found: Round) -> bool:
-    """Whether an unknown cause is left: a smooth force explains the residual, better than an error of the reconstruction
-    does; or, where the shape is known and cannot be wrong, the residual is more than the model predicts.
+    """Whether an unknown cause is left: a smooth force explains the residual, better than an error of the
+    reconstruction does; or, where the shape is known and cannot be wrong, the residual is more than the model predicts.
     """
     if found.screening is None or found.accepted is not None:
         return False

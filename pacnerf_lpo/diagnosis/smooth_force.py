@@ -84,7 +84,7 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation of a coarser body each, which responds to a smooth force in the same way, and of 60 for each recording; zero
+    simulation of a coarser body each, which responds to a smooth force in the same way, 60 for each recording; zero
     where that is unstable.
 
     Args:

@@ -63,8 +63,8 @@ class Store:
         self.key = hashlib.sha256(problem + json.dumps([options, SCHEMA]).encode()).hexdigest()[:16]
 
     def once(self, name: str, step: Callable[[], Result]) -> Result:
-        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A damaged file
-        is made again.
+        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A damaged
+        file is made again.
         """
         path = self.folder / "steps" / f"{self.key}_{name}.npz"
         if path.is_file():

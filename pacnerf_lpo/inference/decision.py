@@ -15,8 +15,8 @@ DECISIVE = float(np.log(20.0))
 
 
 LINEAR = 0.7
-"""A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends, and
-a straight line misses up to a third of what it explains."""
+"""A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends,
+and a straight line misses up to a third of what it explains."""
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ LEAST_REPLICATES = 4
 SHRINKAGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 LARGEST_CORRELATION = 0.98
 WINDOW = 2
-"""Variances are averaged over this many frames to either side: errors of a simulation change slowly, and five frames are
-seen five times as often as one."""
+"""Variances are averaged over this many frames to either side: errors of a simulation change slowly, and five frames
+are seen five times as often as one."""
 SHARING = 8.0
 """Number of replicates at which an entry's own variance and that of the same kind in all views weigh the same: the own
 one is known to half of itself then."""

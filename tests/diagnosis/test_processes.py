@@ -17,9 +17,7 @@ FORCES = ("LinearDrag", "UniformForce", "GravityMagnitude")
 def test_a_diagnosis_is_the_same(small_threads, monkeypatch):
     """Fit, replicates and scores of a ball whose tracks show drag."""
     problem = Ball(points(tracked(), None))
-    no_force = np.zeros(
-        (*problem.usable.shape, 1)
-    )  # saves 120 simulations
+    no_force = np.zeros((*problem.usable.shape, 1))  # saves 120 simulations
     monkeypatch.setattr(comparison_module, "force_changes", lambda *_: no_force)
     screened = []
     for jobs in (1, 2):

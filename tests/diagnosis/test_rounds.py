@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis.diagnose import more_than_noise
-from pacnerf_lpo.diagnosis.rounds import unknown_wins, removed_share, verdict
+from pacnerf_lpo.diagnosis.rounds import removed_share, unknown_wins, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
 from tests.diagnosis.examples import check, refit, round_of, screening
 
