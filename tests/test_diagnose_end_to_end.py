@@ -1,0 +1,101 @@
+"""From a drawn scene to a verdict, with the commands that a user gives. Minutes: deselect it with
+``-m "not end_to_end"``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pacnerf_lpo.__main__ import main
+from pacnerf_lpo.commands import diagnose
+from pacnerf_lpo.diagnosis.catalogue import read_candidates
+from pacnerf_lpo.mpm.materials import NeoHookean
+
+pytestmark = pytest.mark.end_to_end
+ROOT = Path(__file__).resolve().parents[1]
+DRAG = 2.5
+SCENE = (
+    "--shape Ball --shape.radius 0.18 --material NeoHookean --material.E 1e5 --effects+=LinearDrag "
+    f"--effects.drag {DRAG} --height 0.8 --velocity [0.6,-0.5,0.0] --frames 11 --views 6 --image_size 96 --dx 0.055 "
+    "--substep_rate 1920"
+)
+CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n"
+
+
+def settings(scene: Path) -> dict:
+    """What differs from configs/demo_missing.yaml."""
+    length = {"steps": 200, "scaling_steps": [80, 140], "halvings": 1}
+    static = {
+        "base_spacing": 0.08,
+        "rays_per_step": 512,
+        "length": {"class_path": "TrainingLength", "init_args": length},
+    }
+    return {
+        "data": {
+            "root": str(scene),
+            "train_views": [0, 1, 2, 3, 4],
+            "box_lower": [-0.3, 0.5, -0.3],
+            "box_upper": [0.3, 1.1, 0.3],
+            "fit_box": False,
+        },
+        "physics": {"substep_rate": 1440.0},
+        "phases": {
+            "static": {"class_path": "StaticGridModule", "init_args": static},
+            "velocity": {"class_path": "VelocityModule", "init_args": {"hit_frame": 6}},
+        },
+    }
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the diagnosis of a ball that falls with a hidden drag; 500 particles, two candidates."""
+    folder = tmp_path_factory.mktemp("end_to_end")
+    scene, run_dir, candidates, small = (folder / name for name in ("scene", "run", "candidates.yaml", "small.yaml"))
+    assert main(["synthesize", str(scene), *SCENE.split()]) == 0
+    small.write_text(yaml.safe_dump(settings(scene)))
+    candidates.write_text(CANDIDATES)
+    configs = [ROOT / "configs/fit.yaml", ROOT / "configs/demo_missing.yaml", small]
+    words = [word for config in configs for word in ("--config", str(config))]
+    assert main(["fit", *words, "--outer_loop.run_dir", str(run_dir)]) == 0
+    diagnose.run(str(run_dir), candidates=str(candidates), particles=500, replicates=6, effects=1, jobs=1)
+    return run_dir / "diagnosis"
+
+
+def test_the_hidden_drag_is_named_with_its_size(diagnosed: Path):
+    result = json.loads((diagnosed / "diagnosis.json").read_text())
+    verdict = result["verdict"]
+    assert (verdict["kind"], verdict["effects"]) == ("missing", ["LinearDrag"])
+    assert verdict["p_value"] < 0.01 and verdict["removed"] > 0.5
+    assert result["rounds"][0]["accepted"] == "LinearDrag"
+    (drag,) = (entry for entry in result["rounds"][-1]["parameters"] if entry["name"] == "drag")
+    assert drag["value"] == pytest.approx(DRAG, rel=0.1)  # bodies of 500 particles, known from 200 steps of training
+    assert drag["low"] > 0
+
+
+def test_the_page_says_so(diagnosed: Path):
+    page = (diagnosed / "diagnosis.html").read_text()
+    sentence = json.loads((diagnosed / "diagnosis.json").read_text())["verdict"]["sentence"]
+    assert "linear drag" in sentence.lower() and sentence.split(".")[0] in page
+
+
+def test_the_overlay_adds_the_drag(diagnosed: Path, tmp_path: Path):
+    overlay = yaml.safe_load((diagnosed / "effects.yaml").read_text())["physics"]
+    path = tmp_path / "effects.yaml"
+    path.write_text(yaml.safe_dump(overlay["effects"]))
+    (found,) = read_candidates(path, NeoHookean(), ())
+    assert found.name == "LinearDrag" and found.effect.guess["drag"] == pytest.approx(DRAG, rel=0.1)
+
+
+def test_nothing_is_simulated_again(diagnosed: Path, monkeypatch):
+    """All steps are on disk."""
+    monkeypatch.setattr("pacnerf_lpo.diagnosis.store.packed", None)  # what a step that is done again would call
+    run_dir, before = diagnosed.parent, (diagnosed / "diagnosis.json").read_text()
+    candidates = str(run_dir.parent / "candidates.yaml")
+    diagnose.run(str(run_dir), candidates=candidates, particles=500, replicates=6, effects=1, jobs=1)
+    after = (diagnosed / "diagnosis.json").read_text()
+    verdicts = [json.loads(text)["verdict"] for text in (before, after)]
+    assert verdicts[0] == verdicts[1]
