@@ -20,7 +20,7 @@ from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
 
-ITERATIONS = 10
+ITERATIONS = 12
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""
 
@@ -115,7 +115,6 @@ def refit(
             ITERATIONS,
             report=report,
             abort_above=least,
-            confirm=False,
         )
         rollouts += own.sum() + 2 if tried is None else tried.rollouts
         if tried is not None and (best is None or tried.cost < best.cost):
