@@ -102,6 +102,8 @@ def refit(
     best: Fit | None = None
     own = np.isin(model.names, list(candidate.effect.parameters))
     for start in begun:
+        if best is not None and best.cost <= mask.sum():
+            break  # no more than noise is left: another optimum cannot be better
         least = min(without, GIVE_UP * best_cost, np.inf if best is None else GIVE_UP * best.cost)
         report = reporter(model, progress)
         first = None if searched else _begun(objective, model, comparison, start, own, mask)
