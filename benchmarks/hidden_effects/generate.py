@@ -13,7 +13,7 @@ import joblib
 import numpy as np
 import torch
 
-from benchmarks.hidden_effects import full, strangers
+from benchmarks.hidden_effects import full, outside
 from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
 from benchmarks.hidden_effects.plan import Plan, plan
@@ -25,7 +25,7 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.render.camera_faults import Observation
 
 ATTEMPTS = 8
-TWINS = 8
+REPLICATES = 8
 MATERIAL_FOR = {"ShearThinning": "Newtonian", "Cohesion": "DruckerPrager", "YieldStress": "NeoHookean"}
 
 
@@ -88,13 +88,13 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
     hidden: list[Effect] = []
     strengths: list[Sized] = []
     seen = full.as_diagnosed(setting) if size.trained else setting
-    ruler = Ruler(seen, true, TWINS) if wanted.effects else None
+    ruler = Ruler(seen, true, REPLICATES) if wanted.effects else None
     for name in wanted.effects:
         assert ruler is not None
         effect = _at_null(name, size, random)
         try:
             effect.check_material(setting.law)
-            sized = ruler.sized_beyond if isinstance(effect, strangers.Stranger) else ruler.sized
+            sized = ruler.sized_beyond if isinstance(effect, outside.OutsideEffect) else ruler.sized
             found = sized(effect, course_of(effect, random), wanted.snr)
             hidden += [] if found is None else [_at(effect, found.values)]
         except UserInputError:  # not for this material, or a value beyond its bounds
@@ -106,13 +106,13 @@ def _draw(wanted: Plan, size: Size, random: np.random.Generator) -> Drawn | None
 
 
 def _at_null(name: str, size: Size, random: np.random.Generator) -> Effect:
-    kind = getattr(strangers, name, None) or next(kind for kind in known_classes() if kind.__name__ == name)
+    kind = getattr(outside, name, None) or next(kind for kind in known_classes() if kind.__name__ == name)
     return kind(view=int(random.integers(size.views))) if issubclass(kind, Observation) else kind()
 
 
 def _at(effect: Effect, values: dict[str, float]) -> Effect:
     """The effect with other values of its coefficients, by their full names."""
-    if isinstance(effect, strangers.Stranger):
+    if isinstance(effect, outside.OutsideEffect):
         return type(effect)(next(iter(values.values())))
     own = {short: values[full] for short, full in zip(type(effect).parameters, effect.parameters, strict=True)}
     if isinstance(effect, Observation):

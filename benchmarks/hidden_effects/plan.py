@@ -50,7 +50,7 @@ PHYSICS = (
     "Cohesion",
 )
 CAMERAS = ("CameraShift", "TimeOffset", "CameraDrift", "Exposure", "CameraRotation", "RadialDistortion")
-STRANGERS = ("Gust", "Belt", "Vortex", "Fibres")
+OUTSIDE = ("Gust", "Belt", "Vortex", "Fibres")
 
 
 @dataclass(frozen=True)
@@ -81,5 +81,5 @@ def plan(seed: int) -> Plan:
     if family == "pair":
         first = PHYSICS[turn % len(PHYSICS)]
         return Plan(seed, family, snr, (first, PHYSICS[(turn + 4 + turn // len(PHYSICS)) % len(PHYSICS)]))
-    names = {"single": PHYSICS, "camera": CAMERAS, "outside": STRANGERS}[family]
+    names = {"single": PHYSICS, "camera": CAMERAS, "outside": OUTSIDE}[family]
     return Plan(seed, family, snr, (names[turn % len(names)],))

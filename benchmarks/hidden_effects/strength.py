@@ -35,7 +35,8 @@ class Sized:
     values: by their names.
     strength: of the course on which they lie.
     snr: after material and velocity were refitted without the effect.
-    beyond: of a stranger, after the best imitation by a known effect was fitted, too;  imitated_by: that one.
+    beyond: of an effect outside the catalogue, after the best imitation by a known effect was fitted, too.
+    imitated_by: that known effect.
     """
 
     values: dict[str, float]

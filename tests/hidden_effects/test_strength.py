@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_effects import strength
+from benchmarks.hidden_effects.outside import Gust
 from benchmarks.hidden_effects.setting import Size, draw_setting
-from benchmarks.hidden_effects.strangers import Gust
 from benchmarks.hidden_effects.strength import Ruler, course_of
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.mpm.effects import LinearDrag, QuadraticDrag, UniformForce
@@ -30,7 +30,7 @@ def test_an_effect_is_imitated_by_itself_and_by_its_class_but_not_by_another(rul
     assert left["QuadraticDrag"] < left["UniformForce"] <= 1.01 * whole
 
 
-def test_a_stranger_is_as_strong_as_what_no_known_effect_imitates(ruler, monkeypatch):
+def test_an_effect_outside_the_catalogue_is_as_strong_as_what_no_known_effect_imitates(ruler, monkeypatch):
     monkeypatch.setattr(strength, "whole_catalogue", lambda *_: KNOWN)
     gust = Gust()
     found = ruler.sized_beyond(gust, course_of(gust, np.random.default_rng(0)), 20.0)

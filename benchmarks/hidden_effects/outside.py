@@ -14,7 +14,7 @@ from pacnerf_lpo.mpm.tensors import AXES, added
 GUST_TIME, GUST_WIDTH = 0.15, 0.04  # s
 
 
-class Stranger(Effect):
+class OutsideEffect(Effect):
     """One coefficient, which vanishes at 0.
 
     Args:
@@ -27,7 +27,7 @@ class Stranger(Effect):
         super().__init__({self.name: strength})
 
 
-class Gust(Stranger, BodyForce):
+class Gust(OutsideEffect, BodyForce):
     """A short push along x: a = A exp(-((t - 0.15 s) / 0.04 s)^2)."""
 
     name = "gust"
@@ -41,7 +41,7 @@ class Gust(Stranger, BodyForce):
         return [c.gust * exp(-1.0 * late * late), 0.0, 0.0]
 
 
-class Vortex(Stranger, BodyForce):
+class Vortex(OutsideEffect, BodyForce):
     """Matter is carried round the axis x = z = 0: a = w (z, 0, -x)."""
 
     name = "vortex"
@@ -54,7 +54,7 @@ class Vortex(Stranger, BodyForce):
         return [c.vortex * point.x[2], 0.0, -1.0 * c.vortex * point.x[0]]
 
 
-class Belt(Stranger, GroundEffect):
+class Belt(OutsideEffect, GroundEffect):
     """A sticky ground that moves along x like a conveyor belt."""
 
     name = "belt"
@@ -67,7 +67,7 @@ class Belt(Stranger, GroundEffect):
         return [c.belt + 0.0 * u[0], 0.0 * u[1], 0.0 * u[2]]
 
 
-class Fibres(Stranger, LawEffect):
+class Fibres(OutsideEffect, LawEffect):
     """Fibres along x of the undeformed body: tau += k (|f|^2 - 1) f f^T with f = F e_x."""
 
     name = "fibres"
