@@ -257,19 +257,22 @@ def _refits(
     for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
             known = any(again.name == candidate.name for again in refits)
-            if more_than_noise(found, refits) and (searched or not known):
+            if more_than_noise(found, refits, int(problem.fitted.sum())) and (searched or not known):
                 attempt(candidate, searched)
     return refits, simulated[0]
 
 
-def more_than_noise(found: Round, refits: Sequence[Refit]) -> bool:
-    """Whether the best model so far leaves more than the noise of left-out replicates in the fitted data, so that
-    another hypothesis could be better.
+def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
+    """Whether the best model so far leaves more than noise, so that another hypothesis could be better: a mean square
+    above 1. How little a model leaves below that is no evidence.
+
+    Args:
+        found: the round.
+        refits: of it so far.
+        size: number of fitted data.
     """
-    size = len(found.check.replicates)
-    floor = float(np.mean(found.check.replicates)) + 2 * float(np.std(found.check.replicates)) * (1 + 1 / size) ** 0.5
-    least = min((again.cost / again.cost_without for again in refits), default=1.0)
-    return found.check.p_value < LEVEL and found.check.statistic * least > floor
+    least = min((again.cost for again in refits), default=found.comparison.cost)
+    return found.check.p_value < LEVEL and least > size
 
 
 @contextmanager
