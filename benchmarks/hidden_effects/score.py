@@ -20,7 +20,7 @@ from pacnerf_lpo.manifest import write_atomically
 NOTES = f"""
 *Class named*: the verdict names the hidden effect, or one that it says this recording does not tell apart from it.
 *Named*: that very effect. *First, first three*: of the ranking of the first round, refits by their log Bayes factor,
-then the rest by theirs, whatever the verdict; of a pair, one of the two. *p-value*: smallest of the first round, over
+then the others by theirs, whatever the verdict; of a pair, one of the two. *p-value*: smallest of the first round, over
 refits, candidates, the unknown force and the wrong shape; the level is {LEVEL:.0%}. *Covered*: true values in the 90 %
 intervals of the table that the report ends with: of hidden coefficients wherever the last model has them, of material
 and velocity where the verdict is right. *Outside the catalogue*: 20 sigma are left of the effect by its best imitation
@@ -73,7 +73,7 @@ def null(outcomes: Sequence[Outcome]) -> list[Row]:
         ("false alarm: *none of the known effects*", [o.kind == "unknown" for o in outcomes]),
         ("any verdict but *nothing is missing*", [o.kind != "nothing" for o in outcomes]),
         (
-            "*nothing is missing*, but the rest is more than predicted",
+            "*nothing is missing*, but what is left is more than predicted",
             [o.kind == "nothing" and o.rest for o in outcomes],
         ),
     ]

@@ -151,7 +151,7 @@ def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
     named = [False, False, True, False, True]
     assert f"| false alarm: an effect or a camera named | {share(named)} |" in text
     assert f"| false alarm: *none of the known effects* | {share([False, False, False, True, False])} |" in text
-    assert f"| *nothing is missing*, but the rest is more than predicted | {share([0, 1, 0, 0, 0])} |" in text
+    assert f"| *nothing is missing*, but what is left is more than predicted | {share([0, 1, 0, 0, 0])} |" in text
     assert any(line.startswith("p-values of 4 nulls: median 0.04") for line in text)
     uniform = [replace(quiet, p_value=(k + 0.5) / 40) for k in range(40)]
     small = [replace(quiet, p_value=(k + 0.5) / 400) for k in range(40)]
