@@ -67,8 +67,9 @@ class Screening:
 
     @property
     def usual_scale(self) -> float:
-        """Factor on the noise along a typical hypothesis."""
-        return float(np.median(list(self.calibrations[0].scales.values())))
+        """Factor on the noise along a typical effect; those of camera faults are relative to the other cameras."""
+        scales = self.calibrations[0].scales
+        return float(np.median([scale for name, scale in scales.items() if "@" not in name]))
 
     @property
     def threshold(self) -> float:
