@@ -1,1 +1,1 @@
-"""Finding the missing physics: compare, localise, screen, refit, accept."""
+"""Finding the missing physics: compare, localise, screen, refit, check."""

@@ -116,7 +116,7 @@ def refit(
             report=report,
             abort_above=least,
         )
-        rollouts += own.sum() + 2 if tried is None else tried.rollouts
+        rollouts += int(own.sum()) + 2 if tried is None else tried.rollouts
         if tried is not None and (best is None or tried.cost < best.cost):
             best = tried
     if best is None or best.jacobian is None:

@@ -1,1 +1,1 @@
-"""Statistics of a comparison, in NumPy alone: what its entries are, and their error where the physics is right."""
+"""Which hypothesis explains a residual, in NumPy and SciPy alone: noise, evidence, calibration, decision, intervals."""

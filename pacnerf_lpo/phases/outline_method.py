@@ -62,7 +62,7 @@ class OutlineGaussNewton(GaussNewton):
     start from neighbours of the best. Where two end about as low, fits of both with still finer bodies decide. Shading,
     which pulls colours to a wrong motion, does not enter.
 
-    A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong valley. So what
+    A coarse grid makes a body too stiff where it flows, and an identification on it ends in a wrong local minimum. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
     :class:`Misfit`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has made
     those agree with the images, and neither its outlines by splats nor another sampling of it do.
@@ -168,7 +168,7 @@ class OutlineGaussNewton(GaussNewton):
 
     def _fit_fall(self, module: PhysicsIDModule) -> None:
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
-        and with it the search into another valley.
+        and with it the search into another local minimum.
         """
         early = Misfit(module, self.coarse_particles, frames=module.hit_frame, sunk=SUNK)
         model = early.model
