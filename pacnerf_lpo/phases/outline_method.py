@@ -62,7 +62,7 @@ class OutlineGaussNewton(GaussNewton):
     start from neighbours of the best. Where two end about as low, fits of both with still finer bodies decide. Shading,
     which pulls colours to a wrong motion, does not enter.
 
-    A coarse grid makes a body too stiff where it flows, and identified there it ends in a wrong local minimum. So what
+    A coarse grid makes a body too stiff where it flows, and a fit on it ends in a wrong local minimum. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
     :class:`Misfit`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has made
     those agree with the images, and neither its outlines by splats nor another sampling of it do.
