@@ -52,6 +52,10 @@ class KnownShape(Problem):
     def spacing(self) -> float:
         return self.setting.spacing
 
+    @property
+    def least_shape_error(self) -> float:
+        return self.setting.warp
+
     @cached_property
     def first_guess(self) -> dict[str, float]:
         return {**self.physics.guess, **self.setting.guess}

@@ -12,21 +12,19 @@ from pacnerf_lpo.diagnosis.shape_errors import shape_errors
 from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import fit, sensitivities
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-WHITENED_ITERATIONS = 8
+WHITENED_ITERATIONS = 12
 CONFIDENCE = 0.9
 """Of all intervals."""
 FORCE = 0.02
 """Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
 recording of a soft body is good enough to be believed about."""
-BENT = 1.0
-"""Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 Progress = Callable[[str], None]
 
 
@@ -80,8 +78,11 @@ class Comparison:
 
 
 class Objective:
-    """Standardised residual of a model in some entries, then how far each unknown is from the mean of its prior in
-    standard deviations [(D + K,)], as a function of free coordinates [(K,)]; raises SimulationError.
+    """Standardised residual of a model in the entries of a mask, then how far each unknown is from the mean of its
+    prior in standard deviations, then the residual itself in all U usable entries, which no fit minimises [(D + K +
+    U,)], as a function of free coordinates [(K,)]; raises SimulationError.
+
+    rows: those that a fit minimises [(D + K + U,), bool]
     """
 
     def __init__(
@@ -93,13 +94,35 @@ class Objective:
         mean: np.ndarray,
         deviation: np.ndarray,
     ):
-        self.model, self.residual = model, problem.residual_of(model, mask)
+        self.model, self._residual, self._inside = (
+            model,
+            problem.residual_of(model, problem.usable),
+            mask[problem.usable],
+        )
         self.noise, self.mean, self.deviation = noise, mean, deviation
+        self._usable = problem.usable
+        self.rows = np.arange(self._inside.sum() + len(mean) + len(self._inside)) < self._inside.sum() + len(mean)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
-        standardised = self.noise.whiten_residual(self.residual(free))
-        return np.concatenate((standardised, (free - self.mean) / self.deviation))
+        residual = self._residual(free)
+        standardised = self.noise.whiten_residual(residual[self._inside])
+        return np.concatenate((standardised, (free - self.mean) / self.deviation, residual))
+
+    def derivative(self, changes: np.ndarray) -> np.ndarray:
+        """Of the function, where that of the residual is [(R, F, 11, K)]; NaN counts as none."""
+        found = np.nan_to_num(changes[self._usable])
+        return np.concatenate((self.noise.whiten(found[self._inside]), np.diag(1 / self.deviation), found))
+
+    def standardised(self, found: Fit) -> np.ndarray:
+        """Change of the standardised residual by one prior standard deviation of every unknown at a fit [(D, K)]."""
+        assert found.jacobian is not None
+        return found.jacobian[: self._inside.sum()] * self.deviation
+
+    def seen(self, found: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Residual at a fit and its derivative [(R, F, 11), (R, F, 11, K)]; NaN where not usable."""
+        assert found.jacobian is not None
+        return spread(found.residual[~self.rows], self._usable), spread(found.jacobian[~self.rows], self._usable)
 
 
 def compare(
@@ -109,7 +132,7 @@ def compare(
     settings: tuple[int, int],
     searched: bool,
     progress: Progress,
-    before: Comparison | None = None,
+    before: tuple[Sequence[Effect], Comparison] | None = None,
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
@@ -122,44 +145,47 @@ def compare(
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
         progress: told what happens.
-        before: of a model with fewer effects; what errors of the shape and a smooth force change is not simulated again
-            while the unknowns stay near those.
+        before: effects of another model, and its comparison; what errors of the shape and a smooth force change is not
+            simulated again where the motion is nearly the same.
 
     Raises:
         SimulationError: the motion is unstable at every start.
     """
     model, rollouts = problem.model(effects, known), 0
-    free = model.start
+    free, changes = model.start, None
     if searched:
-        begun = base_fit(problem, effects, known, progress)
+        begun = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = begun.model, begun.free, begun.rollouts
+        changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     mean, deviation = priors(problem, model)
     count, seed = settings
     found = replicates(problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}"))
-    if before is not None and _near(before, model.names, free):
-        wrong, force, simulated = before.shape_errors, before.force, 0
+    known = model.physical(free)
+    parts = [] if before is None else [problem.parts(before[0], before[1].known), problem.parts(effects, known)]
+    if before is not None and _alike(problem, *parts):
+        wrong, force, simulated = before[1].shape_errors, before[1].force, 2
     else:
         wrong = shape_errors(problem, effects, free, model)
-        force = force_changes(problem, effects, model.physical(free), progress)
+        force = force_changes(problem, effects, known, progress)
         simulated = wrong.shape[-1] + force.shape[-1]
-    everywhere = problem.residual_of(model, problem.usable)
     mask = problem.fitted
     directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
     noise = noise_of(problem, found, mask, directions)
     objective = Objective(problem, model, mask, noise, mean, deviation)
-    best = fit(objective, free, model.scales, model.bounds, WHITENED_ITERATIONS, reporter(model, progress))
-    residual = everywhere(best.free)
-    jacobian = sensitivities(everywhere, best.free, residual, model.scales, model.bounds)
-    simulated += best.rollouts + len(found) + len(model.names) + 2
+    start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
+    report = reporter(model, progress)
+    best = fit(objective, start, model.scales, model.bounds, WHITENED_ITERATIONS, report, rows=objective.rows)
+    residual, jacobian = objective.seen(best)
+    simulated += best.rollouts + len(found) + 2
     return Comparison(
         model.names,
         best.free,
         model.physical(best.free),
         mean,
         deviation,
-        best.cost,
-        spread(residual, problem.usable),
-        spread(jacobian, problem.usable),
+        best.cost_of(objective.rows),
+        residual,
+        jacobian,
         found,
         wrong,
         force,
@@ -168,13 +194,12 @@ def compare(
     )
 
 
-def _near(before: Comparison, names: Sequence[str], free: np.ndarray) -> bool:
-    """Whether unknowns [(K,)] are within :data:`BENT` prior standard deviations of where they were in another model."""
-    now = dict(zip(names, free.tolist(), strict=True))
-    moved = [
-        abs(now[n] - x) / d for n, x, d in zip(before.names, before.free, before.deviation, strict=True) if n in now
-    ]
-    return max(moved) < BENT
+def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
+    """Whether two models show the body within a node spacing of the same place in every frame, on average over it: what
+    is finer than that no grid resolves, and the same causes move both alike.
+    """
+    paths = [[part.model.path(part.model.start) for part in parts] for parts in (before, now)]
+    return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
 
 
 def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:

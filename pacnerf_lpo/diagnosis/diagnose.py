@@ -21,7 +21,7 @@ from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, screen
+from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Probes, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -179,7 +179,7 @@ def _round(
     before: Sequence[Round],
     progress: Callable[[str], None],
 ) -> Round:
-    number, latest = len(before) + 1, before[-1].comparison if before else None
+    number, latest = len(before) + 1, (before[-1].effects, before[-1].comparison) if before else None
     effort: dict[str, dict[str, float]] = {}
     with _timed(effort, "compare") as spent:
         told = _prefixed(progress, "compare: ")
@@ -203,10 +203,10 @@ def _round(
         found.candidates = candidates_for(problem, options, effects)
     with _timed(effort, "screen") as spent:
         told = _prefixed(progress, "screen: ")
-        look = partial(screen, problem, effects, comparison, found.candidates, told)
-        screening: Screening = store.once(f"{number}_screen", look)
-        found.screening = screening
-        spent(screening.simulated)
+        look = partial(probe, problem, effects, comparison, found.candidates, told)
+        probes: Probes = store.once(f"{number}_probe", look)
+        found.screening = screening = judge(problem, comparison, probes)
+        spent(probes.simulated)
     if options.until == "screen":
         return found
     with _timed(effort, "refit") as spent:

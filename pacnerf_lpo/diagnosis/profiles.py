@@ -46,11 +46,13 @@ def profile(
     error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
     start = comparison.free[others]
 
+    rows = objective.rows
+
     def cost(value: float) -> float:
         progress(f"profile of {name}: {model.physical(np.insert(start, index, value))[name]:.4g}")
         bounds = model.bounds[0][others], model.bounds[1][others]
         held = _Held(objective, index, value)
-        return fit(held, start, model.scales[others], bounds, ITERATIONS).cost
+        return fit(held, start, model.scales[others], bounds, ITERATIONS, rows=rows).cost_of(rows)
 
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
     found = profile_likelihood(cost, float(comparison.free[index]), error, ends, CONFIDENCE, spread**2)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, Objective, Progress, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, Objective, Progress, intervals_in_si, reporter
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
@@ -21,6 +21,8 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
 
 ITERATIONS = 12
+BENT = 1.0
+"""Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""
 
@@ -95,18 +97,19 @@ def refit(
     begun, rollouts = _starts(model, comparison, candidate, screening.score(candidate.name), mean), 0
     if searched:
         try:
-            found = base_fit(problem, more, {**problem.first_guess, **candidate.effect.guess}, progress)
+            guess = {**problem.first_guess, **candidate.effect.guess}
+            found = base_fit(problem, more, guess, progress, followed=True)
         except SimulationError:
             return None
         begun, rollouts = [found.free], found.rollouts
-    best: Fit | None = None
+    best, cost = None, np.inf
     own = np.isin(model.names, list(candidate.effect.parameters))
     for start in begun:
-        if best is not None and best.cost <= mask.sum():
-            break  # no more than noise is left: another optimum cannot be better
-        least = min(without, GIVE_UP * best_cost, np.inf if best is None else GIVE_UP * best.cost)
+        if np.isfinite(cost) and min(cost, best_cost) <= mask.sum():
+            break  # no more than noise is left, by this or by another effect: another optimum is not needed
+        least = min(without, GIVE_UP * best_cost, GIVE_UP * cost)
         report = reporter(model, progress)
-        first = None if searched else _begun(objective, model, comparison, start, own, mask)
+        first = None if searched else _begun(objective, model, comparison, start, own)
         tried = fit_or_none(
             objective,
             start if first is None else first,
@@ -115,35 +118,36 @@ def refit(
             ITERATIONS,
             report=report,
             abort_above=least,
+            rows=objective.rows,
         )
         rollouts += int(own.sum()) + 2 if tried is None else tried.rollouts
-        if tried is not None and (best is None or tried.cost < best.cost):
-            best = tried
-    if best is None or best.jacobian is None:
+        if tried is not None and tried.cost_of(objective.rows) < cost:
+            best, cost = tried, tried.cost_of(objective.rows)
+    if best is None:
         return None
-    jacobian = best.jacobian[: -len(model.names)] * deviation
+    jacobian = objective.standardised(best)
     scale = screening.scale(candidate.name)
     occam = log_occam_factor(jacobian[:, ~own], jacobian[:, own] / scale)
-    factor = log_bayes_factor(without, best.cost, len(jacobian), occam, scale)
-    along = scale * float(np.sqrt(max(1.0, best.cost / len(jacobian))))
+    factor = log_bayes_factor(without, cost, len(jacobian), occam, scale)
+    along = scale * float(np.sqrt(max(1.0, cost / len(jacobian))))
     told, _ = intervals_in_si(model, best.free, deviation, jacobian, along, noise)
     return Refit(
         candidate.name,
         model.physical(best.free),
         told,
-        problem.residual(model.predict(best.free)),
+        objective.seen(best)[0],
         without,
-        best.cost,
+        cost,
         factor,
         occam,
         screening.p_value(candidate.name, factor),
         tuple(notes(model, best.free, mean, deviation)),
-        rollouts + 1,
+        rollouts,
     )
 
 
 def _begun(
-    objective: Objective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray, mask: np.ndarray
+    objective: Objective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray
 ) -> Fit | None:
     """The start of a fit [(K,)] with its sensitivities: those of the model without the effect, which a fit corrects on
     its way, and those to its own coefficients [(K,), bool], measured; None where the motion is unstable.
@@ -152,9 +156,9 @@ def _begun(
         now = objective(start)
     except SimulationError:
         return None
-    known = {name: comparison.jacobian[mask][:, k] for k, name in enumerate(comparison.names)}
-    changes = np.stack([known.get(name, np.zeros(mask.sum())) for name in model.names], axis=1)
-    jacobian = np.concatenate((objective.noise.whiten(np.nan_to_num(changes)), np.diag(1 / objective.deviation)))
+    known = {name: comparison.jacobian[..., k] for k, name in enumerate(comparison.names)}
+    none = np.zeros(comparison.residual.shape)
+    jacobian = objective.derivative(np.stack([known.get(name, none) for name in model.names], axis=-1))
     for index in np.flatnonzero(own):
         jacobian[:, index] = column(objective, start, now, int(index), model.scales[index], model.bounds[1][index])[0]
     return Fit(start, now, jacobian, 1 + int(own.sum()), objective)

@@ -16,8 +16,6 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range."""
-LEAST_DISTORTION = 0.15
-"""Least error of the reconstructed shape, in voxels of the run."""
 WAVES = 3
 DENSITY_ERROR = 0.1
 """Of the reconstructed matter, from the centre to the rim."""
@@ -91,13 +89,13 @@ def _of_recording(
 
 def distortion(problem: Problem, reference: np.ndarray) -> float:
     """How far the reconstructed surface may be from the true one [m]: as far as makes the outlines of distorted bodies
-    disagree at frame 0 as much as the measured ones do, but for single cameras; at least a part of a voxel.
+    disagree at frame 0 as much as the measured ones do, but for single cameras; at least what the problem says.
 
     Args:
         problem: the run.
         reference: summaries that the model predicts [(V, F, 11)]
     """
-    least = LEAST_DISTORTION * problem.voxel
+    least = problem.least_shape_error
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
     views = slice(problem.views)

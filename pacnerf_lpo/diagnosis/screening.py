@@ -32,6 +32,8 @@ MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
 """Views whose faults of one kind show how large such residuals are by themselves: the median of fewer would be that of
 the very fault in question."""
+CERTAIN = 1 - 1e-9
+"""Probability above which a logarithm of its complement is not taken."""
 LEAST_CHANGE = 1e-4
 """A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 
@@ -44,22 +46,23 @@ class Screening:
     calibrations: of the fitted data and, where cameras were held out, of the fitted frames of all views.
     outside: names of the faults of held-out cameras, which the second calibration is for.
     correlations: of the signatures, in the order of ``scores`` [(K, K)]
-    simulated: simulations that it took.
     """
 
     scores: list[Score]
     calibrations: list[Calibration]
     outside: list[str]
     correlations: np.ndarray
-    simulated: int
 
     def score(self, name: str) -> Score | None:
         """Of a hypothesis; None if it changes nothing that can be seen."""
         return next((found for found in self.scores if found.name == name), None)
 
     def p_value(self, name: str, log_bayes_factor: float) -> float:
-        """Probability that the best of all hypotheses reaches this where nothing is missing; both families count."""
-        return min(1.0, len(self.calibrations) * self._calibration(name).p_value(log_bayes_factor))
+        """Probability that the best of all hypotheses reaches this where nothing is missing; both families count, as if
+        they were independent (Sidak 1967).
+        """
+        alone = min(self._calibration(name).p_value(log_bayes_factor), CERTAIN)
+        return float(-np.expm1(len(self.calibrations) * np.log1p(-alone)))
 
     def scale(self, name: str) -> float:
         """Factor on the noise along a hypothesis; that of a typical one where it changes nothing that can be seen."""
@@ -80,35 +83,55 @@ class Screening:
         return self.calibrations[-1 if name in self.outside else 0]
 
 
-def screen(
+@dataclass(frozen=True)
+class Probes:
+    """Every candidate as a hypothesis, before anything is judged.
+
+    inside: effects, and faults of the fitted cameras, in the fitted entries.
+    outside: faults of held-out cameras, in the fitted frames of all views.
+    simulated: simulations that they took.
+    """
+
+    inside: list[Hypothesis]
+    outside: list[Hypothesis]
+    simulated: int
+
+
+def probe(
     problem: Problem,
     effects: Sequence[Effect],
     comparison: Comparison,
     candidates: Sequence[Candidate],
     progress: Callable[[str], None],
-) -> Screening:
-    """Score every hypothesis at the fitted model, and calibrate the selection among all of them on the replicates.
-
-    Effects, and faults of the fitted cameras, are scored in the fitted views and frames; faults of held-out cameras in
-    the fitted frames of all views. Half the error level goes to either family.
-    """
+) -> Probes:
+    """Try every candidate at the fitted model, see :func:`probed`."""
     held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
     outside = [c for c in candidates if c.observes and c.view in held]
     inside = [candidate for candidate in candidates if candidate not in outside]
-    families = [(inside, problem.fitted)]
-    if outside:
-        families.append((outside, problem.usable & problem.split.frames[..., None]))
-    null = problem.model(effects, comparison.known)
+    null, free = problem.model(effects, comparison.known), comparison.free
+    families = [
+        probed(problem, effects, null, free, family, mask, progress) if family else ([], 0)
+        for family, mask in zip((inside, outside), masks(problem), strict=True)
+    ]
+    return Probes(families[0][0], families[1][0], families[0][1] + families[1][1])
+
+
+def masks(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Entries that effects and faults of fitted cameras are judged by, and those for held-out cameras [(R, F, 11)]."""
+    return problem.fitted, problem.usable & problem.split.frames[..., None]
+
+
+def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening:
+    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates."""
+    families = [[*probes.inside, *discrepancies(comparison, problem.fitted)], probes.outside]
+    level = 1 - (1 - LEVEL) ** (1 / sum(map(bool, families)))
     scores: list[Score] = []
-    calibrations, simulated = [], 0
-    for number, (family, mask) in enumerate(families):
-        hypotheses, count = probed(problem, effects, null, comparison.free, family, mask, progress)
-        simulated += count
-        hypotheses += discrepancies(comparison, mask) if number == 0 else []
+    calibrations = []
+    for hypotheses, mask in zip(families, masks(problem), strict=True):
         if not hypotheses:
             continue
         noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-        calibration = calibrate(noise, hypotheses, LEVEL / len(families))
+        calibration = calibrate(noise, hypotheses, level)
         found = [score(noise, residual, one, calibration.scales[one.name]) for one in hypotheses]
         scales = {name: s * usual_fault(found, name) for name, s in calibration.scales.items()}
         calibrations.append(replace(calibration, scales=scales))
@@ -116,7 +139,8 @@ def screen(
         scores += [replace(one, signature=_whole(one.signature, mask)) for one in found]
     scores.sort(key=lambda one: -one.log_bayes_factor)
     signatures = np.stack([one.signature for one in scores])
-    return Screening(scores, calibrations, [c.name for c in outside], correlation(signatures), simulated)
+    outside = [one.name for one in probes.outside]
+    return Screening(scores, calibrations, outside, correlation(signatures))
 
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:

@@ -31,8 +31,9 @@ that."""
 
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
-    """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation; none where
-    its shape is known. An error with which the motion is unstable is left out.
+    """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
+    simulation of the coarse body each; none where its shape is known. An error with which the motion is unstable is
+    left out.
 
     Args:
         problem: the run.
@@ -63,20 +64,22 @@ def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
     problem = part.recording
     if not isinstance(problem, StateProblem):
         return np.zeros((*problem.usable.shape, 0))
+    right = problem.coarse_model(part.effects, part.known)
+    base = right.predict(right.start)
     bodies = wrong_bodies(problem, distortion(problem, reference))
     seen = list(each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)))
-    changes = [problem.relative(found - reference) for found in seen if not isinstance(found, SimulationError)]
+    changes = [problem.relative(found - base) for found in seen if not isinstance(found, SimulationError)]
     if not changes:
         raise next(found for found in seen if isinstance(found, SimulationError))
     return np.stack(changes, axis=-1)
 
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
-    """The body of a problem with one smooth error each: displacements of first and second order that are together about
-    ``sigma`` [m], surfaces moved inwards by about as much, dents here and there, and matter that is denser here than
-    there.
+    """The coarse body of a problem with one smooth error each: displacements of first and second order that are
+    together about ``sigma`` [m], surfaces moved inwards by about as much, dents here and there, and matter that is
+    denser here than there.
     """
-    body = problem.body
+    body = problem.coarse_body
     linear, quadratic = polynomials(body.positions, body.positions)
     axes = torch.eye(3, dtype=body.positions.dtype)
     strains = [linear[i][:, None] * axes[j] + linear[j][:, None] * axes[i] for i in range(3) for j in range(i, 3)]

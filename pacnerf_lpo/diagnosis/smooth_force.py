@@ -22,8 +22,6 @@ KNOTS = 5
 AXES = "xyz"
 PARTS = ("1", *AXES)
 """Constant, and linear in the position in the body at frame 0."""
-COARSER = 1.4
-"""Node spacing of the body that is pushed relative to the problem's: a simulation costs a third."""
 PROBE = 0.5  # m/s^2 at the rim of the body
 
 
@@ -102,10 +100,9 @@ def force_changes(
 def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
     problem = part.recording
     models = [*part.effects, force_of(problem)]
-    body = problem.sample(COARSER * problem.spacing, seed=0)
-    still = problem.model(models, part.known, body)
+    still = problem.coarse_model(models, part.known)
     base = problem.residual(still.predict(still.start))
-    pushed = ((problem.model(models, {**part.known, name: PROBE}, body),) for name in names_of_force())
+    pushed = ((problem.coarse_model(models, {**part.known, name: PROBE}),) for name in names_of_force())
     columns: list[np.ndarray] = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:

@@ -20,19 +20,17 @@ import numpy as np
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
-from pacnerf_lpo.diagnosis.screening import Screening
-from pacnerf_lpo.inference.calibration import Calibration
-from pacnerf_lpo.inference.evidence import Score
+from pacnerf_lpo.diagnosis.screening import Probes
 from pacnerf_lpo.inference.force_law import Law, Term
+from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.intervals import Interval, Profile
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
-SCHEMA = 1
+SCHEMA = 2
 """Number of the algorithm: to be raised with any change that makes other results of the same inputs."""
 RECORDS = {
-    kind.__name__: kind
-    for kind in (Calibration, Comparison, Interval, Law, Profile, Refit, ResidualForce, Score, Screening, Term)
+    kind.__name__: kind for kind in (Comparison, Hypothesis, Interval, Law, Probes, Profile, Refit, ResidualForce, Term)
 }
 DAMAGED = (
     OSError,

@@ -15,8 +15,6 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 from pacnerf_lpo.mpm.parameters import Log10
 
-COARSER = 1.4
-"""Node spacing of the search relative to that of the problem: a rollout costs a third."""
 SAMPLES = 8
 """Points tried for each modulus: over three decades they lie nearer to each other than one fit reaches."""
 JOINT_SAMPLES = 32
@@ -85,7 +83,11 @@ class Objective:
 
 
 def base_fit(
-    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress = lambda _: None
+    problem: Problem,
+    effects: Sequence[Effect],
+    known: dict[str, float],
+    progress: Progress = lambda _: None,
+    followed: bool = False,
 ) -> BaseFit:
     """Fit material, velocity and effects to the fitted views and frames, with priors, beginning from a guess.
 
@@ -98,11 +100,12 @@ def base_fit(
         effects: of the model. One without a gradient at its null, which ``known`` leaves there, starts at its probes.
         known: values to start from, velocity among them [SI].
         progress: told what happens.
+        followed: another fit goes on from here, so that the last hundredth of the cost is left to it.
 
     Raises:
         SimulationError: the motion is unstable at every start, with the shortest time step too.
     """
-    coarse = problem.coarse_model(effects, known, COARSER)
+    coarse = problem.coarse_model(effects, known)
     fine = problem.model(effects, known)
     mean, deviation = priors(problem, fine)
     starts = _starts(coarse, effects)
@@ -128,7 +131,7 @@ def base_fit(
     level = _level(search.fits, len(mean))
     progress(f"base fit: {len(found)} optima on the body itself")
     final = Objective(problem, fine, mean, deviation, level)
-    last = Stage(final, fine.scales, fine.bounds, iterations=ITERATIONS, confirm=True)
+    last = Stage(final, fine.scales, fine.bounds, iterations=ITERATIONS, confirm=not followed)
     ended = multistart([last], found)
     if not ended.fits:  # a point may be stable on the coarse body alone
         ended = multistart([last], starts)

@@ -37,35 +37,46 @@ class Body:
         return float(self.fraction.sum()) * (self.spacing / 2) ** 3
 
 
-@torch.no_grad()
-def resample(
-    state: ParticleState, spacing: float, seed: int = 0, erosion: float | Callable[[Tensor], Tensor] = 0.0
-) -> Body:
-    """One particle in each cell of a lattice of spacing/2, at the centre of the matter in that cell.
+class Sampling:
+    """The density of a state's matter in the cells of a lattice of spacing/2.
 
     Args:
         state: particles of a run.
         spacing: node spacing to move on [m].
-        erosion: raw density above that of the visible surface at which matter begins; thins the body. A number, or a
-            function of places [m, (M, 3)], (M,).
         seed: shifts the lattice, so that two seeds give two samplings of the same body.
     """
-    grid = particles_to_grid(
-        state.positions, state.density, state.features.new_zeros(len(state.density), 0), state.spacing
-    )
-    half = spacing / 2
-    shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
-    low, high = state.positions.amin(0) - half, state.positions.amax(0) + half
-    counts = ((high - low) / half).ceil().long() + 1
-    corners = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + low - shift
-    inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
-    points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
-    thinning = erosion if callable(erosion) else lambda _: erosion
-    density = torch.cat([interpolate(grid, part)[0] - thinning(part) for part in points.reshape(-1, 3).split(CHUNK)])
-    solid = solid_fraction(density, state.spacing, state.base_spacing).reshape(len(points), -1)
-    kept = solid.mean(1) > LEAST_FRACTION
-    centre = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
-    return Body(centre, solid.mean(1)[kept], spacing)
+
+    @torch.no_grad()
+    def __init__(self, state: ParticleState, spacing: float, seed: int = 0):
+        self.state, self.spacing = state, spacing
+        grid = particles_to_grid(
+            state.positions, state.density, state.features.new_zeros(len(state.density), 0), state.spacing
+        )
+        half = spacing / 2
+        shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
+        low, high = state.positions.amin(0) - half, state.positions.amax(0) + half
+        counts = ((high - low) / half).ceil().long() + 1
+        corners = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + low - shift
+        inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
+        self._points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
+        flat = self._points.reshape(-1, 3)
+        self._density = torch.cat([interpolate(grid, part)[0] for part in flat.split(CHUNK)])
+
+    @torch.no_grad()
+    def body(self, erosion: float | Callable[[Tensor], Tensor] = 0.0) -> Body:
+        """One particle in each cell with matter, at its centre.
+
+        Args:
+            erosion: raw density above that of the visible surface at which matter begins; thins the body. A number, or
+                a function of places [m, (M, 3)], (M,).
+        """
+        thinning = erosion(self._points.reshape(-1, 3)) if callable(erosion) else erosion
+        density = self._density - thinning
+        solid = solid_fraction(density, self.state.spacing, self.state.base_spacing).reshape(len(self._points), -1)
+        kept = solid.mean(1) > LEAST_FRACTION
+        solid, points = solid[kept], self._points[kept]
+        centre = (points * solid[..., None]).sum(1) / solid.sum(1, keepdim=True)
+        return Body(centre, solid.mean(1), self.spacing)
 
 
 def surface(body: Body) -> float:

@@ -91,7 +91,8 @@ def fit(
         abort_above: a cost above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
             part in each, or as promised by a step that could not be longer; None: never.
         rows: which of the residual count [(D,), bool]; None: all. The Jacobian is that of all.
-        confirm: end only with a Jacobian that was measured, not updated, where no step gains anything.
+        confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the
+            last iteration.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
@@ -156,7 +157,8 @@ class _Descent:
             if small and (self.age <= 1 or not confirm):
                 break
             self.surprises += not kept
-            if iteration + 1 < iterations and (small or self.surprises >= MOST_SURPRISES):
+            last = iteration + 1 == iterations
+            if (last and confirm) or (not last and (small or self.surprises >= MOST_SURPRISES)):
                 self._measure()
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
 

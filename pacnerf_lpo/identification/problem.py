@@ -26,13 +26,18 @@ from pacnerf_lpo.types import ParticleState, Video
 
 PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
+COARSER = 1.4
+"""Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and small
+smooth changes of force and shape move it as they move the finer one."""
 LARGEST_EROSION = 80.0
 WEAR_STEP = 2.0
 """Change of the erosion by which its effect is measured."""
 BISECTIONS = 9
 LEAST_SHADING = 0.01
+LEAST_SHAPE_ERROR = 0.15
+"""Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
 MODEL_ERROR = 0.1
-"""Error of a summary that the model makes, before twins tell [pixels]."""
+"""Error of a summary that the model makes, before replicates tell [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,11 @@ class Problem(ABC):
         return self.sample(self.spacing, seed=0)
 
     @cached_property
+    def coarse_body(self) -> Body:
+        """The body at :data:`COARSER` times the resolution of the diagnosis."""
+        return self.sample(COARSER * self.spacing, seed=0)
+
+    @cached_property
     def _cameras(self) -> Video:
         """The video without its pictures, small enough to be copied with every model."""
         one, video = torch.zeros(()), self.video
@@ -155,9 +165,14 @@ class Problem(ABC):
         physics = with_effects(self.physics, effects, body.spacing, self.voxel)
         return Model(body, physics, self._cameras, known, self.points)
 
-    def coarse_model(self, effects: Sequence[Effect], known: dict[str, float], coarser: float) -> Model:
-        """The same on a body whose node spacing is that of the problem times ``coarser``."""
-        return self.model(effects, known, self.sample(coarser * self.spacing, 0))
+    def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
+        """The same on the coarse body."""
+        return self.model(effects, known, self.coarse_body)
+
+    @property
+    def least_shape_error(self) -> float:
+        """How far the surface of the body may be from the true one even where no outline shows it [m]."""
+        return LEAST_SHAPE_ERROR * self.voxel
 
     @property
     def point_names(self) -> list[str]:
@@ -216,9 +231,14 @@ class Problem(ABC):
 
         return residual
 
+    @property
+    def presumed_error(self) -> np.ndarray:
+        """Of the fitted entries, as far as it is known without replicates [pixels, (D,)]."""
+        return np.hypot(self.sensor[self.fitted], MODEL_ERROR)
+
     def weighted_residual_of(self, model: Model) -> Callable[[np.ndarray], np.ndarray]:
-        """Residual in the fitted entries in units of its error, as far as that is known without twins [(D,)]."""
-        raw, weight = self.residual_of(model, self.fitted), np.hypot(self.sensor[self.fitted], MODEL_ERROR)
+        """Residual in the fitted entries in units of :attr:`presumed_error` [(D,)]."""
+        raw, weight = self.residual_of(model, self.fitted), self.presumed_error
         return lambda free: raw(free) / weight
 
     def at_rest(self, body: Body) -> np.ndarray:
@@ -266,7 +286,7 @@ class StateProblem(Problem):
     @cached_property
     def spacing(self) -> float:
         """Node spacing at which the body has the wanted number of particles [m]."""
-        fine = bodies.resample(self.state, self.state.spacing, erosion=self.erosion)
+        fine = self._as_reconstructed.body(self.erosion)
         return 2 * (fine.volume / self.particles) ** (1 / 3)
 
     @cached_property
@@ -279,7 +299,7 @@ class StateProblem(Problem):
         low, high = -4.0, LARGEST_EROSION
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            body = bodies.resample(self.state, self.state.spacing, erosion=middle)
+            body = self._as_reconstructed.body(middle)
             if len(body.positions) and self._oversize(body) > 0:
                 low = middle
             else:
@@ -288,17 +308,29 @@ class StateProblem(Problem):
 
     def sample(self, spacing: float, seed: int) -> Body:
         """The body, eroded until it is as large as it looks at frame 0."""
-        return bodies.resample(self.state, spacing, seed, self.erosion)
+        return bodies.Sampling(self.state, spacing, seed).body(self.erosion)
 
     def thinned(self, offset: Callable[[Tensor], Tensor]) -> Body:
-        """The body with its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
-        return bodies.resample(self.state, self.spacing, 0, lambda points: self.erosion + offset(points) / self.wear)
+        """The coarse body, its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
+
+        def erosion(points: Tensor) -> Tensor:
+            return self.erosion + offset(points) / self.wear
+
+        return self._coarse.body(erosion)
 
     @cached_property
     def wear(self) -> float:
         """How far the surface moves inwards for one unit of erosion [m]."""
-        thinner = bodies.resample(self.state, self.spacing, 0, self.erosion + WEAR_STEP)
-        return (self.body.volume - thinner.volume) / (WEAR_STEP * bodies.surface(self.body))
+        thinner = self._coarse.body(self.erosion + WEAR_STEP)
+        return (self.coarse_body.volume - thinner.volume) / (WEAR_STEP * bodies.surface(self.coarse_body))
+
+    @cached_property
+    def _coarse(self) -> bodies.Sampling:
+        return bodies.Sampling(self.state, COARSER * self.spacing)
+
+    @cached_property
+    def _as_reconstructed(self) -> bodies.Sampling:
+        return bodies.Sampling(self.state, self.state.spacing)
 
     @cached_property
     def first_guess(self) -> dict[str, float]:

@@ -29,9 +29,8 @@ def summarise(opacity: Tensor, margin: int = 0) -> np.ndarray:
         [(..., 10), float64], in the order of :data:`KINDS`; NaN where less than four pixels are covered or the
         outline touches the border of the image, so that a part of it may be missing.
     """
-    opacity = opacity.double()
     height, width = opacity.shape[-2:]
-    columns, rows = opacity.sum(-2), opacity.sum(-1)
+    columns, rows = opacity.sum(-2).double(), opacity.sum(-1).double()
     area = rows.sum(-1)
     safe = area.clamp_min(1e-9)[..., None]
     across = torch.arange(width, dtype=torch.float64) + 0.5
@@ -39,7 +38,9 @@ def summarise(opacity: Tensor, margin: int = 0) -> np.ndarray:
     x, y = (columns / safe) @ across, (rows / safe) @ down
     xx = ((columns / safe) @ across.square() - x.square()).clamp_min(0.0).sqrt()
     yy = ((rows / safe) @ down.square() - y.square()).clamp_min(0.0).sqrt()
-    xy = torch.einsum("...hw,h,w->...", opacity, down, across) / safe[..., 0] - x * y
+    right_of, below = across - width / 2, down - height / 2  # about the middle, so that single precision is enough
+    mixed = (opacity @ right_of.to(opacity)).double() @ below / safe[..., 0]
+    xy = mixed - (x - width / 2) * (y - height / 2)
     left, right = _tail(columns), width - _tail(columns.flip(-1))
     top, bottom = _tail(rows), height - _tail(rows.flip(-1))
     skew = xy / (xx + yy).clamp_min(1e-9)

@@ -166,9 +166,9 @@ class StudyProblem(Problem):
         models = [part.recording.model(part.effects, part.known, body) for part in self.parts(effects, known)]
         return self._model(models, effects)
 
-    def coarse_model(self, effects: Sequence[Effect], known: dict[str, float], coarser: float) -> Model:
+    def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
         parts = self.parts(effects, known)
-        models = [part.recording.coarse_model(part.effects, part.known, coarser) for part in parts]
+        models = [part.recording.coarse_model(part.effects, part.known) for part in parts]
         return self._model(models, effects)
 
     @property

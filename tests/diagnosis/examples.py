@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.calibration import Calibration
 from pacnerf_lpo.inference.checks import Check
 from pacnerf_lpo.inference.evidence import Score
@@ -33,7 +35,14 @@ def calibration(threshold: float = 6.0, **scales: float) -> Calibration:
 def screening(outside: tuple[str, ...] = (), **factors: float) -> Screening:
     scores = [score(name, factor) for name, factor in sorted(factors.items(), key=lambda entry: -entry[1])]
     found = [calibration(**dict.fromkeys(factors, 1.2))] + ([calibration()] if outside else [])
-    return Screening(scores, found, list(outside), np.eye(len(scores)), 7)
+    return Screening(scores, found, list(outside), np.eye(len(scores)))
+
+
+def screened(
+    problem: Problem, effects: Sequence[Effect], comparison: Comparison, candidates: Sequence[Candidate]
+) -> Screening:
+    """All hypotheses at a fitted model, probed and judged."""
+    return judge(problem, comparison, probe(problem, effects, comparison, candidates, lambda _: None))
 
 
 def refit(name: str, **changes: Any) -> Refit:

@@ -12,7 +12,6 @@ from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import compare
 from pacnerf_lpo.diagnosis.refitting import refit
-from pacnerf_lpo.diagnosis.screening import screen
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
 from pacnerf_lpo.identification.problem import Problem, relative
@@ -21,6 +20,7 @@ from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import Video
+from tests.diagnosis.examples import screened
 
 FRAMES, SIZE, SPACING, RADIUS, PIXEL = 10, 24, 0.08, 0.15, 0.01
 TIMES = np.arange(FRAMES) / 24
@@ -100,7 +100,7 @@ def test_tracks_alone_name_the_drag_and_give_its_coefficient(small_threads):
     comparison = compare(problem, (), problem.first_guess, (5, 1), False, lambda _: None)
     wanted = ("LinearDrag", "UniformForce", "InitialSpin", "GravityMagnitude")
     candidates = [c for c in whole_catalogue(problem.physics.material, (0, 1, 2), ()) if c.name in wanted]
-    screening = screen(problem, (), comparison, candidates, lambda _: None)
+    screening = screened(problem, (), comparison, candidates)
     drag = screening.score("LinearDrag")
     assert drag is not None and screening.p_value("LinearDrag", drag.log_bayes_factor) < LEVEL
     chosen = next(c for c in candidates if c.name == "LinearDrag")

@@ -7,8 +7,8 @@ import numpy as np
 from pacnerf_lpo.diagnosis import comparison as comparison_module
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import compare
-from pacnerf_lpo.diagnosis.screening import screen
 from pacnerf_lpo.identification.processes import processes
+from tests.diagnosis.examples import screened
 from tests.diagnosis.test_points import GUESS, Ball, points, tracked
 
 FORCES = ("LinearDrag", "UniformForce", "GravityMagnitude")
@@ -19,16 +19,16 @@ def test_a_diagnosis_is_the_same(small_threads, monkeypatch):
     problem = Ball(points(tracked(), None))
     no_force = np.zeros((*problem.usable.shape, 1))  # saves 120 simulations
     monkeypatch.setattr(comparison_module, "force_changes", lambda *_: no_force)
-    screened = []
+    found = []
     for jobs in (1, 2):
         with processes(jobs):
             comparison = compare(problem, (), GUESS, (4, 1), False, lambda _: None)
             catalogue = whole_catalogue(problem.physics.material, problem.video.view_ids, ())
             candidates = [candidate for candidate in catalogue if candidate.name in FORCES]
-            screened.append((comparison, screen(problem, (), comparison, candidates, lambda _: None)))
-    (alone, ranking), (together, same) = screened
+            found.append((comparison, screened(problem, (), comparison, candidates)))
+    (alone, ranking), (together, same) = found
     np.testing.assert_allclose(together.free, alone.free, rtol=1e-5)
     np.testing.assert_allclose(together.replicates, alone.replicates, atol=1e-5)
     assert [score.name for score in same.scores] == [score.name for score in ranking.scores]
-    factors = [[s.log_bayes_factor for s in found.scores] for found in (same, ranking)]
+    factors = [[s.log_bayes_factor for s in one.scores] for one in (same, ranking)]
     np.testing.assert_allclose(*factors, rtol=1e-3, atol=1e-3)

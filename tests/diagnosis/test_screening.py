@@ -10,7 +10,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import FORCE, screen, usual_fault
+from pacnerf_lpo.diagnosis.screening import FORCE, usual_fault
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.inference.decision import LEVEL
@@ -18,7 +18,7 @@ from pacnerf_lpo.mpm.effects import LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.render.camera_faults import CameraShift
 from tests.diagnosis import falling
-from tests.diagnosis.examples import score
+from tests.diagnosis.examples import score, screened
 
 DRAG = 2.0
 BOTH = [falling.candidate(name) for name in ("LinearDrag", "UniformForce")]
@@ -46,7 +46,7 @@ def fitted(stable) -> tuple[falling.Falling, Comparison]:
 
 def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):
     problem, comparison = fitted
-    found = screen(problem, (), comparison, [*BOTH, HELD], lambda _: None)
+    found = screened(problem, (), comparison, [*BOTH, HELD])
     best = next(one for one in found.scores if one.name != FORCE)
     assert best.name == "LinearDrag" and found.p_value(best.name, best.log_bayes_factor) < LEVEL
     assert abs(best.coefficient[0] - DRAG) < 3 * best.error[0]
@@ -58,8 +58,8 @@ def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):
     # a fault of the held-out camera is a family of its own, and p-values count both
     assert found.outside == ["CameraShift@2"] and len(found.calibrations) == 2
     inside = found.calibrations[0].p_value(best.log_bayes_factor)
-    assert found.p_value("LinearDrag", best.log_bayes_factor) == pytest.approx(2 * inside)
-    assert found.calibrations[0].level == LEVEL / 2
+    assert found.p_value("LinearDrag", best.log_bayes_factor) == pytest.approx(2 * inside - inside**2)
+    assert found.calibrations[0].level == pytest.approx(1 - (1 - LEVEL) ** 0.5)
     shift = found.score("CameraShift@2")
     assert shift is not None and found.p_value(shift.name, shift.log_bayes_factor) > LEVEL
 
@@ -67,7 +67,7 @@ def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):
 def test_an_unstable_probe_is_left_out_and_so_is_a_candidate_without_any(fitted, monkeypatch, small_threads):
     problem, comparison = fitted
     falling.install(monkeypatch, lambda model, _: "drag" in model.names)
-    found = screen(problem, (), comparison, BOTH, lambda _: None)
+    found = screened(problem, (), comparison, BOTH)
     assert found.score("LinearDrag") is None and found.score("UniformForce") is not None
     assert found.scale("LinearDrag") == found.usual_scale
     assert refit(problem, (), comparison, BOTH[0], found, lambda _: None) is None
@@ -77,7 +77,7 @@ def test_a_fitted_model_that_is_unstable_cannot_be_screened(fitted, monkeypatch,
     problem, comparison = fitted
     falling.install(monkeypatch, lambda *_: True)
     with pytest.raises(SimulationError):
-        screen(problem, (), comparison, BOTH, lambda _: None)
+        screened(problem, (), comparison, BOTH)
 
 
 def test_an_effect_is_superfluous_only_where_its_coefficient_is_at_its_null(fitted, small_threads):
@@ -85,7 +85,7 @@ def test_an_effect_is_superfluous_only_where_its_coefficient_is_at_its_null(fitt
     problem, _ = fitted
     effects = LinearDrag(1.5), UniformForce()
     comparison = compared(problem, effects)
-    screening = screen(problem, effects, comparison, [], lambda _: None)
+    screening = screened(problem, effects, comparison, [])
     told = intervals(problem, effects, comparison)
     found = Round(effects, comparison, *comparison.checks(problem), *told, [], screening=screening)
     assert superfluous(problem, found) == [effects[1]]

@@ -46,23 +46,25 @@ def radius(body: Body) -> float:
 
 
 def test_the_surface_of_a_ball_is_that_of_its_volume(ball):
-    assert surface(ball.body) == pytest.approx(4 * np.pi * radius(ball.body) ** 2, rel=0.1)
+    assert surface(ball.coarse_body) == pytest.approx(4 * np.pi * radius(ball.coarse_body) ** 2, rel=0.1)
 
 
 def test_a_thinned_body_has_lost_a_layer(ball):
     """5 and 10 mm of 20 cm. The surface of the resampled body is known to a tenth; the layer, to a sixth."""
     for offset in (0.005, 0.01):
         thinner = ball.thinned(lambda points, offset=offset: offset + 0 * points[:, 0])
-        assert radius(ball.body) - radius(thinner) == pytest.approx(offset, rel=1 / 6)
+        assert radius(ball.coarse_body) - radius(thinner) == pytest.approx(offset, rel=1 / 6)
     leaning = ball.thinned(lambda points: 0.01 * points[:, 0].sign())
     right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
-    cut = (ball.body.positions[:, 0] > 0, right), (ball.body.positions[:, 0] < 0, left)
-    (before, after), (other, grown) = ((ball.body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut)
+    cut = (ball.coarse_body.positions[:, 0] > 0, right), (ball.coarse_body.positions[:, 0] < 0, left)
+    (before, after), (other, grown) = (
+        (ball.coarse_body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut
+    )
     assert after < 0.9 * before and grown > 1.1 * other
 
 
 def test_polynomials_have_mean_0_and_mean_square_1(ball):
-    positions = ball.body.positions
+    positions = ball.coarse_body.positions
     linear, quadratic = polynomials(positions, positions)
     assert (len(linear), len(quadratic)) == (3, 6)
     for field in (*linear, *quadratic):
@@ -77,14 +79,14 @@ def correlation(one: Tensor, other: Tensor) -> float:
 
 
 def test_displacements_are_together_as_large_as_the_shape_may_be_wrong(ball):
-    moved = [body for body in bodies(ball) if body.fraction is ball.body.fraction]
-    squares = torch.stack([(body.positions - ball.body.positions).square().sum(1) for body in moved])
+    moved = [body for body in bodies(ball) if body.fraction is ball.coarse_body.fraction]
+    squares = torch.stack([(body.positions - ball.coarse_body.positions).square().sum(1) for body in moved])
     assert len(moved) == 24
     assert float(squares.mean(1).sum().sqrt()) == pytest.approx(SIGMA, rel=1e-3)
 
 
 def test_places_lie_apart_and_leave_nothing_far_away(ball):
-    positions = ball.body.positions
+    positions = ball.coarse_body.positions
     places, reach = spread(positions, PLACES)
     apart = torch.cdist(places, places) + torch.eye(PLACES)
     distances = torch.cdist(positions, places).amin(1)
@@ -95,25 +97,27 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
 
 def test_dents_take_matter_away_in_one_place(ball):
     """Each a part of what a thin layer takes away everywhere, and nothing on the other side."""
-    places = spread(ball.body.positions, PLACES)[0]
-    thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.body.positions)]
+    places = spread(ball.coarse_body.positions, PLACES)[0]
+    thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.coarse_body.positions)]
     assert len(thinner) == 10 + PLACES
-    lost = np.array([ball.body.volume - body.volume for body in thinner])
-    assert lost[0] == pytest.approx(SIGMA * surface(ball.body), rel=1 / 6)
+    lost = np.array([ball.coarse_body.volume - body.volume for body in thinner])
+    assert lost[0] == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
     dents = slice(10, None)
     assert (lost[dents] > 0).all() and (lost[dents] < 0.5 * DENT * lost[0]).all()
     outer = int(places.norm(dim=1).argmax())
-    opposite = ball.body.positions @ places[outer] < 0
+    opposite = ball.coarse_body.positions @ places[outer] < 0
     dented = thinner[dents][outer]
     far = dented.positions @ places[outer] < 0
-    assert float(dented.fraction[far].sum()) == pytest.approx(float(ball.body.fraction[opposite].sum()), rel=5e-3)
+    assert float(dented.fraction[far].sum()) == pytest.approx(
+        float(ball.coarse_body.fraction[opposite].sum()), rel=5e-3
+    )
 
 
 def test_matter_is_denser_here_than_there(ball):
-    denser = [body for body in bodies(ball) if body.positions is ball.body.positions]
-    ratios = torch.stack([body.fraction / ball.body.fraction for body in denser])
+    denser = [body for body in bodies(ball) if body.positions is ball.coarse_body.positions]
+    ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
-    assert correlation(ratios[3], ball.body.positions.square().sum(1)) > 0.99
+    assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
 
 
 def bodies(problem: StateProblem) -> Iterator[Body]:

@@ -13,22 +13,24 @@ import pytest
 
 from pacnerf_lpo.diagnosis import store
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
+from pacnerf_lpo.diagnosis.screening import Probes
 from pacnerf_lpo.diagnosis.store import RECORDS, Store, packed, read
 from pacnerf_lpo.inference.force_law import Law, Term
+from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.intervals import Interval, Profile
-from tests.diagnosis.examples import calibration, comparison, refit, score, screening
+from tests.diagnosis.examples import comparison, refit
 
 TERM = Term("-v", 1.5, "1/s", 1.4, 1.6, 1.0, 0.9)
+HYPOTHESIS = Hypothesis("LinearDrag", (np.ones((3, 1)), np.zeros((3, 1))), (np.array([2.0]), np.array([0.5])), True)
 EXAMPLES = [
-    calibration(LinearDrag=1.5),
     comparison(),
     Interval("E", 1e5, 9e4, np.inf, 5e3, False),
     Law([TERM], 0.8),
     Profile(1.0, 2.0, False, True, [(1.0, 2.5), (1.5, 2.0)]),
     refit("CameraShift@3"),
     ResidualForce(np.arange(3.0), np.ones((3, 3)), np.ones((3, 4, 3)), Law([TERM], 0.8), 0.7),
-    score("LinearDrag", 3.0),
-    screening(("CameraShift@3",), LinearDrag=3.0),
+    HYPOTHESIS,
+    Probes([HYPOTHESIS], [], 7),
     TERM,
 ]
 

@@ -19,9 +19,9 @@ DECIDING = {
 NUMERICAL = {
     "inference/calibration.py": {"DRAWS", "TAIL_DRAWS"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
-    "diagnosis/comparison.py": {"BENT", "WHITENED_ITERATIONS"},
-    "diagnosis/screening.py": {"LEAST_CHANGE", "MEDIAN_DEVIATE"},
-    "diagnosis/refitting.py": {"ITERATIONS", "GIVE_UP"},
+    "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
+    "diagnosis/screening.py": {"LEAST_CHANGE", "MEDIAN_DEVIATE", "CERTAIN"},
+    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "GIVE_UP"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
 the time it takes, and the last digits.
