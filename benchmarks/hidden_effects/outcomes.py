@@ -6,10 +6,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from benchmarks.hidden_effects.full import reconstructed_from
 from benchmarks.hidden_effects.known_shape import TRUTH
-from benchmarks.hidden_effects.run import EFFORT, FAILURE
+from benchmarks.hidden_effects.run import EFFORT, FAILURE, SIMPLER
 from pacnerf_lpo.diagnosis.store import FOLDER
 from pacnerf_lpo.report.diagnosis_result import RESULT
 
@@ -35,6 +36,7 @@ class Outcome:
     beyond: of an effect outside the catalogue, the signal-to-noise ratio that its best imitation leaves; None: not
         measured.
     seconds: of processor time.
+    simpler: kind of the verdict and named effects by other rules, see :mod:`.simpler`; where the shape is known.
     """
 
     seed: int
@@ -52,11 +54,19 @@ class Outcome:
     hidden: tuple[str, ...] = ()
     beyond: float | None = None
     seconds: float = 0.0
+    simpler: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
         """Whether the diagnosis ended with an error."""
         return self.kind == "failed"
+
+    def said_by(self, rule: str | None) -> tuple[str, list[str]]:
+        """Kind of the verdict and named effects, by another rule; None: by the diagnosis."""
+        if rule is None:
+            return self.kind, list(self.named)
+        said = self.simpler[rule]
+        return said["kind"], said["effects"]
 
     def found(self, name: str) -> bool:
         """Whether an effect is in one of the classes that were named."""
@@ -104,6 +114,7 @@ def outcome(scene: Path) -> Outcome | None:
         hidden=tuple(name for name in moved if name in table),
         beyond=None if beyond is None else round(beyond, 1),
         seconds=round(json.loads((scene / EFFORT).read_text())["cpu_seconds"]),
+        simpler=json.loads((scene / SIMPLER).read_text()) if (scene / SIMPLER).is_file() else {},
     )
 
 

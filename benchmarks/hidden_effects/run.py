@@ -18,7 +18,7 @@ from pathlib import Path
 import joblib
 import torch
 
-from benchmarks.hidden_effects import full
+from benchmarks.hidden_effects import full, simpler
 from benchmarks.hidden_effects.known_shape import SETTING, VIDEO, KnownShape
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
 from pacnerf_lpo.diagnosis.store import FOLDER, SCHEMA, Store
@@ -26,7 +26,7 @@ from pacnerf_lpo.errors import RunError, SimulationError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
 
-EFFORT, FAILURE = "effort.json", "failure.txt"
+EFFORT, FAILURE, SIMPLER = "effort.json", "failure.txt", "simpler.json"
 FAST = Options(effects=2)
 
 
@@ -50,7 +50,8 @@ def diagnose_scene(scene: Path, options: Options = FAST) -> str:
             fingerprint = hashlib.sha256((scene / SETTING).read_bytes() + (scene / VIDEO).read_bytes()).digest()
             with open(scene / full.LOG, "a", buffering=1) as log:
                 store = Store(folder, fingerprint, asdict(options))
-                investigate(problem, store, options, partial(print, file=log), partial(write, problem, folder))
+                rounds = investigate(problem, store, options, partial(print, file=log), partial(write, problem, folder))
+            write_atomically(scene / SIMPLER, json.dumps(simpler.verdicts(problem, rounds)).encode())
     except (RunError, SimulationError) as error:
         (scene / FAILURE).write_text(f"{error}\n")
         return f"{scene.name}: failed ({error})"

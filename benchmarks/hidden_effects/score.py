@@ -121,6 +121,19 @@ FAMILIES: tuple[tuple[str, Group, Callable[[Sequence[Outcome]], list[Row]]], ...
 )
 
 
+Right = Callable[[Outcome, str, list[str]], bool]
+ONE: list[tuple[str, Right]] = [
+    ("named, and nothing else", lambda o, _, named: tuple(named) == o.truth),
+    ("something else named", lambda o, _, named: bool(set(named) - set(o.truth))),
+]
+RIGHT: dict[Callable, list[tuple[str, Right]]] = {
+    single: ONE,
+    pair: [("both named, and nothing else", lambda o, _, named: sorted(named) == sorted(o.truth)), ONE[1]],
+    null: [("anything but *nothing is missing*", lambda _, kind, __: kind != "nothing")],
+    outside: [("*none of the known effects*", lambda _, kind, __: kind == "unknown")],
+}
+
+
 def tables(outcomes: Sequence[Outcome]) -> list[str]:
     """One for each family, and one of the coverage."""
     lines: list[str] = []
@@ -136,6 +149,30 @@ def tables(outcomes: Sequence[Outcome]) -> list[str]:
         )
     ]
     return lines + table("Covered by 90 % intervals", parts)
+
+
+def beside(outcomes: Sequence[Outcome]) -> list[str]:
+    """The diagnosis beside simpler rules, on the scenes that have both."""
+    both = [o for o in outcomes if o.simpler]
+    if not both:
+        return []
+    rules = [None, *both[0].simpler]
+    lines = [
+        "### Beside simpler rules",
+        "",
+        "Exact names only, for no other rule has classes. The other rules are in benchmarks/hidden_effects/simpler.py.",
+        "",
+        f"| what | {' | '.join(rule or 'this diagnosis' for rule in rules)} |",
+        f"|{'---|' * (len(rules) + 1)}",
+    ]
+    for title, belongs, rows in FAMILIES:
+        group = [o for o in both if belongs(o)]
+        if not group:
+            continue
+        for what, right in RIGHT[rows]:
+            cells = [share([right(o, *o.said_by(rule)) for o in group]) for rule in rules]
+            lines.append(f"| {title}: {what} | {' | '.join(cells)} |")
+    return [*lines, ""]
 
 
 def scene_table(outcomes: Sequence[Outcome]) -> list[str]:
@@ -172,7 +209,7 @@ def page(outcomes: Sequence[Outcome], command: str, note: str) -> str:
     ):
         part = [o for o in outcomes if o.views == views]
         if part:
-            lines += ["", f"## {title}: {len(part)} scenes", "", *tables(part)]
+            lines += ["", f"## {title}: {len(part)} scenes", "", *tables(part), *beside(part)]
             lines += ["<details><summary>Every scene</summary>", "", *scene_table(part), "", "</details>"]
     return "\n".join(lines) + "\n"
 

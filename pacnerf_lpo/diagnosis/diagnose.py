@@ -21,7 +21,7 @@ from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Probes, Screening, judge, probe
+from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -204,7 +204,7 @@ def _round(
     with _timed(effort, "screen") as spent:
         told = _prefixed(progress, "screen: ")
         look = partial(probe, problem, effects, comparison, found.candidates, told)
-        probes: Probes = store.once(f"{number}_probe", look)
+        found.probes = probes = store.once(f"{number}_probe", look)
         found.screening = screening = judge(problem, comparison, probes)
         spent(probes.simulated)
     if options.until == "screen":

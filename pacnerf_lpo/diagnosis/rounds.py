@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
-from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Screening
+from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Probes, Screening
 from pacnerf_lpo.inference.checks import Check
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.intervals import Interval
@@ -32,6 +32,7 @@ class Round:
     undetermined: what the recording does not determine, in words.
     phases: of the motion, by recording and frame.
     candidates: effects that were screened.
+    probes: of the candidates; None if the diagnosis stopped before.
     screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
@@ -52,6 +53,7 @@ class Round:
     undetermined: list[str]
     phases: list[list[str]]
     candidates: list[Candidate] = field(default_factory=list)
+    probes: Probes | None = None
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
