@@ -28,7 +28,7 @@ class Outcome:
     named: effects that the verdict names, in order.
     classes: for each of them, the names that the recording does not tell apart from it, itself first.
     ranking: first names of the first round: its refits by log Bayes factor, then its other candidates by theirs.
-    p_value: smallest of the first round: of refits, candidates, and the unknown force and wrong shape.
+    p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
     rest: whether the verdict says that what is left is more than the model predicts.
     covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
         that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
@@ -126,7 +126,9 @@ def _ranking(first: dict) -> tuple[str, ...]:
 
 def _smallest(first: dict) -> float | None:
     screen = first["screen"] or {"candidates": [], "discrepancies": {}}
-    entries = [*first["refits"], *screen["candidates"], *screen["discrepancies"].values()]
+    again = {entry["name"] for entry in first["refits"]}
+    others = [entry for entry in screen["candidates"] if entry["name"] not in again]
+    entries = [*first["refits"], *others, *screen["discrepancies"].values()]
     return min((float(f"{entry['p_value']:.3g}") for entry in entries), default=None)
 
 

@@ -20,7 +20,7 @@ from pacnerf_lpo.identification.problem import relative
 from pacnerf_lpo.mpm.effects.base import Effect
 
 TRIALS = 7
-ITERATIONS, IMITATING_ITERATIONS = 4, 10
+ITERATIONS = 12
 WITHIN = 0.1
 """Strengths are found to a tenth of the wanted signal-to-noise ratio."""
 LONGEST_STEP = 8.0
@@ -132,7 +132,7 @@ class Ruler:
                 model = self.problem.model([candidate.effect], {**self.true, **start})
                 residual = self._left(seen, model, "motion")
                 begin = model.start if candidate.discrete else _linear(model, residual)
-                settings = model.scales, model.bounds, IMITATING_ITERATIONS
+                settings = model.scales, model.bounds, ITERATIONS
                 found = fit_or_none(residual, begin, *settings, abort_above=GIVE_UP * best)
                 if found is not None:
                     best = min(best, found.cost)

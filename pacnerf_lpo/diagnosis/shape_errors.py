@@ -1,7 +1,7 @@
-"""What the residual does where the reconstructed body is wrong: directions of the noise, beside what twins have shown.
+"""What the residual does where the reconstructed body is wrong: directions of the noise, beside what replicates show.
 
-A few twins show the size of such errors, but hardly any of their directions. So each of some smooth errors of the shape
-and of the matter moves once, by as much as it may be wrong.
+A few replicates show the size of such errors, but hardly any of their directions. So each of some smooth errors of the
+shape and of the matter moves once, by as much as it may be wrong.
 """
 
 from __future__ import annotations
