@@ -20,7 +20,8 @@ from pacnerf_lpo.identification.problem import relative
 from pacnerf_lpo.mpm.effects.base import Effect
 
 TRIALS = 7
-ITERATIONS = 12
+ITERATIONS, FIRST_ITERATIONS = 12, 4
+"""Of a refit: until nothing is gained, and while a strength is sought."""
 WITHIN = 0.1
 """Strengths are found to a tenth of the wanted signal-to-noise ratio."""
 LONGEST_STEP = 8.0
@@ -72,7 +73,7 @@ class Ruler:
         }
         self.noises = {key: noise_of(problem, found, mask) for key, mask in self.masks.items()}
 
-    def snr(self, effect: Effect, values: dict[str, float]) -> float:
+    def snr(self, effect: Effect, values: dict[str, float], iterations: int = ITERATIONS) -> float:
         """What an effect leaves in noise-free data after material and velocity were refitted without it, in units of
         the noise; infinite where the motion is unstable. The refit matters: a lower stiffness imitates much softening.
         """
@@ -83,7 +84,7 @@ class Ruler:
         view = getattr(effect, "view", None)
         key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
         left, model = self._left(seen, self.model, key), self.model
-        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, ITERATIONS).cost))
+        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, iterations).cost))
 
     def sized_beyond(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
         """The point on a course of values where the best imitation by a known effect leaves the wanted signal-to-noise
@@ -153,9 +154,12 @@ class Ruler:
         """The point on a course of values (from weak to strong) with a signal-to-noise ratio within a tenth of the
         wanted one; None where there is none.
         """
-        low, high, strength = RANGE[0], RANGE[1], 1.0
+        (low, high), strength, iterations = RANGE, 1.0, FIRST_ITERATIONS
         for _ in range(TRIALS):
-            snr = self.snr(effect, course(strength))
+            snr = self.snr(effect, course(strength), iterations)
+            if abs(snr / wanted - 1) < WITHIN and iterations == FIRST_ITERATIONS:
+                (low, high), iterations = RANGE, ITERATIONS
+                snr = self.snr(effect, course(strength))
             if abs(snr / wanted - 1) < WITHIN:
                 return Sized(course(strength), strength, snr)
             if snr > wanted:
