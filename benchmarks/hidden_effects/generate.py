@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import get_args
 
 import joblib
 import numpy as np
@@ -16,7 +17,7 @@ import torch
 from benchmarks.hidden_effects import full, outside
 from benchmarks.hidden_effects.film import film
 from benchmarks.hidden_effects.known_shape import SETTING, TRUTH, VIDEO
-from benchmarks.hidden_effects.plan import Plan, plan
+from benchmarks.hidden_effects.plan import Family, Plan, plan
 from benchmarks.hidden_effects.setting import FAST, FULL, Setting, Size, draw_setting
 from benchmarks.hidden_effects.strength import Ruler, Sized, course_of
 from pacnerf_lpo.diagnosis.catalogue import known_classes, name_of
@@ -120,7 +121,7 @@ def _at(effect: Effect, values: dict[str, float]) -> Effect:
     return type(effect)(**own)
 
 
-def generate_all(folder: Path, seeds: range, jobs: int, size: Size = FAST) -> Iterator[str]:
+def generate_all(folder: Path, seeds: Sequence[int], jobs: int, size: Size = FAST) -> Iterator[str]:
     """A line for every scene."""
     yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
         joblib.delayed(_line)(folder, seed, size) for seed in seeds
@@ -141,11 +142,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--first", type=int, default=1000, help="seed; below 1000: development, from 1000: scored")
     parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--family", choices=get_args(Family), help="only scenes of this family; without it, all")
     parser.add_argument("--full", choices=FULL, help="videos to reconstruct from so many views; no camera faults")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
-    seeds, size = range(options.first, options.first + options.count), FULL.get(options.full, FAST)
-    for line in generate_all(options.folder, seeds, options.jobs, size):
+    wanted = range(options.first, options.first + options.count)
+    seeds = [seed for seed in wanted if options.family in (None, plan(seed).family)]
+    for line in generate_all(options.folder, seeds, options.jobs, FULL.get(options.full, FAST)):
         print(line, flush=True)
 
 
