@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -26,7 +24,7 @@ from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
-from pacnerf_lpo.inference.decision import LEVEL, best, indistinguishable, log_odds, worth_refitting
+from pacnerf_lpo.inference.decision import LEVEL, best, explains_most, indistinguishable, log_odds, worth_refitting
 from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
@@ -180,13 +178,9 @@ def _round(
     progress: Callable[[str], None],
 ) -> Round:
     number, latest = len(before) + 1, (before[-1].effects, before[-1].comparison) if before else None
-    effort: dict[str, dict[str, float]] = {}
-    with _timed(effort, "compare") as spent:
-        told = _prefixed(progress, "compare: ")
-        settings = options.replicates, options.seed
-        step = partial(compare, problem, effects, known, settings, not before, told, latest)
-        comparison: Comparison = store.once(f"{number}_compare", step)
-        spent(comparison.rollouts)
+    settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
+    step = partial(compare, problem, effects, known, settings, not before, told, latest)
+    comparison: Comparison = store.once(f"{number}_compare", step)
     parameters, undetermined = intervals(problem, effects, comparison)
     found = Round(
         effects,
@@ -195,23 +189,21 @@ def _round(
         parameters,
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
-        effort=effort,
     )
+    found.effort["compare"] = _effort(store, [f"{number}_compare"], comparison.rollouts)
     if options.until in ("compare", "localise"):
         return found
     if number <= options.effects:
         found.candidates = candidates_for(problem, options, effects)
-    with _timed(effort, "screen") as spent:
-        told = _prefixed(progress, "screen: ")
-        look = partial(probe, problem, effects, comparison, found.candidates, told)
-        found.probes = probes = store.once(f"{number}_probe", look)
-        found.screening = screening = judge(problem, comparison, probes)
-        spent(probes.simulated)
+    look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
+    found.probes = probes = store.once(f"{number}_probe", look)
+    found.screening = screening = judge(problem, comparison, probes)
+    found.effort["screen"] = _effort(store, [f"{number}_probe"], probes.simulated)
     if options.until == "screen":
         return found
-    with _timed(effort, "refit") as spent:
-        found.refits, simulated = _refits(problem, store, number, found, screening, progress)
-        spent(simulated)
+    found.refits, simulated = _refits(problem, store, number, found, screening, progress)
+    tried = [name for name in store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
+    found.effort["refit"] = _effort(store, tried, simulated)
     found.finished = True
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
@@ -230,7 +222,8 @@ def _refits(
 ) -> tuple[list[Refit], int]:
     """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
     while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model
-    without them has gone far from what was expected, by a search of their own parameter space, too.
+    without them has gone far from what was expected and no effect explains the most of it, by a search of their own
+    parameter space, too.
     """
     refits: list[Refit] = []
     simulated = [0]
@@ -249,6 +242,7 @@ def _refits(
         if before is None or again.log_bayes_factor > before.log_bayes_factor:
             refits[:] = [other for other in refits if other is not before] + [again]
 
+    size = int(problem.fitted.sum())
     nonlocal_ = [c for c in found.candidates if c.discrete and not c.observes]
     scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name not in (FORCE, SHAPE)}
     by_name = {candidate.name: candidate for candidate in found.candidates}
@@ -257,7 +251,9 @@ def _refits(
     for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
             known = any(again.name == candidate.name for again in refits)
-            if more_than_noise(found, refits, int(problem.fitted.sum())) and (searched or not known):
+            least = min((again.cost for again in refits if again.p_value < LEVEL), default=np.inf)
+            wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
+            if wanted and more_than_noise(found, refits, size):
                 attempt(candidate, searched)
     return refits, simulated[0]
 
@@ -275,12 +271,9 @@ def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
     return found.check.p_value < LEVEL and least > size
 
 
-@contextmanager
-def _timed(effort: dict[str, dict[str, float]], name: str) -> Iterator[Callable[[float], None]]:
-    """Keep the seconds of a step, and the simulations that it says it took."""
-    began, simulated = time.monotonic(), [0.0]
-    yield lambda count: simulated.__setitem__(0, count)
-    effort[name] = {"seconds": round(time.monotonic() - began, 1), "simulations": simulated[0]}
+def _effort(store: Store, steps: Sequence[str], simulated: float) -> dict[str, float]:
+    """Seconds of some steps together, and the number of their simulations."""
+    return {"seconds": round(sum(store.seconds[name] for name in steps), 1), "simulations": simulated}
 
 
 def _prefixed(progress: Callable[[str], None], prefix: str) -> Callable[[str], None]:

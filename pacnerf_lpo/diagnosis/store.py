@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import io
 import json
+import time
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -27,7 +28,7 @@ from pacnerf_lpo.inference.intervals import Interval, Profile
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
-SCHEMA = 2
+SCHEMA = 3
 """Number of the algorithm: to be raised with any change that makes other results of the same inputs."""
 RECORDS = {
     kind.__name__: kind for kind in (Comparison, Hypothesis, Interval, Law, Probes, Profile, Refit, ResidualForce, Term)
@@ -54,10 +55,13 @@ class Store:
         folder: where they lie.
         problem: bytes that tell what is under diagnosis.
         options: of the diagnosis.
+
+    Attributes:
+        seconds: that every step took, by its name, whether that was now or in an earlier run.
     """
 
     def __init__(self, folder: Path, problem: bytes, options: dict):
-        self.folder = folder
+        self.folder, self.seconds = folder, dict[str, float]()
         self.key = hashlib.sha256(problem + json.dumps([options, SCHEMA]).encode()).hexdigest()[:16]
 
     def once(self, name: str, step: Callable[[], Result]) -> Result:
@@ -67,12 +71,16 @@ class Store:
         path = self.folder / "steps" / f"{self.key}_{name}.npz"
         if path.is_file():
             try:
-                return read(path)
+                found = read(path)
+                self.seconds[name] = float(found["seconds"])
+                return found["result"]
             except DAMAGED:
                 path.unlink()
+        began = time.monotonic()
         result = step()
+        self.seconds[name] = time.monotonic() - began
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, packed(result))
+        write_atomically(path, packed({"seconds": self.seconds[name], "result": result}))
         return result
 
 

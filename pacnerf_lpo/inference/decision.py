@@ -12,11 +12,12 @@ LEVEL = 0.01
 weak one that is not found, of which the report says how large it could be."""
 DECISIVE = float(np.log(20.0))
 """Hypotheses whose log odds are within this are not told apart: odds of twenty to one (Kass and Raftery 1995)."""
-
-
 LINEAR = 0.7
 """A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends,
 and a straight line misses up to a third of what it explains."""
+LEFT = 0.5
+"""Part of what a model leaves beyond noise: an effect that leaves less explains most of it, and is taken into the model
+before others are searched for, which costs as much as a round."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,16 @@ def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
 
 def _half_log_volume(changes: np.ndarray) -> float:
     return 0.5 * float(np.linalg.slogdet(np.eye(changes.shape[1]) + changes.T @ changes)[1])
+
+
+def explains_most(cost_without: float, cost: float, size: int) -> bool:
+    """Whether a hypothesis removes most of what the model without it leaves beyond noise.
+
+    Args:
+        cost_without, cost: |y|^2 without and with it, infinite where there is none
+        size: D, number of data, and so the cost of noise
+    """
+    return cost - size < LEFT * (cost_without - size)
 
 
 def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float) -> list[str]:

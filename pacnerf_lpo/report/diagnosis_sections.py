@@ -137,8 +137,6 @@ def _possible(value: float, low: float, high: float) -> tuple[float, float]:
     return (max(low, 0.0), max(high, 0.0)) if math.copysign(1.0, value) > 0 else (min(low, 0.0), min(high, 0.0))
 
 
-LOADED = 0.5
-"""A step with simulations that took no longer was resumed from its stored result [s]."""
 STEPS = {"compare": "compare (fit, null replicates)", "screen": "screen (one probe each)", "refit": "refit"}
 
 
@@ -148,9 +146,7 @@ def effort_table(result: Result) -> str:
     for number, done in enumerate(result["rounds"], 1):
         for step, spent in done["effort"].items():
             seconds, simulations = seconds + spent["seconds"], simulations + int(spent["simulations"])
-            stored = spent["simulations"] > 0 and spent["seconds"] < LOADED
-            time = "done in an earlier run" if stored else duration(spent["seconds"])
-            cells = f"<td>{time}</td><td>{spent['simulations']:.0f}</td>"
+            cells = f"<td>{duration(spent['seconds'])}</td><td>{spent['simulations']:.0f}</td>"
             rows.append(f"<tr><td>{number}</td><td>{text(STEPS.get(step, step))}</td>{cells}</tr>")
     rows.append(f'<tr class="strong"><td></td><td>all</td><td>{duration(seconds)}</td><td>{simulations}</td></tr>')
     return table(["round", "step", "time", "simulations"], rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import pickle
+import time
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,14 @@ def test_a_step_is_done_once_for_the_same_inputs_and_options(tmp_path: Path):
     assert len(done) == 4
 
 
+def test_the_seconds_of_a_step_are_those_of_the_run_that_did_it(tmp_path: Path):
+    first = Store(tmp_path, b"run", {})
+    first.once("1_compare", lambda: time.sleep(0.05))
+    again = Store(tmp_path, b"run", {})
+    again.once("1_compare", lambda: None)
+    assert again.seconds == first.seconds and 0.05 <= again.seconds["1_compare"] < 60
+
+
 def test_another_algorithm_does_not_take_over_what_this_one_has_found(tmp_path: Path, monkeypatch):
     before = Store(tmp_path, b"run", {}).key
     monkeypatch.setattr(store, "SCHEMA", store.SCHEMA + 1)
@@ -121,7 +130,7 @@ def test_a_damaged_file_is_made_again_and_a_pickle_never_loaded(what: str, tmp_p
     (path,) = (tmp_path / "steps").iterdir()
     path.write_bytes(damaged_files(evil)[what])
     assert made.once("1_screen", lambda: [2.0]) == [2.0]
-    assert read(path) == [2.0] and not evil.exists()
+    assert read(path)["result"] == [2.0] and not evil.exists()
 
 
 def test_no_single_wrong_byte_is_a_traceback(tmp_path: Path):

@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "pacnerf_lpo"
 DECIDING = {
-    "inference/decision.py": {"LEVEL", "DECISIVE", "LINEAR"},
+    "inference/decision.py": {"LEVEL", "DECISIVE", "LINEAR", "LEFT"},
     "inference/calibration.py": {"LENDING"},
     "inference/noise.py": {"WINDOW", "SHARING"},
     "diagnosis/comparison.py": {"FORCE"},

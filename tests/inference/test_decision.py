@@ -12,6 +12,7 @@ from pacnerf_lpo.inference.decision import (
     LINEAR,
     Contender,
     best,
+    explains_most,
     indistinguishable,
     log_bayes_factor,
     log_occam_factor,
@@ -76,6 +77,11 @@ def cost(changes: np.ndarray, y: np.ndarray) -> float:
     """|y - X b|^2 + |b|^2 at its least."""
     b = np.linalg.solve(changes.T @ changes + np.eye(changes.shape[1]), changes.T @ y)
     return float(np.sum((y - changes @ b) ** 2) + b @ b)
+
+
+def test_an_effect_explains_most_where_it_leaves_less_than_half_of_what_was_more_than_noise():
+    assert explains_most(1100.0, 590.0, 100) and not explains_most(1100.0, 610.0, 100)
+    assert not explains_most(1100.0, np.inf, 100)
 
 
 def test_the_occam_factor_and_the_costs_are_the_marginal_likelihood_of_a_linear_model():

@@ -191,9 +191,6 @@ def test_effort_is_summed_over_the_steps():
     text = sections.effort_table(example.missing())
     assert "<td>compare (fit, null replicates)</td><td>40 s</td><td>60</td>" in text
     assert "<td>all</td><td>90 s</td><td>100</td>" in text
-    result = example.missing()
-    result["rounds"][0]["effort"]["screen"]["seconds"] = 0.0
-    assert "<td>done in an earlier run</td><td>15</td>" in sections.effort_table(result)
 
 
 def test_a_parameter_at_its_bound_is_visible(tmp_path: Path):
