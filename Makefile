@@ -43,7 +43,7 @@ clean:
 	rm -rf .venv runs
 
 # the stamp is newer than what it was installed from, so an installation is not repeated
-$(INSTALLED): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[dev]'
 	touch $@

@@ -17,7 +17,6 @@
 
 # %%
 import html
-import os
 import tempfile
 from pathlib import Path
 
@@ -33,15 +32,13 @@ from pacnerf_lpo.evaluation.tables import markdown_table
 from pacnerf_lpo.report.residual_colours import comparison_panel
 from pacnerf_lpo.report.turntable import Orbit, turntable
 
-if not Path("configs").is_dir():
-    os.chdir("..")
 run_dir = Path(tempfile.mkdtemp()) / "quickstart"
 
 # %% [markdown]
 # ## Fit
 #
-# The same command as on a terminal, `pacnerf-lpo fit --config configs/fit.yaml --config configs/demo.yaml ...`: each
-# `--config` changes what it names, and single values can be set after them.
+# The same command as on a terminal, `pacnerf-lpo fit --config fit --config demo ...`: each `--config` changes what it
+# names, and single values can be set after them.
 
 # %%
 small = {
@@ -62,7 +59,7 @@ small = {
     "phases.correction.init_args.iterations": "5",
 }
 options = [word for key, value in small.items() for word in (f"--{key}", value)]
-configs = ["--config", "configs/fit.yaml", "--config", "configs/demo.yaml"]
+configs = ["--config", "fit", "--config", "demo"]
 status = main(["fit", *configs, *options, "--outer_loop.run_dir", str(run_dir)])
 assert status == 0
 

@@ -11,7 +11,7 @@ from pacnerf_lpo import __version__
 from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
 
-# command: (what it does, module with the function run); fit reads its own arguments, the others' are those of run
+# command: (what it does, module with the function run)
 COMMANDS = {
     "fit": ("identify geometry and material from a multi-view video", "pacnerf_lpo.commands.fit"),
     "evaluate": ("image metrics and parameter errors of a run", "pacnerf_lpo.commands.evaluate"),
@@ -22,7 +22,10 @@ COMMANDS = {
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
+    "configs": ("configurations that --config knows by name", "pacnerf_lpo.commands.configs"),
 }
+# their function run reads the command line itself; the arguments of the other commands are those of their run
+READING = ("fit", "configs")
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -64,14 +67,14 @@ def _dispatch(words: list[str]) -> int:
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
         raise UserInputError(f"there is no command {words[0]}; {hint}")
     module = import_module(COMMANDS[words[0]][1])
-    if words[0] != "fit":
+    if words[0] not in READING:
         return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
     return module.run(words[1:])
 
 
 def _help() -> str:
     commands = "\n".join(f"  {name:<12}{what}" for name, (what, _) in COMMANDS.items())
-    example = "pacnerf-lpo fit --config configs/fit.yaml --config configs/demo.yaml --outer_loop.run_dir runs/demo"
+    example = "pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo"
     return f"""usage: pacnerf-lpo COMMAND ...
 
 commands:

@@ -27,7 +27,7 @@ from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.callbacks.progress import PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
-from pacnerf_lpo.config_errors import HelpFormatter, cause_of, config_files, explain
+from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import runtime
@@ -44,7 +44,7 @@ NOT_CONFIGURABLE = {
 DESCRIPTION = """Identify geometry and material from a multi-view video.
 
 examples:
-  pacnerf-lpo fit --config configs/fit.yaml --config configs/demo.yaml --outer_loop.run_dir runs/demo
+  pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo
   pacnerf-lpo fit --resume runs/demo"""
 
 
@@ -89,8 +89,7 @@ class PhaseCLI(LightningCLI):
 
     def parse_arguments(self, parser: LightningArgumentParser, args: ArgsType) -> None:
         """Parse; a mistake becomes one line with the nearest right name."""
-        words = cast(list[str], args)
-        files = config_files(words)
+        words, files = find_configs(cast(list[str], args))
         try:
             self.config = parser.parse_args(words)
         except (ArgumentError, OmegaConfBaseException) as error:

@@ -17,6 +17,7 @@ import yaml
 from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.named_configs import find_config
 
 LISTED = 10
 """More classes than that are not listed where one is near enough to be meant."""
@@ -26,11 +27,15 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter, DefaultHelpFormatter):
     """Keeps the line breaks of a command's description, and with them its examples."""
 
 
-def config_files(args: Sequence[str]) -> list[Path]:
-    """The configuration files of a command line, each checked to be there and to be YAML."""
-    names = [value for option, value in itertools.pairwise(args) if option in ("--config", "-c")]
-    names += [option.partition("=")[2] for option in args if option.startswith("--config=")]
-    return [_check_yaml(Path(name)) for name in names]
+def find_configs(args: Sequence[str]) -> tuple[list[str], list[Path]]:
+    """A command line with a path in place of each configuration's name, and these files, each checked to be YAML."""
+    split = [part for word in args for part in (word.split("=", 1) if word.startswith("--config=") else [word])]
+    words, files = split[:1], []
+    for option, value in itertools.pairwise(split):
+        if option in ("--config", "-c"):
+            files.append(_check_yaml(find_config(value, "--config")))
+        words.append(str(files[-1]) if option in ("--config", "-c") else value)
+    return words, files
 
 
 def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> UserInputError:

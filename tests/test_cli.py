@@ -65,7 +65,13 @@ def test_mistake_in_a_config_file(complain, config: str, expected: str):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["--config", "nowhere.yaml"], "--config nowhere.yaml: No such file or directory"),
+        (
+            ["--config", "nowhere.yaml"],
+            "--config nowhere.yaml: no such file, and no shipped configuration",
+        ),
+        (["--config=scenes/tors"], "did you mean scenes/torus"),
+        (["-c", "."], ".: a folder, and no shipped"),
+        (["--config", "demo_candidates"], "demo_candidates.yaml: expected sections"),
         (["--physics.roh=900"], "unknown key physics.roh; did you mean physics.rho?"),
         (["--outer_loop.rounds=two"], "outer_loop.rounds: expected int, got two"),
         (["--data.root=missing"], "missing: no such folder"),

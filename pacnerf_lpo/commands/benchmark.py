@@ -11,6 +11,7 @@ from pacnerf_lpo.benchmark.scenes import asset_scene, find_scenes
 from pacnerf_lpo.benchmark.scores import Book
 from pacnerf_lpo.benchmark.suites import SUITES
 from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
+from pacnerf_lpo.named_configs import configs_folder, find_config
 
 
 def run(
@@ -19,7 +20,7 @@ def run(
     data_root: str | None = None,
     scenes: list[str] | None = None,
     overlay: list[str] | None = None,
-    configs: str = "configs",
+    configs: str | None = None,
     jobs: int = 1,
     backend: Backend = "loky",
     memory: float | None = None,
@@ -33,15 +34,15 @@ def run(
 
     example: pacnerf-lpo benchmark --suite quick --output runs/quick
 
-    example: pacnerf-lpo benchmark --suite table5 --data-root data --overlay configs/cpu.yaml --output runs/table5
+    example: pacnerf-lpo benchmark --suite table5 --data-root data --overlay cpu --output runs/table5
 
     Args:
         suite: name of the suite.
         output: folder of the benchmark: runs/ with one folder per run, tables/ with the tables.
         data_root: folder with one folder per scene; quick needs none.
         scenes: only these of the suite's scenes.
-        overlay: configuration files put on top of scene and baseline of every run, such as configs/cpu.yaml.
-        configs: the repository's folder of configurations.
+        overlay: configurations put on top of scene and baseline of every run: files, or names such as cpu.
+        configs: folder of configurations to take instead of those of the package.
         jobs: how many runs at the same time; each gets its share of the CPU cores.
         backend: what runs them when jobs is more than 1; dask and ray need their package.
         memory: limit of each run's memory [GiB]; none when not given.
@@ -50,6 +51,7 @@ def run(
     if suite not in SUITES:
         raise UserInputError(f"there is no suite {suite}; known are {', '.join(SUITES)}")
     chosen, folder = SUITES[suite], Path(output)
+    settings = configs_folder() if configs is None else Path(configs)
     names = chosen.scenes if scenes is None else tuple(name for name in chosen.scenes if name in scenes)
     for name in set(scenes or ()) - set(names):
         raise UserInputError(f"--scenes {name}: no scene of the suite {suite}; it has {', '.join(chosen.scenes)}")
@@ -59,8 +61,8 @@ def run(
     elif data_root is None:
         raise UserInputError(f"the suite {suite} wants --data-root, a folder with one folder per scene")
     else:
-        places = find_scenes(Path(data_root), names, Path(configs), folder / "truth")
-    runs = plan_runs(chosen, places, Path(configs), [Path(path) for path in overlay or []], folder)
+        places = find_scenes(Path(data_root), names, settings, folder / "truth")
+    runs = plan_runs(chosen, places, settings, [find_config(name, "--overlay") for name in overlay or []], folder)
     if dry_run:
         print("\n".join(_line(one) for one in runs))
         return

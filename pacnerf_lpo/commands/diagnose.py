@@ -13,6 +13,7 @@ from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.identification.study import without_contact
+from pacnerf_lpo.named_configs import find_config
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
 from pacnerf_lpo.report.diagnosis_stages import write_pictures
@@ -53,7 +54,8 @@ def run(
     Args:
         run_dirs: folder that fit wrote, or several.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
-        candidates: YAML list of effects to try, as physics.effects has it; all known effects when not given.
+        candidates: YAML list of effects to try, as physics.effects has it: a file, or a name such as demo_candidates;
+            all known effects when not given.
         replicates: simulated recordings of the fitted model that calibrate the statistics, 8 to 24.
         effects: at most so many effects are added.
         until: last step to do.
@@ -71,8 +73,9 @@ def run(
     """
     began = time.monotonic()
     step: Step = until
+    listed = None if candidates is None else str(find_config(candidates, "--candidates"))
     options = Options(
-        candidates, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
+        listed, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
     )
     runs = [run_dirs] if isinstance(run_dirs, str) else run_dirs
     problem, store = prepare(runs, phase, options, out)
