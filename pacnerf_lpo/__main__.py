@@ -16,7 +16,7 @@ COMMANDS = {
     "fit": ("identify geometry and material from a multi-view video", "pacnerf_lpo.commands.fit"),
     "evaluate": ("image metrics and parameter errors of a run", "pacnerf_lpo.commands.evaluate"),
     "render": ("videos of a run: measured, predicted, residual", "pacnerf_lpo.commands.render"),
-    "export": ("particles of a run as PLY, one file per frame", "pacnerf_lpo.commands.export"),
+    "export": ("a run for other programs: ply, vtu, usd, obj, glb, csv, mp4", "pacnerf_lpo.commands.export"),
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
