@@ -9,7 +9,7 @@ from importlib import import_module
 
 from pacnerf_lpo import __version__
 from pacnerf_lpo.commands import call
-from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
+from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 
 # command: (what it does, module with the function run); fit reads its own arguments, the others' are those of run
 COMMANDS = {
@@ -42,7 +42,7 @@ def guarded(command: Callable[[], int]) -> int:
         return command()
     except UserInputError as error:
         return _complain(error, 2)
-    except RunError as error:
+    except (RunError, SimulationError) as error:
         return _complain(error, 1)
     except OSError as error:  # a full disk, a folder that may not be written
         return _complain(error, 1)

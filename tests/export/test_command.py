@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,15 +14,17 @@ import pytest
 from plyfile import PlyData
 
 from pacnerf_lpo.__main__ import main
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.evaluation.prediction import prediction_folder
 from pacnerf_lpo.evaluation.run_directory import Run
-from pacnerf_lpo.export import formats, points
+from pacnerf_lpo.export import points
 from pacnerf_lpo.export.files import whole_file, whole_folder
 from pacnerf_lpo.export.formats import FORMATS
 from pacnerf_lpo.mpm.physics import Physics
 from tests.test_docs import readme_commands
 
 STEM = "03_r1_correction"
+EXTRA = ("meshio", "pxr", "skimage", "trimesh")
 
 
 @pytest.fixture
@@ -172,9 +176,34 @@ def test_no_such_run(tmp_path: Path, complain: Callable[..., str]):
 def test_a_missing_library(
     finished_run: Path, complain: Callable[..., str], monkeypatch: pytest.MonkeyPatch, name: str, packages: str
 ):
-    monkeypatch.setattr(formats, "find_spec", lambda module: None)
+    for module in EXTRA:
+        monkeypatch.setitem(sys.modules, module, None)
     line = complain(str(finished_run), "--format", name)
     assert line == f"pacnerf-lpo: --format {name} needs {packages}: pip install 'pacnerf-lpo[export]'"
+
+
+def test_nothing_else_needs_the_extra(finished_run: Path, tmp_path: Path):
+    """In a process of its own, where no test has imported them before."""
+    words = ["export", str(finished_run), "--phase", "00_static", "--format", "ply", "--output", str(tmp_path / "ply")]
+    program = f"import sys; sys.modules.update(dict.fromkeys({EXTRA})); from pacnerf_lpo.__main__ import main; "
+    subprocess.run([sys.executable, "-c", f"{program}sys.exit(main({words}))"], check=True)
+    assert (tmp_path / "ply" / "frame_000.ply").exists()
+
+
+def test_an_unstable_motion_is_one_line(
+    finished_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    run = tmp_path / "run"
+    shutil.copytree(finished_run, run, ignore=shutil.ignore_patterns("predictions", "exports"))
+
+    def explode(*_) -> None:
+        raise SimulationError(4, 17, "|v| dt > dx (v = 310 m/s)")
+
+    monkeypatch.setattr(Physics, "simulate", explode)
+    assert main(["export", str(run), "--format", "usd"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[-1] == "pacnerf-lpo: simulation stopped in frame 4, substep 17: |v| dt > dx (v = 310 m/s)"
+    assert not list((run / "exports").glob("*"))
 
 
 def test_an_interrupted_export_leaves_the_old_one(finished_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
