@@ -9,14 +9,14 @@ from importlib import import_module
 
 from pacnerf_lpo import __version__
 from pacnerf_lpo.commands import call
-from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
+from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 
 # command: (what it does, module with the function run)
 COMMANDS = {
     "fit": ("identify geometry and material from a multi-view video", "pacnerf_lpo.commands.fit"),
     "evaluate": ("image metrics and parameter errors of a run", "pacnerf_lpo.commands.evaluate"),
     "render": ("videos of a run: measured, predicted, residual", "pacnerf_lpo.commands.render"),
-    "export": ("particles of a run as PLY, one file per frame", "pacnerf_lpo.commands.export"),
+    "export": ("a run for other programs: ply, vtu, usd, obj, glb, csv, mp4", "pacnerf_lpo.commands.export"),
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
@@ -45,7 +45,7 @@ def guarded(command: Callable[[], int]) -> int:
         return command()
     except UserInputError as error:
         return _complain(error, 2)
-    except RunError as error:
+    except (RunError, SimulationError) as error:
         return _complain(error, 1)
     except OSError as error:  # a full disk, a folder that may not be written
         return _complain(error, 1)

@@ -10,7 +10,7 @@ from PIL import Image
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer, simulate
 from pacnerf_lpo.evaluation.run_directory import Run
-from pacnerf_lpo.report.export import SLOW_MOTION, write_film
+from pacnerf_lpo.export.film import SLOW_MOTION, write_film
 from pacnerf_lpo.report.turntable import Orbit, turntable
 
 SECONDS = 6

@@ -6,6 +6,7 @@ phase has one frame. They are read memory-mapped and are made anew when the part
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 from numpy.lib.format import open_memmap
 from torch import Tensor
+from tqdm import tqdm
 
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.mpm import runtime
@@ -45,10 +47,25 @@ def predict(run: Run, stage: Stage) -> Prediction:
     Raises:
         SimulationError: the motion with the phase's parameters is unstable.
     """
-    if not _is_current(run, stage):
-        for _ in render_stage(run, stage):
+    if not _is_current(run, stage, "images", "positions"):
+        frames, views = len(run.data.video.times) if stage.moves else 1, len(run.data.video.view_ids)
+        bar = tqdm(render_stage(run, stage), f"rendering {stage.label}", frames * views, delay=2.0, leave=False)
+        for _ in bar:
             pass
     return read_prediction(run, stage)
+
+
+def motion_of(run: Run, stage: Stage) -> np.ndarray:
+    """Positions at every frame [m, (F, N, 3), float32]: those of its prediction, or else simulated, without images.
+
+    Raises:
+        SimulationError: the motion with the phase's parameters is unstable.
+    """
+    if _is_current(run, stage, "positions"):
+        return np.load(prediction_folder(run, stage) / "positions.npy")
+    if stage.moves:
+        print(f"{run.run_dir}: simulating {stage.label}", file=sys.stderr)
+    return simulate(run, stage).numpy().astype(np.float32)
 
 
 def read_prediction(run: Run, stage: Stage) -> Prediction:
@@ -133,11 +150,14 @@ class StateRenderer:
         image, opacity = render_view(grid, self.colour, rays.to(self.device), size, self.state.base_spacing)
         return image.cpu(), opacity.cpu()
 
-    @torch.no_grad()
     def particle_colours(self, direction: tuple[float, float, float] = (0.0, -0.6, -0.8)) -> Tensor:
         """RGB of every particle seen along one unit direction [0..1, (N, 3)]."""
-        directions = torch.tensor(direction, device=self.device).expand(len(self.state.features), 3)
-        return self.colour(self.state.features.to(self.device), directions).cpu()
+        return self.colours(self.state.features, torch.tensor(direction).expand(len(self.state.features), 3))
+
+    @torch.no_grad()
+    def colours(self, features: Tensor, directions: Tensor) -> Tensor:
+        """RGB [0..1, (S, 3)] of features (S, 12) seen along unit ``directions`` (S, 3)."""
+        return self.colour(features.to(self.device), directions.to(self.device)).cpu()
 
 
 def to_bytes(image: Tensor) -> np.ndarray:
@@ -150,7 +170,7 @@ def _values(run: Run, stage: Stage) -> dict[str, Tensor]:
     return {name: torch.tensor(value) for name, value in values.items()}
 
 
-def _is_current(run: Run, stage: Stage) -> bool:
-    files = [prediction_folder(run, stage) / f"{name}.npy" for name in ("images", "positions")]
+def _is_current(run: Run, stage: Stage, *names: str) -> bool:
+    files = [prediction_folder(run, stage) / f"{name}.npy" for name in names]
     written = stage.state_path.stat().st_mtime
     return all(file.is_file() and file.stat().st_mtime >= written for file in files)

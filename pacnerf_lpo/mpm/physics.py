@@ -140,7 +140,7 @@ class Physics:
         Raises:
             SimulationError: still unstable after the last halving.
         """
-        fraction = self._fraction(density, spacings)
+        fraction = self.fraction(density, spacings)
         return self.motion(positions, velocity, fraction, self._stiffness(fraction), parameters, spacings[0], frames)
 
     def motion(
@@ -179,7 +179,7 @@ class Physics:
         spacings: tuple[float, float],
     ) -> Tensor:
         """Velocity at frame 0 with the effects on the initial state [m/s, (N, 3)]; arguments as of :meth:`rollout`."""
-        mass = self._fraction(density, spacings)
+        mass = self.fraction(density, spacings)
         stiffness = self._stiffness(mass)
         for effect in (e for e in self.effects if isinstance(e, InitialState)):
             values = {name: parameters[name] for name in effect.parameters}
@@ -187,16 +187,16 @@ class Physics:
             velocity, mass, stiffness = effect.apply(positions, velocity, mass, stiffness, SimpleNamespace(**values))
         return velocity
 
+    def fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
+        """How much of (dx/2)^3 is matter [0..1, (N,)]."""
+        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
+        return opacity.clamp_min(LEAST_OPACITY)
+
     def _stiffness(self, fraction: Tensor) -> Tensor:
         """Factor on the moduli of particles that are full to a fraction [1, (N,)]: half the volume is half the force;
         the faint matter of a radiance field resists less than that.
         """
         return fraction**3 if self.matter == "alpha" else fraction
-
-    def _fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
-        """How much of (dx/2)^3 is matter [0..1, (N,)]."""
-        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
-        return opacity.clamp_min(LEAST_OPACITY)
 
     def simulate(self, state: ParticleState, frames: int) -> Tensor:
         """Positions of a state at every frame, without gradients [m, (frames, N, 3)].

@@ -23,7 +23,7 @@ def outlined() -> Physics:
 
 def share(model: Physics, density: float) -> float:
     """How much of a particle of this raw density is matter."""
-    return float(model._fraction(torch.tensor([density]), (DX, 2 * DX)))
+    return float(model.fraction(torch.tensor([density]), (DX, 2 * DX)))
 
 
 def attached(data) -> StaticGridModule:

@@ -8,15 +8,13 @@ from pathlib import Path
 import pytest
 
 from pacnerf_lpo.evaluation.evaluate import evaluate_run
-from pacnerf_lpo.mpm.physics import Physics
-from tests.report.example_run import falling, write_example_run
+from tests.report.example_run import closed_form_motion, write_example_run
 
 
 @pytest.fixture(scope="package")
 def example_motion() -> Iterator[None]:
     """Every simulation of this folder's tests follows the closed form."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Physics, "simulate", lambda self, state, frames: falling(state, frames))
+    with closed_form_motion():
         yield
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 import torch
 import yaml
 from torch import Tensor
@@ -12,6 +15,7 @@ from torch.utils.tensorboard import SummaryWriter
 from pacnerf_lpo.data.cameras import project
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.manifest import Manifest, PhaseRecord
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import FEATURES, ParticleState
 
@@ -107,6 +111,14 @@ def visual_hull(data: VideoData) -> ParticleState:
         base_spacing=SPACING,
         colour_network=ColourNetwork().state_dict(),
     )
+
+
+@contextmanager
+def closed_form_motion() -> Iterator[None]:
+    """Every simulation follows the closed form."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Physics, "simulate", lambda self, state, frames: falling(state, frames))
+        yield
 
 
 def falling(state: ParticleState, frames: int) -> Tensor:

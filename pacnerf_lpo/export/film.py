@@ -1,68 +1,24 @@
-"""Particles as PLY files, one per frame, and films that set measured and modelled views side by side."""
+"""Films of the modelled motion, alone and beside what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
 
 import imageio_ffmpeg
 import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
-from plyfile import PlyData, PlyElement
 
-from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, predict, to_bytes
+from pacnerf_lpo.evaluation.prediction import Prediction, predict, to_bytes
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.export.files import whole_file
+from pacnerf_lpo.export.motion import Subject
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 
 SLOW_MOTION = 4
 LEAST_HEIGHT = 320
 CAPTION = 26
-VERTEX = [
-    *((name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")),
-    *((name, "u1") for name in ("red", "green", "blue")),
-    ("density", "f4"),
-]
-
-
-def export_particles(run: Run, stage: Stage) -> Path:
-    """Write ``particles/<stem>/frame_000.ply`` and so on; returns the folder.
-
-    A vertex holds its position x, y, z [m], velocity vx, vy, vz [m/s], colour and raw volume density.
-    """
-    positions = np.asarray(predict(run, stage).positions)
-    colours = to_bytes(StateRenderer(stage.state).particle_colours())
-    velocities = frame_velocities(
-        positions, stage.state.velocity.numpy(), run.data.video.times.numpy()[: len(positions)]
-    )
-    folder = run.run_dir / "particles" / stage.stem
-    folder.mkdir(parents=True, exist_ok=True)
-    vertices = np.empty(positions.shape[1], dtype=VERTEX)
-    vertices["density"] = stage.state.density.numpy()
-    for column, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colours[:, column]
-    for frame, (points, moving) in enumerate(zip(positions, velocities, strict=True)):
-        for column, name in enumerate("xyz"):
-            vertices[name], vertices[f"v{name}"] = points[:, column], moving[:, column]
-        PlyData([PlyElement.describe(vertices, "vertex")]).write(folder / f"frame_{frame:03d}.ply")
-    return folder
-
-
-def frame_velocities(positions: np.ndarray, initial: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Velocity at every frame [m/s, (F, N, 3)]: the known one at frame 0, second-order differences in time after it.
-
-    Args:
-        positions: [m, (F, N, 3)]
-        initial: at frame 0 [m/s, (N, 3)]
-        times: [s, (F,)]
-    """
-    if len(positions) < 2:
-        return np.broadcast_to(initial, positions.shape)
-    order: Literal[1, 2] = 2 if len(positions) > 2 else 1
-    velocities = np.gradient(positions, times, axis=0, edge_order=order)
-    velocities[0] = initial
-    return velocities
 
 
 def export_video(run: Run, stage: Stage, view_id: int) -> Path:
@@ -73,7 +29,6 @@ def export_video(run: Run, stage: Stage, view_id: int) -> Path:
     """
     view = run.view_index(view_id)
     path = run.run_dir / "videos" / f"view_{view_id}.mp4"
-    path.parent.mkdir(parents=True, exist_ok=True)
     frames = comparison_frames(run, predict(run, stage), view)
     write_film(path, frames, run.physics.frame_rate / SLOW_MOTION)
     return path
@@ -106,6 +61,16 @@ def captioned(parts: list[np.ndarray], captions: Iterable[str]) -> np.ndarray:
     return np.asarray(sheet)
 
 
+def write_mp4(subject: Subject, path: Path) -> None:
+    """Write the modelled motion alone as one camera of the recording sees it, four times slower than life."""
+    pictures = predict(subject.run, subject.stage).images[subject.view]
+    height, width = pictures.shape[1:3]
+    factor = max(1, -(-LEAST_HEIGHT // height))
+    size = width * factor // 2 * 2, height * factor // 2 * 2
+    enlarged = (np.asarray(Image.fromarray(p).resize(size, Image.Resampling.BICUBIC)) for p in pictures)
+    write_film(path, enlarged, subject.run.physics.frame_rate / SLOW_MOTION)
+
+
 def write_film(path: Path, frames: Iterable[np.ndarray], frame_rate: float) -> None:
     """Write an H.264 film that browsers play.
 
@@ -114,21 +79,22 @@ def write_film(path: Path, frames: Iterable[np.ndarray], frame_rate: float) -> N
         frame_rate: [1/s]
     """
     writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = imageio_ffmpeg.write_frames(
-                    str(path),
-                    size,
-                    fps=frame_rate,
-                    codec="libx264",
-                    quality=8,
-                    macro_block_size=2,
-                    ffmpeg_log_level="error",
-                )
-                writer.send(None)
-            writer.send(np.ascontiguousarray(frame))
-    finally:
-        if writer is not None:
-            writer.close()
+    with whole_file(path) as part:
+        try:
+            for frame in frames:
+                if writer is None:
+                    size = (frame.shape[1], frame.shape[0])
+                    writer = imageio_ffmpeg.write_frames(
+                        str(part),
+                        size,
+                        fps=frame_rate,
+                        codec="libx264",
+                        quality=8,
+                        macro_block_size=2,
+                        ffmpeg_log_level="error",
+                    )
+                    writer.send(None)
+                writer.send(np.ascontiguousarray(frame))
+        finally:
+            if writer is not None:
+                writer.close()

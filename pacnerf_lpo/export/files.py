@@ -1,0 +1,67 @@
+"""Files and folders that appear whole or not at all, and that replace nothing but their like."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pacnerf_lpo.errors import UserInputError
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A name with the same ending beside ``path``, to write to; it becomes ``path`` if no error ends the block."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        temporary.touch()
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """An empty folder beside ``path``, to write into; it takes the place of ``path`` if no error ends the block."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary, old = (path.with_name(f".{path.name}.{word}") for word in ("part", "old"))
+    for left in (temporary, old):
+        shutil.rmtree(left, ignore_errors=True)
+    try:
+        temporary.mkdir()
+        yield temporary
+        if path.exists():
+            path.rename(old)
+        temporary.rename(path)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def check_file(path: Path) -> None:
+    """Raise UserInputError where no file can be written under this name."""
+    if path.is_dir():
+        raise UserInputError(f"--output {path}: is a folder; give the name of a file")
+    _check_above(path)
+
+
+def check_folder(path: Path, own: re.Pattern[str]) -> None:
+    """Raise UserInputError where a folder of files with ``own`` names would replace something else."""
+    if path.exists() and not path.is_dir():
+        raise UserInputError(f"--output {path}: is a file, and one file per frame needs a folder; give another name")
+    _check_above(path)
+    other = sorted(file.name for file in path.glob("*") if not own.fullmatch(file.name))
+    if other:
+        raise UserInputError(f"--output {path}: the folder holds other files, such as {other[0]}; give another name")
+
+
+def _check_above(path: Path) -> None:
+    above = next(parent for parent in path.absolute().parents if parent.exists())
+    if not above.is_dir():
+        raise UserInputError(f"--output {path}: {above} is a file, not a folder; give another name")

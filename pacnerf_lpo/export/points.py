@@ -1,0 +1,82 @@
+"""Particles as PLY, VTU with a PVD, and CSV."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from plyfile import PlyData, PlyElement
+from tqdm import tqdm
+
+from pacnerf_lpo.export.files import whole_file, whole_folder
+from pacnerf_lpo.export.motion import Subject
+
+PLY_FILES = re.compile(r"frame_\d+\.ply")
+VTU_FILES = re.compile(r"frame_\d+\.vtu|motion\.pvd")
+SERIES = "motion.pvd"
+VERTEX = [
+    *((name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")),
+    *((name, "u1") for name in ("red", "green", "blue")),
+    ("density", "f4"),
+]
+CSV_HEADER = "frame,time_s,id,x_m,y_m,z_m"
+
+
+def write_ply(subject: Subject, folder: Path) -> None:
+    """Write ``frame_000.ply`` and so on.
+
+    A vertex holds its position x, y, z [m], velocity vx, vy, vz [m/s], colour and raw volume density.
+    """
+    motion = subject.motion
+    vertices = np.empty(len(motion.numbers), dtype=VERTEX)
+    vertices["density"] = motion.density
+    for column, name in enumerate(("red", "green", "blue")):
+        vertices[name] = motion.colours[:, column]
+    with whole_folder(folder) as part:
+        for frame in frames_of(len(motion.times), folder):
+            for column, name in enumerate("xyz"):
+                vertices[name] = motion.positions[frame, :, column]
+                vertices[f"v{name}"] = motion.velocities[frame, :, column]
+            PlyData([PlyElement.describe(vertices, "vertex")]).write(part / f"frame_{frame:03d}.ply")
+
+
+def write_vtu(subject: Subject, folder: Path) -> None:
+    """Write ``frame_000.vtu`` and so on, and ``motion.pvd``, which lists them with their times [s].
+
+    A point is a vertex cell with velocity [m/s], colour [0..255], raw density, fraction [0..1] and its number, id.
+    """
+    import meshio
+
+    motion = subject.motion
+    cells = [("vertex", np.arange(len(motion.numbers))[:, None])]
+    fixed = {"colour": motion.colours, "density": motion.density, "fraction": motion.fraction, "id": motion.numbers}
+    root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    collection = ElementTree.SubElement(root, "Collection")
+    with whole_folder(folder) as part:
+        for frame in frames_of(len(motion.times), folder):
+            name = f"frame_{frame:03d}.vtu"
+            values = {"velocity": motion.velocities[frame], **fixed}
+            meshio.Mesh(motion.positions[frame], cells, values).write(part / name, file_format="vtu")
+            ElementTree.SubElement(collection, "DataSet", timestep=f"{motion.times[frame]:.9g}", part="0", file=name)
+        ElementTree.indent(root)
+        ElementTree.ElementTree(root).write(part / SERIES, encoding="utf-8", xml_declaration=True)
+
+
+def write_csv(subject: Subject, path: Path) -> None:
+    """Write one row for each frame and particle: frame, time [s], id, position [m] to a micrometre.
+
+    The columns are those of ``data.tracks``, so that the file can stand in for measured tracks.
+    """
+    motion = subject.motion
+    with whole_file(path) as part, open(part, "w", encoding="utf-8") as file:
+        file.write(CSV_HEADER + "\n")
+        for frame in frames_of(len(motion.times), path):
+            table = np.column_stack((motion.numbers, motion.positions[frame]))
+            np.savetxt(file, table, fmt=f"{frame},{motion.times[frame]:.9g},%d,%.6f,%.6f,%.6f")
+
+
+def frames_of(frames: int, path: Path) -> tqdm:
+    """The numbers of so many frames, with a bar where they take long."""
+    return tqdm(range(frames), desc=f"writing {path.name}", delay=2.0, leave=False)
