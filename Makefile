@@ -3,6 +3,8 @@ PYTHON ?= python3
 RUN ?= runs/demo
 MISSING ?= $(RUN)_missing
 BIN := .venv/bin
+# what runs, and what runs and tests
+READY := .venv/ready
 INSTALLED := .venv/installed
 THREADS := OMP_NUM_THREADS=$(shell expr \( $$(getconf _NPROCESSORS_ONLN) + 1 \) / 2)
 JOBS := $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$((n < 8 ? n : 8)))
@@ -11,18 +13,18 @@ JOBS := $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$((n < 8 ? n : 8)))
 
 # two scenes at the same time, each going on where it was stopped: an elastic bird, whose progress is shown, and a torus
 # that falls under a hidden effect, whose progress is kept in a file
-demo: $(INSTALLED)
+demo: $(READY)
 	@mkdir -p $(dir $(MISSING))
 	@$(MAKE) --no-print-directory --jobs 2 bird torus
 	@tail -n 4 $(MISSING).log
 	@echo "$(abspath $(RUN))/report.html"
 	@echo "$(abspath $(MISSING))/diagnosis/diagnosis.html"
 
-bird: $(INSTALLED)
+bird: $(READY)
 	@$(call fit,$(RUN),configs/demo.yaml)
 	@echo "The second scene is not far behind; its progress: $(MISSING).log"
 
-torus: $(INSTALLED)
+torus: $(READY)
 	@{ $(call fit,$(MISSING),configs/demo_missing.yaml) && $(THREADS) $(BIN)/pacnerf-lpo diagnose $(MISSING) \
 		--candidates configs/demo_candidates.yaml --particles 2500 --replicates 8 --effects 1 --jobs $(JOBS); } > $(MISSING).log 2>&1 \
 		|| { tail -n 20 $(MISSING).log; exit 1; }
@@ -42,8 +44,12 @@ lint: $(INSTALLED)
 clean:
 	rm -rf .venv runs
 
-# the stamp is newer than what it was installed from, so an installation is not repeated
-$(INSTALLED): pyproject.toml setup.py constraints.txt
+# a stamp is newer than what it was installed from, so an installation is not repeated
+$(READY): pyproject.toml setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --constraint constraints.txt --editable .
+	touch $@
+
+$(INSTALLED): $(READY)
 	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[dev]'
 	touch $@
