@@ -51,6 +51,10 @@ class Magnus(BodyForce):
         given = dict(zip(SPIN, self.spin or (0.0, 0.0, 0.0), strict=True))
         super().__init__({"magnus": magnus}, {**given, "magnus_of_particle": float(spin is None)})
 
+    def at(self, spin: Sequence[float]) -> "Magnus":
+        """The same with another spin [rad/s, (3,)]."""
+        return Magnus(self.guess["magnus"], (spin[0], spin[1], spin[2]))
+
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         given = (c.magnus_spin_x, c.magnus_spin_y, c.magnus_spin_z)
