@@ -40,7 +40,7 @@ def recipes(tmp_path_factory: pytest.TempPathFactory):
     """The files of CONTRIBUTING.md, importable."""
     folder = tmp_path_factory.mktemp("recipes")
     named = re.findall(r"^`(\w+\.py)`:\n\n```python\n(.*?)^```$", CONTRIBUTING.read_text(), re.MULTILINE | re.DOTALL)
-    assert [name for name, _ in named] == ["kelvin_voigt.py", "magnus.py", "ramp.py"]
+    assert [name for name, _ in named] == ["kelvin_voigt.py", "lorentz.py", "ramp.py"]
     for name, text in named:
         (folder / name).write_text(text)
     sys.path.insert(0, str(folder))
@@ -109,8 +109,8 @@ def test_recipes_parse(recipes: Path, tmp_path: Path):
     files = [ROOT / "configs" / name for name in ("fit.yaml", "demo.yaml")] + overlays
     cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoData, Physics)
     assert type(cli.physics.material).__name__ == "KelvinVoigt"
-    assert [type(effect).__name__ for effect in cli.physics.effects] == ["Magnus"]
-    assert {"eta", "side_rate"} <= set(cli.physics.free_names)
+    assert [type(effect).__name__ for effect in cli.physics.effects] == ["Lorentz"]
+    assert {"eta", "gyration"} <= set(cli.physics.free_names)
     static = cli.phases["static"]
     assert static.surface_schedule.factor(250, 0) == 0.5 and static.surface_schedule.factor(900, 0) == 1.0
 
@@ -119,9 +119,9 @@ def test_recipes_parse(recipes: Path, tmp_path: Path):
 def landing(recipes: Path):
     """Mean height after a contact, of a block with both recipes, as a function of all their parameters."""
     from kelvin_voigt import KelvinVoigt
-    from magnus import Magnus
+    from lorentz import Lorentz
 
-    simulator = Simulator(KelvinVoigt(), dx=0.1, substeps=60, effects=[Magnus()], dtype="f64")
+    simulator = Simulator(KelvinVoigt(), dx=0.1, substeps=60, effects=[Lorentz()], dtype="f64")
     axis = 0.05 * torch.arange(3, dtype=torch.float64)
     positions = torch.cartesian_prod(axis, axis + 0.07, axis)
     velocity = torch.tensor([0.3, -2.0, 0.0], dtype=torch.float64).expand_as(positions)
@@ -129,15 +129,15 @@ def landing(recipes: Path):
 
     def height(values: dict[str, torch.Tensor]) -> torch.Tensor:
         material = {name: values[name] for name in ("E", "nu", "eta")}
-        side = {"side_rate": values["side_rate"]}
-        return simulator(positions, velocity, mass, ones, material, 4, side)[-1, :, 1].mean()
+        turning = {"gyration": values["gyration"]}
+        return simulator(positions, velocity, mass, ones, material, 4, turning)[-1, :, 1].mean()
 
     return height
 
 
-@pytest.mark.parametrize("name", ["E", "nu", "eta", "side_rate"])
+@pytest.mark.parametrize("name", ["E", "nu", "eta", "gyration"])
 def test_recipe_gradients(landing, name: str, small_threads: None):
-    start = {"E": 3e4, "nu": 0.3, "eta": 20.0, "side_rate": 0.1}
+    start = {"E": 3e4, "nu": 0.3, "eta": 20.0, "gyration": 0.1}
     values = {key: torch.tensor(value, dtype=torch.float64, requires_grad=True) for key, value in start.items()}
     landing(values).backward()
     step = 1e-4 * start[name]

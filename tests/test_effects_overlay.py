@@ -21,7 +21,7 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis.catalogue import as_config, name_of, read_candidates
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import CentralForce, LinearDrag, ShearThinning
+from pacnerf_lpo.mpm.effects import CentralForce, LinearDrag, Magnus, ShearThinning
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
@@ -78,25 +78,31 @@ def test_it_adds_what_was_accepted_and_leaves_the_rest(before: Path, tmp_path: P
 def test_classes_of_the_user_are_found_again(before: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Their modules are imported by nothing but the path in the configuration."""
     material, effect = (text for text in blocks(CONTRIBUTING, "python") if re.search(r"\((Material|BodyForce)\)", text))
-    for module, text in (("damped_solid", material), ("side_force", effect)):
+    for module, text in (("damped_solid", material), ("charged", effect)):
         (tmp_path / f"{module}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     own = tmp_path / "own.yaml"
     own.write_text(yaml.safe_dump({"physics": {"material": {"class_path": "damped_solid.KelvinVoigt"}, "effects": []}}))
     model = configured(before, own).physics
-    from side_force import Magnus
+    from charged import Lorentz
 
-    path = found_overlay(model, [Magnus()], {"E": MODULUS, "eta": 5.0, "side_rate": 0.3}, tmp_path / "effects.yaml")
-    for name in ("damped_solid", "side_force"):
+    path = found_overlay(model, [Lorentz()], {"E": MODULUS, "eta": 5.0, "gyration": 0.3}, tmp_path / "effects.yaml")
+    for name in ("damped_solid", "charged"):
         sys.modules.pop(name)
     after = configured(before, own, path).physics
-    assert [type(after.material).__name__, *(type(e).__name__ for e in after.effects)] == ["KelvinVoigt", "Magnus"]
-    assert after.guess["side_rate"] == 0.3 and after.guess["eta"] == 5.0 and after.guess["E"] == MODULUS
+    assert [type(after.material).__name__, *(type(e).__name__ for e in after.effects)] == ["KelvinVoigt", "Lorentz"]
+    assert after.guess["gyration"] == 0.3 and after.guess["eta"] == 5.0 and after.guess["E"] == MODULUS
 
 
 @pytest.mark.parametrize(
     "effect",
-    [CentralForce(2.0, 0.5, centre=(0.1, 0.7, -0.2)), ShearThinning(0.8, onset_rate=3.0), CameraDrift(0.01, view=2)],
+    [
+        CentralForce(2.0, 0.5, centre=(0.1, 0.7, -0.2)),
+        ShearThinning(0.8, onset_rate=3.0),
+        Magnus(0.01),
+        Magnus(0.01, spin=(0.0, 150.0, -3.5)),
+        CameraDrift(0.01, view=2),
+    ],
     ids=name_of,
 )
 def test_an_effect_comes_back_with_all_its_arguments(effect: Effect, tmp_path: Path):

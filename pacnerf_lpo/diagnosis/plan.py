@@ -105,7 +105,8 @@ def propose(
     first = believed[0].part
     quiet = _Noise.of(problem, found)
     proposals = []
-    for recipe in recipes_for(first.effects) if recipes is None else recipes:
+    effects = [effect for one in believed for effect in one.part.effects]
+    for recipe in recipes_for(effects) if recipes is None else recipes:
         try:
             proposed = work_out(recipe, first)
             if proposed is None:

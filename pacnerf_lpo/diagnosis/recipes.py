@@ -13,7 +13,7 @@ from pacnerf_lpo.data import cameras
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
 from pacnerf_lpo.identification.problem import Part
-from pacnerf_lpo.mpm.effects import InitialSpin
+from pacnerf_lpo.mpm.effects import Effect, InitialSpin, Magnus
 from pacnerf_lpo.types import Video
 
 BACK = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2)
@@ -29,6 +29,7 @@ class Recipe:
     higher: factor on the height of the body above the ground.
     throw: velocity that is added at frame 0 [m/s]
     spin: of the body at frame 0 [rad/s]
+    opposite: whether it turns the other way round than it was measured to.
     faster: factor on the frame rate.
     longer: factor on the time that is recorded after the contact.
     nearer: factor on the distance of the cameras.
@@ -38,6 +39,7 @@ class Recipe:
     higher: float = 1.0
     throw: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    opposite: bool = False
     faster: float = 1.0
     longer: float = 1.0
     nearer: float = 1.0
@@ -57,6 +59,7 @@ RECIPES = (
     Recipe("throw it down with 3 m/s from the same height", throw=(0.0, -3.0, 0.0)),
     Recipe("throw it sideways with 3 m/s from the same height", throw=(3.0, 0.0, 0.0)),
     Recipe("let it fall with a spin of two turns per second", spin=(0.0, 0.0, 4 * np.pi)),
+    Recipe("throw it as before, but with the opposite spin", opposite=True),
 )
 """The easiest first."""
 
@@ -85,7 +88,7 @@ class Proposed:
         alone stands where a person would have it.
         """
         problem = part.recording
-        shared = [effect for effect in part.effects if not effect.of_recording]
+        shared = [self._turning(effect) for effect in part.effects if not effect.of_recording]
         effects = [*shared, InitialSpin(*self.recipe.spin)] if any(self.recipe.spin) else shared
         known = {**part.known, **{n: v for effect in effects[len(shared) :] for n, v in effect.guess.items()}}
         for parameter, more in zip(VELOCITY, self.recipe.throw, strict=True):
@@ -95,6 +98,13 @@ class Proposed:
         rate = problem.physics.frame_rate * self.recipe.faster
         physics = with_effects(problem.physics, effects, body.spacing, problem.voxel, rate)
         return Model(Body(body.positions + up, body.fraction, body.spacing), physics, self.video, known)
+
+    def _turning(self, effect: Effect) -> Effect:
+        """An effect as it is in this recording, if it was given the spin that was measured in the old one."""
+        if not isinstance(effect, Magnus) or effect.spin is None:
+            return effect
+        spin = self.recipe.spin if any(self.recipe.spin) else effect.spin
+        return effect.at([-turn for turn in spin] if self.recipe.opposite else spin)
 
 
 def work_out(recipe: Recipe, part: Part) -> Proposed | None:
@@ -173,6 +183,9 @@ def _in_view(path: Tensor, video: Video) -> bool:
 
 
 def recipes_for(effects: Sequence[object]) -> list[Recipe]:
-    """The recipes, without the spin where a spin of the recording is in question."""
+    """The recipes, without the spin where a spin of the recording is in question, and without the opposite of a spin
+    where none was measured.
+    """
     turning = any(isinstance(effect, InitialSpin) for effect in effects)
-    return [recipe for recipe in RECIPES if not (turning and any(recipe.spin))]
+    measured = any(isinstance(effect, Magnus) and effect.spin is not None for effect in effects)
+    return [r for r in RECIPES if not (turning and any(r.spin)) and (measured or not r.opposite)]

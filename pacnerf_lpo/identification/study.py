@@ -198,7 +198,8 @@ class StudyProblem(Problem):
         return StudyModel(models, names, self.names, effects, self.stack)
 
     def _shares(self, effects: Sequence[Effect]) -> list[_Share]:
-        return [_share(effects, number, name) for number, name in enumerate(self.names)]
+        installed = [problem.physics.effects for problem in self.recordings]
+        return [_share(effects, n, name, own) for n, (name, own) in enumerate(zip(self.names, installed, strict=True))]
 
     def _merged(self, values: Sequence[dict[str, float]]) -> dict[str, float]:
         """Values of all recordings [SI] by the names of the study; shared ones are averaged as they are optimised."""
@@ -319,8 +320,8 @@ def view_name(view: int) -> str:
     return f"view {own} of recording {number}" if number else f"view {own}"
 
 
-def _share(effects: Sequence[Effect], number: int, recording: str) -> _Share:
-    """What concerns one recording in effects of a study."""
+def _share(effects: Sequence[Effect], number: int, recording: str, installed: Sequence[Effect]) -> _Share:
+    """What concerns one recording, whose own model has the ``installed`` effects, in effects of a study."""
     own: list[Effect] = []
     names = {name: name_in(name, recording) for name in OF_RECORDING}
     for effect in effects:
@@ -337,8 +338,18 @@ def _share(effects: Sequence[Effect], number: int, recording: str) -> _Share:
             names |= {name: name_in(name, recording) for name in local.parameters}
         else:
             local = effect
-        own.append(local)
+        own.append(_as_measured(local, installed))
     return _Share(tuple(own), names)
+
+
+def _as_measured(effect: Effect, installed: Sequence[Effect]) -> Effect:
+    """An effect with what was measured for it in one recording, whose own model has the ``installed`` effects."""
+    mine = next((other for other in installed if type(other) is type(effect)), None)
+    if mine is None or not effect.constants_of_recording:
+        return effect
+    found = copy(mine)
+    found.guess = effect.guess
+    return found
 
 
 def _installed(recordings: Sequence[Problem]) -> list[Effect]:

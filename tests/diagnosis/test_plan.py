@@ -20,7 +20,7 @@ from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.least_squares import sensitivities
-from pacnerf_lpo.mpm.effects import GravityMagnitude, InitialSpin, LinearDrag
+from pacnerf_lpo.mpm.effects import GravityMagnitude, InitialSpin, LinearDrag, Magnus, UniformForce
 from pacnerf_lpo.report.plan import page, sentences
 
 SIZE = Size(particles=200, views=3, frames=8, image_size=48)
@@ -77,6 +77,38 @@ def test_a_higher_drop_tells_a_drag_from_another_gravity(problem: KnownShape, un
     }
     assert found[0].words.startswith("drop it from ") and "instead of" in found[0].words
     assert len(told) == 2
+
+
+def test_the_opposite_spin_tells_a_side_force_from_a_wind(problem: KnownShape, undecided: SimpleNamespace):
+    """Of a body that falls with backspin. The hypothesis with the spin comes second; its recipe is proposed even so."""
+    spin, wind = (100.0, 0.0, 0.0), UniformForce()
+    undecided.alike = ["UniformForce", "Magnus"]
+    known = [{"push_x": 0.0, "push_z": -1.0}, {"magnus": 0.005}]
+    for again, name, values in zip(undecided.refits, undecided.alike, known, strict=True):
+        again.name, again.known = name, {**problem.first_guess, **values}
+    effects = {"UniformForce": wind, "Magnus": Magnus(spin=spin)}
+    undecided.candidate = lambda name: Candidate(name, effects[name])
+    found = propose(problem, undecided, lambda _: None, [SAME, *(r for r in RECIPES if r.opposite)])
+    assert ["opposite spin" in one.words for one in found] == [True, False]
+    assert found[0].score > 2 * found[1].score > 0
+
+
+def test_a_measured_spin_is_that_of_the_recording(problem: KnownShape, small_threads: None):
+    effects = [Magnus(spin=(1.0, -2.0, 3.0)), LinearDrag()]
+    part = problem.parts(effects, {**problem.first_guess, "magnus": 0.01, "drag": 0.5})[0]
+    spins = {}
+    for recipe in (SAME, *(r for r in RECIPES if r.opposite or any(r.spin))):
+        proposed = work_out(recipe, part)
+        assert proposed is not None
+        moved = proposed.model(part)
+        (side,) = [e for e in moved.physics.effects if isinstance(e, Magnus)]
+        assert moved.known["magnus"] == 0.01
+        spins[recipe.name] = side.spin
+    turning = "let it fall with a spin of two turns per second"
+    opposite = "throw it as before, but with the opposite spin"
+    expected = {SAME.name: (1.0, -2.0, 3.0), turning: (0.0, 0.0, 4 * np.pi), opposite: (-1.0, 2.0, -3.0)}
+    assert spins == expected
+    assert not any(recipe.opposite for recipe in recipes_for([Magnus(), LinearDrag()]))
 
 
 def test_nothing_separates_equal_hypotheses(problem: KnownShape, undecided: SimpleNamespace):

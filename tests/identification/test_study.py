@@ -12,9 +12,10 @@ from benchmarks.hidden_effects.known_shape import KnownShape
 from benchmarks.hidden_effects.setting import Setting, Size, another_drop, draw_setting
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.base_fit import priors
+from pacnerf_lpo.identification.forward_model import with_effects
 from pacnerf_lpo.identification.problem import relative
 from pacnerf_lpo.identification.study import StudyProblem, divide, view_name, without_contact
-from pacnerf_lpo.mpm.effects import InitialSpin, LinearDrag, UniformForce, YieldStress
+from pacnerf_lpo.mpm.effects import InitialSpin, LinearDrag, Magnus, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.render.camera_faults import CameraShift
 
@@ -99,6 +100,28 @@ def test_a_spin_belongs_to_a_recording_and_a_material_to_all(study: StudyProblem
     for name in YieldStress.parameters:
         assert threshold.prior(f"{name}@high") == YieldStress().prior(name)
     assert study.adopt(LinearDrag()).parameters == LinearDrag.parameters
+
+
+def test_a_coefficient_is_shared_and_a_measured_spin_is_not(drops: list[KnownShape], small_threads: None):
+    """Each recording was fitted with the spin that it was measured to have; a candidate's is that of all."""
+    spins = (5.0, 0.0, 0.0), (0.0, 0.0, -80.0)
+    turning = [KnownShape(d.scene, d.setting, d.video, d.measured) for d in drops]
+    for drop, spin in zip(turning, spins, strict=True):
+        drop.physics = with_effects(drop.physics, [Magnus(0.01, spin)], 1.0, 1.0)
+    study = StudyProblem(turning, ["low", "high"])
+    effects = study.physics.effects
+    known = {**study.first_guess, "magnus": 0.02}
+    model = study.model(effects, known)
+    assert [name for name in model.names if name.startswith("magnus")] == ["magnus"]
+    for part, spin in zip(study.parts(effects, known), spins, strict=True):
+        (side,) = part.effects
+        assert isinstance(side, Magnus) and side.spin == spin and part.known["magnus"] == 0.02
+    divided = divide(Magnus(0.01), ["low", "high"])
+    for part, spin in zip(study.parts([divided], {**known, "magnus@low": 0.1, "magnus@high": 0.3}), spins, strict=True):
+        assert part.effects[0].constants == Magnus(spin=spin).constants
+        assert part.known["magnus"] == {"low": 0.1, "high": 0.3}[part.name]
+    candidate = StudyProblem(drops, ["low", "high"]).parts([Magnus(spin=(1.0, 2.0, 3.0))], known)
+    assert {part.effects[0].constants["magnus_spin_y"] for part in candidate} == {2.0}
 
 
 def test_every_recording_is_compared_with_its_own_first_contact(study: StudyProblem, drops: list[KnownShape]):

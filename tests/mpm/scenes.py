@@ -99,9 +99,10 @@ def twin_of(
     gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
     dx: float = DX,
     dt: float = DT,
+    spin: tuple[float, float, float] | None = None,
 ) -> Twin:
     """The reference simulator of a case."""
-    return Twin(LAWS[case.law], dx=dx, dt=dt, ground=ground, gravity=gravity)  # type: ignore[arg-type]
+    return Twin(LAWS[case.law], dx=dx, dt=dt, ground=ground, gravity=gravity, spin=spin)  # type: ignore[arg-type]
 
 
 def run_twin(
@@ -110,12 +111,11 @@ def run_twin(
     parameters: dict[str, Tensor],
     frames: int = FRAMES,
     substeps: int = SUBSTEPS,
-    drag: Tensor | None = None,
-    friction: Tensor | None = None,
+    **coefficients: Tensor,
 ) -> tuple[Tensor, State]:
-    """Roll the twin out from the leaves of :class:`Particles`."""
+    """Roll the twin out from the leaves of :class:`Particles`, with coefficients of effects and ground by name."""
     state = twin.start(leaves["positions"], leaves["velocity"])
-    return twin.rollout(state, leaves["mass"], leaves["stiffness"], parameters, frames, substeps, drag, friction)
+    return twin.rollout(state, leaves["mass"], leaves["stiffness"], parameters, frames, substeps, **coefficients)
 
 
 def probe(trajectory: Tensor, seed: int = 7) -> Tensor:

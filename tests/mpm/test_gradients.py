@@ -28,6 +28,8 @@ SETUPS = {
     **{name: Setup(name, speed=0.1) for name in STIFF},
     "slip and drag": Setup("NeoHookean", ground="slip", drag=3.0),
     "separate": Setup("NeoHookean", ground="separate", friction=0.3),
+    "local spin": Setup("NeoHookean", magnus=0.3),
+    "given spin": Setup("Newtonian", magnus=0.03, spin=(40.0, -20.0, 60.0)),
 }
 CORNERED = {"DruckerPrager", *STIFF}
 
@@ -66,11 +68,9 @@ def by_twin(name: str) -> Outcome:
     """Autograd through the twin."""
     setup = SETUPS[name]
     particles, parameters, coefficients = _inputs(setup)
-    twin = twin_of(BY_NAME[setup.name], ground=setup.ground)
-    return _outcome(
-        run_twin(twin, particles, parameters, drag=coefficients.get("drag"), friction=coefficients.get("friction"))[0],
-        {**particles, **parameters, **coefficients},
-    )
+    twin = twin_of(BY_NAME[setup.name], ground=setup.ground, spin=setup.spin)
+    trajectory, _ = run_twin(twin, particles, parameters, **coefficients)
+    return _outcome(trajectory, {**particles, **parameters, **coefficients})
 
 
 @functools.cache

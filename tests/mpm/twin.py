@@ -191,6 +191,7 @@ class Twin:
     """One physical set-up: law, ground, grid spacing dx [m], time step dt [s], gravity [m/s^2].
 
     Nodes lighter than ``lightest_node`` mean particle masses stay at rest, which keeps the division by the mass finite.
+    ``spin`` is that of the body [rad/s, (3,)] if it was measured; None: that of the velocity field at each particle.
     """
 
     law: Law
@@ -199,6 +200,7 @@ class Twin:
     ground: Literal["sticky", "slip", "separate", "none"] = "sticky"
     gravity: tuple[float, float, float] = (0.0, -9.8, 0.0)
     lightest_node: float = 1e-10
+    spin: tuple[float, float, float] | None = None
     zero: Tensor = field(default_factory=lambda: torch.zeros((), dtype=torch.float64))
 
     def start(self, positions: Tensor, velocity: Tensor) -> State:
@@ -230,6 +232,12 @@ class Twin:
             return torch.where(below & (u[:, 1:2] < 0), kept * flat, u)
         return u
 
+    def side(self, C: Tensor, v: Tensor) -> Tensor:
+        """omega x v; for the spin of a velocity field that is the skew part of its gradient times v."""
+        if self.spin is None:
+            return (0.5 * (C - C.mT) @ v[..., None])[..., 0]
+        return torch.linalg.cross(torch.tensor(self.spin, dtype=v.dtype).expand_as(v), v)
+
     def substep(
         self,
         state: State,
@@ -238,15 +246,17 @@ class Twin:
         parameters: dict[str, Tensor],
         drag: Tensor,
         friction: Tensor,
+        magnus: Tensor,
     ) -> State:
-        """P2G, grid update, G2P; ``drag`` [1/s] decelerates the particles, a = -c v, before P2G."""
+        """P2G, grid update, G2P; before P2G ``drag`` [1/s] and ``magnus`` [1] accelerate the particles,
+        a = -c v + S omega x v.
+        """
         x, v, C, F = state
         F, tau = self.law(F, C, self.dt, parameters, stiffness[:, None, None])
         nodes, w, arm = self.stencil(x)
         impulse = -self.dt * (self.dx / 2) ** 3 * 4 / self.dx**2 * tau
-        momentum = (
-            mass[:, None, None] * (v - self.dt * drag * v)[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
-        )
+        pushed = v + self.dt * (magnus * self.side(C, v) - drag * v)
+        momentum = mass[:, None, None] * pushed[:, None] + arm @ (impulse + mass[:, None, None] * C).mT
         lower = nodes.amin((0, 1))
         shape = nodes.amax((0, 1)) - lower + 1
         flat = (
@@ -275,18 +285,13 @@ class Twin:
         substeps: int,
         drag: Tensor | None = None,
         friction: Tensor | None = None,
+        magnus: Tensor | None = None,
     ) -> tuple[Tensor, State]:
         """Positions at every frame [m, (frames, N, 3)], the first being the start, and the last state."""
         seen = [state.x]
+        coefficients = [self.zero if c is None else c for c in (drag, friction, magnus)]
         for _ in range(frames - 1):
             for _ in range(substeps):
-                state = self.substep(
-                    state,
-                    mass,
-                    stiffness,
-                    parameters,
-                    self.zero if drag is None else drag,
-                    self.zero if friction is None else friction,
-                )
+                state = self.substep(state, mass, stiffness, parameters, *coefficients)
             seen.append(state.x)
         return torch.stack(seen), state

@@ -17,6 +17,7 @@ from pacnerf_lpo.mpm.effects.ground_friction import GroundFriction
 from pacnerf_lpo.mpm.effects.initial_spin import InitialSpin
 from pacnerf_lpo.mpm.effects.kelvin_voigt import KelvinVoigt
 from pacnerf_lpo.mpm.effects.linear_drag import LinearDrag
+from pacnerf_lpo.mpm.effects.magnus import Magnus
 from pacnerf_lpo.mpm.effects.quadratic_drag import QuadraticDrag
 from pacnerf_lpo.mpm.effects.shear_thinning import ShearThinning
 from pacnerf_lpo.mpm.effects.stiffness_gradient import StiffnessGradient
@@ -40,6 +41,7 @@ __all__ = [
     "KelvinVoigt",
     "LawEffect",
     "LinearDrag",
+    "Magnus",
     "QuadraticDrag",
     "ShearThinning",
     "Softening",

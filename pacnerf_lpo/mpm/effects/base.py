@@ -32,6 +32,7 @@ class Effect(ABC):
     separating_experiment: one sentence: which other recording would separate it from those.
     one_sided: whether the null lies on the boundary of what is physically possible.
     of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
+    constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
     acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
@@ -53,6 +54,7 @@ class Effect(ABC):
     separating_experiment: ClassVar[str] = ""
     one_sided: ClassVar[bool] = False
     of_recording: ClassVar[bool] = False
+    constants_of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):

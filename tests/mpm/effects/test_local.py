@@ -46,6 +46,20 @@ def test_drag_slows_and_forces_push_as_said():
     assert effects.CentralForce.acceleration(at(x=[1.5, 1.0, 0.0]), c) == [-1.0, -1.5, 0.0]
 
 
+def test_side_force_is_at_a_right_angle_to_spin_and_velocity():
+    """S omega x v of a rotation about z; of a shear dv_x/dy = 8, whose spin is -4; of a given spin alone."""
+    v, local = [3.0, 0.0, 1.0], effects.Magnus(0.1)
+    c = SimpleNamespace(**local.guess, **local.constants)
+    turning = [[0.0, -5.0, 0.0], [5.0, 0.0, 0.0], [0.0] * 3]
+    shear = [[0.0, 8.0, 0.0], [0.0] * 3, [0.0] * 3]
+    assert effects.Magnus.acceleration(at(v=v, C=turning), c) == pytest.approx([0.0, 1.5, 0.0])
+    assert effects.Magnus.acceleration(at(v=v, C=shear), c) == pytest.approx([0.0, -1.2, 0.0])
+    assert effects.Magnus.acceleration(at(v=v, C=EYE), c) == [0.0, 0.0, 0.0]
+    given = effects.Magnus(0.1, spin=(0.0, 20.0, 0.0))
+    c = SimpleNamespace(**given.guess, **given.constants)
+    assert effects.Magnus.acceleration(at(v=v, C=turning), c) == pytest.approx([2.0, 0.0, -6.0])
+
+
 def test_friction_below_sticking_is_coulombs():
     u = [2.0, -1.0, 0.0]
     assert effects.GroundFriction.velocity(u, SimpleNamespace(ground_friction=0.5)) == pytest.approx([1.5, 0.0, 0.0])
@@ -160,8 +174,15 @@ def yielding() -> Local:
             effects.UniformForce(),
             effects.GravityMagnitude(),
             effects.CentralForce(),
+            effects.Magnus(),
         ],
     )
+
+
+@functools.cache
+def spinning() -> Local:
+    """With a spin that was measured."""
+    return Local(NeoHookean(E=2e5, nu=0.25), [effects.Magnus(spin=(3.0, -2.0, 5.0))])
 
 
 @functools.cache
@@ -220,7 +241,8 @@ def test_cohesive_sand_bears_tension_and_yields_by_mohr_coulomb(theta):
 SCENES = {
     "yielding": (yielding, {"yield_stress": 2e3, "hardening": 4e4, "solid_viscosity": 20.0, "surface_tension": 50.0,
                             "softening": 1.5, "drag": 2.0, "drag_per_length": 0.3, "push_x": 1.0, "push_z": 0.5,
-                            "extra_gravity": -0.5, "pull": 3.0}),
+                            "extra_gravity": -0.5, "pull": 3.0, "magnus": 0.2}),
+    "spinning": (spinning, {"magnus": 0.2}),
     "cohesive": (cohesive, {"cohesion": 400.0}),
     "thinning": (thinning, {"power_index": 0.5, "surface_tension": 50.0}),
 }  # fmt: skip

@@ -28,6 +28,7 @@ FORCES: tuple[type[Effect], ...] = (
     effects.UniformForce,
     effects.GravityMagnitude,
     effects.CentralForce,
+    effects.Magnus,
 )
 LAWS: tuple[type[Effect], ...] = (
     effects.KelvinVoigt,
@@ -237,7 +238,7 @@ def test_drop_has_laplaces_pressure():
 
 START = {
     "elastic": {"drag": 2.0, "drag_per_length": 0.3, "push_x": 1.0, "push_z": 0.5, "extra_gravity": -0.5, "pull": 3.0,
-                "solid_viscosity": 20.0, "yield_stress": 5e3, "hardening": 1e4, "surface_tension": 50.0,
+                "magnus": 0.1, "solid_viscosity": 20.0, "yield_stress": 5e3, "hardening": 1e4, "surface_tension": 50.0,
                 "softening": 2.0, "spin_x": 1.0, "spin_y": -2.0, "spin_z": 0.5, "stiffness_gradient_x": 0.5,
                 "stiffness_gradient_y": -1.0, "stiffness_gradient_z": 0.3, "density_gradient_x": 0.5,
                 "density_gradient_y": -1.0, "density_gradient_z": 0.3, "ground_friction": 0.3},
