@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import least_squares
 
 from pacnerf_lpo.data.recordings.tangents import Planes
 
@@ -20,8 +20,12 @@ DEGREE = 4
 """Of the harmonics of the shape."""
 RIDGE = 1e-4
 """Weight of a small shape, relative to the planes, for directions in which no camera looks."""
-LOWEST = np.radians(40.0)
+LOWEST = np.radians(60.0)
 """Normals within about this angle of straight down count for the lowest point."""
+FEWEST = 8
+"""Planes that the lowest point and a place need at least."""
+TINY = 1e-12
+"""Keeps the square root differentiable where both half axes vanish, relative to the body."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ def places(frames: Sequence[Planes], shape: np.ndarray) -> np.ndarray:
     """Where a body of this shape is in each frame, by least squares; NaN in frames with too few planes [(F, 3)]."""
     found = np.full((len(frames), 3), np.nan)
     for number, planes in enumerate(frames):
-        if len(planes.offsets) >= 6:
+        if len(planes.offsets) >= FEWEST:
             target = planes.offsets - harmonics(planes.normals) @ shape
             found[number] = np.linalg.lstsq(planes.normals, target, rcond=None)[0]
     return found
@@ -99,20 +103,26 @@ def lowest_point(planes: Planes, up: np.ndarray) -> float:
     """Height of a body's lowest point along ``up`` (3,), NaN where too little is seen.
 
     No camera above the ground has the ground's plane as a tangent plane, so the support function has to be continued
-    from inclined normals to straight down. The body's lower side is taken as a flat disc of radius a, rounded by a
-    radius r: h(n) = n . c + r + a sin(angle to down). That is exact for balls, discs and tori that lie flat.
+    from inclined normals to straight down. The body's lower side is taken as a flat disc of radius d, rounded by half
+    an ellipsoid of revolution with half axes a (across) and b (along ``up``); with t the angle from straight down,
+    h(n) = n . c + d sin t + sqrt(a^2 sin^2 t + b^2 cos^2 t). That is exact for balls, ellipsoids, discs and tori that
+    lie flat.
     """
     down = -(planes.normals @ up)
     near = down > 0.0
-    if near.sum() < 8:
+    if near.sum() < FEWEST:
         return float("nan")
-    normals, cosine = planes.normals[near], np.clip(down[near], 0.0, 1.0)
-    angle = np.arccos(cosine)
-    weight = np.exp(-0.5 * (angle / LOWEST) ** 2)
-    matrix = np.column_stack((normals, np.ones(len(angle)), np.sin(angle)))
-    found = lsq_linear(
-        weight[:, None] * matrix,
-        weight * planes.offsets[near],
-        bounds=([-np.inf, -np.inf, -np.inf, 0.0, 0.0], np.inf),
-    ).x
-    return float(found[:3] @ up - found[3])
+    normals, offsets, cosine = planes.normals[near], planes.offsets[near], np.clip(down[near], 0.0, 1.0)
+    sine = np.sqrt(1.0 - cosine**2)
+    weight = np.exp(-0.5 * (np.arccos(cosine) / LOWEST) ** 2)
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        support = normals @ x[:3] + x[3] * sine + np.sqrt((x[4] * sine) ** 2 + (x[5] * cosine) ** 2 + TINY * radius**2)
+        return weight * (support - offsets)
+
+    ball = np.linalg.lstsq(weight[:, None] * np.column_stack((normals, np.ones(len(sine)))), weight * offsets)[0]
+    radius = max(float(ball[3]), 1e-3 * float(np.ptp(offsets)))
+    start = np.array([*ball[:3], 0.1 * radius, radius, radius])
+    lower = [-np.inf, -np.inf, -np.inf, 0.0, 0.0, 0.0]
+    found = least_squares(residual, start, bounds=(lower, np.inf), x_scale=radius).x
+    return float(found[:3] @ up - found[5])

@@ -34,6 +34,7 @@ UP_ERROR, SCALE_ERROR = 3.0, 0.1
 """Standard errors beyond which free fall tells too little [degrees, part of the scale]."""
 PLAUSIBLE = (0.5, 2.0)
 """Accelerations that a wrong unit or frame rate does not explain, relative to gravity."""
+NO_CONTACT = "the body is not seen to fall onto a ground; use a longer video, which begins before the contact"
 TILTED = 5.0
 """A stated up direction may be so far from the measured one [degrees]."""
 
@@ -83,13 +84,14 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     size = common_size(views, times, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
     flight = free_flight(frames, times, size)
-    if flight == len(times):
-        flight = len(times) - 1  # the last frame may be the first in contact
+    lands = flight < len(times)
+    if not lands and recording.ground is None:
+        raise UserInputError(f"{recording.source}: {NO_CONTACT}, or give --ground")
     for _ in range(2):
         motion = fit_ballistic(frames[:flight], times[:flight])
         up, up_why = find_up(recording, motion)
         heights = np.array([lowest_point(planes, up) for planes in frames])
-        ground, ground_why = find_ground(heights, flight, size)
+        ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
         hit = find_contact(heights, ground, motion, up, times, flight)
         flight = min(max(hit, 3), len(times) - 1)
     scale, scale_why = find_scale(recording, motion)
@@ -218,13 +220,13 @@ def find_contact(
         UserInputError: it does not within the video.
     """
     path = motion.at(times) @ up
-    lowest = path + np.nanmean((heights - path)[: max(flight - 1, 2)])
+    before = slice(
+        max(flight - 3, 0), max(flight - 1, 2)
+    )  # the last frames surely in the air, seen from similar angles
+    lowest = path + np.nanmean((heights - path)[before])
     below = np.flatnonzero(lowest <= ground)
     if len(below) == 0 or below[0] == 0:
-        raise UserInputError(
-            f"the body does not fall onto a ground within the {len(times)} frames; use a longer video, which begins "
-            "before the contact"
-        )
+        raise UserInputError(NO_CONTACT)
     return int(below[0])
 
 
