@@ -73,7 +73,7 @@ TILTED = cv2.Rodrigues(np.array([0.7, -1.1, 0.4]))[0]
 
 
 def rig() -> np.ndarray:
-    """Camera to world, OpenGL [(VIEWS, 3, 4)]: the lower six of eleven cameras; they see the ball fall by its height."""
+    """Camera to world, OpenGL [(VIEWS, 3, 4)]: the lower six of eleven cameras, which see the ball's whole fall."""
     return hemisphere_rig(11, SIZE).camera_to_world[[0, 2, 4, 5, 7, 10]]
 
 

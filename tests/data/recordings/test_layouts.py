@@ -1,10 +1,16 @@
 """Every layout gives the cameras of the studio, and through ``init`` the same scene."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import pacnerf_lpo.phases  # noqa: F401  (short class names exist once their modules are imported)
+from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.layouts import LAYOUTS, read_recording
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.mpm.physics import Physics
 from tests.data.recordings.layouts import WRITERS
 from tests.data.recordings.studio import (
     CONTACT,
@@ -88,3 +94,18 @@ def test_every_value_of_the_scene_file_says_where_it_is_from(made):
     keys = [line for line in done.text.splitlines() if ": " in line and not line.startswith("#")]
     bare = [line.split(":")[0].strip() for line in keys if "#" not in line]
     assert set(bare) <= {"class_path", "box_upper", "E", "nu"}  # explained one line above
+
+
+@pytest.mark.parametrize("order", ["scene before cpu", "scene after cpu"])
+def test_the_scene_file_is_a_config_of_fit(made, order):
+    """In the order that init prints, and in that of the shipped scenes."""
+    scene, configs = made("opencv_shared").scene / "scene.yaml", Path(__file__).parents[3] / "configs"
+    files = [configs / "fit.yaml", configs / "cpu.yaml", scene]
+    if order == "scene before cpu":
+        files = [files[0], files[2], files[1]]
+    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoData, Physics)
+    assert cli.phases["velocity"].frames == CONTACT and cli.physics.frame_rate == pytest.approx(24.0)
+    data = cli.datamodule.prepare()
+    assert len(data.train) == VIEWS and data.video.images.shape[1] == FRAMES
+    spacing = made("opencv_shared").config["phases"]["static"]["init_args"]["base_spacing"]
+    assert cli.phases["static"].base_spacing == (spacing if order == "scene after cpu" else 0.12)
