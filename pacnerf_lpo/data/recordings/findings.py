@@ -81,7 +81,7 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     Raises:
         UserInputError: the views contradict each other, or something can neither be read nor measured.
     """
-    size = common_size(views, times, recording)
+    size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
     flight = free_flight(frames, times, size)
     lands = flight < len(times)

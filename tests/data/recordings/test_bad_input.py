@@ -12,7 +12,7 @@ from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.recordings.layouts import read_recording
 from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.layouts import WRITERS, write_json
-from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, save
+from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, raw, save
 
 
 def refused(capsys, source: Path, *options) -> str:
@@ -218,6 +218,26 @@ def test_damaged_colmap_model(write, capsys):
     path = folder / "sparse/0/images.bin"
     path.write_bytes(path.read_bytes()[:50])
     assert "a damaged COLMAP model" in refused(capsys, folder)
+
+
+def test_an_object_that_hides_its_own_background_is_noticed(write, capsys):
+    """In camera 3 the object leaves only half of its place: the matte keeps a ghost, and the other views say so."""
+    folder = write("phystwin")
+    for frame in range(FRAMES):
+        image = raw()[3, frame]
+        image[20:45, 30:70] = [0.8, 0.3, 0.1] if frame < 8 else image[20:45, 30:70]
+        save(folder / "color/3" / f"{frame}.png", image)
+    assert "camera 3 disagrees with the other views" in refused(capsys, folder)
+
+
+def test_one_camera_late(write, capsys):
+    """By three frames, an eighth of a second."""
+    folder = write("phystwin")
+    for frame in reversed(range(3, FRAMES)):
+        save(folder / "color/4" / f"{frame}.png", raw()[4, frame - 3])
+    for frame in range(3):
+        save(folder / "color/4" / f"{frame}.png", raw()[4, 0])
+    assert "camera 4 disagrees with the other views: its pose, its clock" in refused(capsys, folder)
 
 
 def test_nothing_moves(write, capsys):

@@ -14,8 +14,8 @@ from pacnerf_lpo.data.recordings.tangents import Planes, ball, bounds, outline_p
 from tests.data.recordings.studio import RADIUS, SIZE, START, VIEWS, films, intrinsic, rig
 
 EDGE = 3.5e-3
-"""A quarter of a pixel [m], 14 mm at 2.5 m: where a round outline only just enters a row of pixels, their averages say no
-more."""
+"""A quarter of a pixel [m], 14 mm at 2.5 m: where a round outline only just enters a row of pixels, their averages
+say no more."""
 UP = np.array([0.0, 1.0, 0.0])
 SUPPORTS = {
     "ball": lambda n, sine: np.full(len(n), 0.2),
