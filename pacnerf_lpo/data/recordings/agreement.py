@@ -65,7 +65,7 @@ def _largest_gap(views: Sequence[Sequence[Planes]]) -> float:
 
 
 def _gap(planes: Sequence[Planes]) -> float:
-    """Largest rms distance of a view's planes from what all allow, relative to its size; infinite if that is nothing."""
+    """Largest rms distance of a view's planes from what all allow, relative to its size; infinite for nothing."""
     together = Planes.of(planes)
     centre, radius = ball(together)
     if not (radius > 0 and np.isfinite(radius)):

@@ -26,6 +26,9 @@ LEFT_PARABOLA = 0.02
 """So far from the parabola before it, relative to the size of the body, a body is no longer in free flight."""
 RESTING = 0.02
 """Heights of the lowest point so close to the least of all, relative to the size of the body, are on the ground."""
+GROUND_ERROR = 0.02
+"""What the shape of the lower side leaves uncertain, relative to the size of the body: of eight videos with a known ground
+the worst."""
 AXIS_SNAP = 1.0
 """An up direction this close to an axis of the calibration is that axis [degrees]: an axis is how it was meant."""
 UNIT_SNAP = 0.05
@@ -206,7 +209,7 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, s
     after = heights[flight - 1 :]
     least = float(np.nanmin(after))
     resting = after[after < least + RESTING * size]
-    spread = max(float(resting.std()), 0.005 * size) / size
+    spread = max(float(resting.std()) / size, GROUND_ERROR)
     frames = f"{len(resting)} frame{'s' * (len(resting) > 1)}"
     return float(resting.mean()), f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body"
 

@@ -128,9 +128,10 @@ def _trace(directions: np.ndarray, origin: np.ndarray, centre: np.ndarray, axes:
     a, b, c = (d * d).sum(-1), d @ o, o @ o - 1.0
     square = b * b - a * c
     hit = square > 0
-    point = o + d * ((-b - np.sqrt(np.maximum(square, 0))) / a)[:, None]
+    point = o + d[hit] * ((-b - np.sqrt(np.maximum(square, 0))) / a)[hit, None]
     colour = np.where(np.sin(9.0 * point[:, :1]) > 0, [0.8, 0.2, 0.15], [0.9, 0.6, 0.1]) * (0.7 + 0.3 * point[:, 1:2])
-    shade = np.column_stack((colour, np.ones(len(hit)))) * hit[:, None]
+    shade = np.zeros((len(hit), 4))
+    shade[hit] = np.column_stack((colour, np.ones(len(colour))))
     fine = shade.reshape(SIZE, SUPERSAMPLING, SIZE, SUPERSAMPLING, 4).mean(axis=(1, 3))
     fine[..., :3] /= np.maximum(fine[..., 3:], 1e-6)
     return fine
