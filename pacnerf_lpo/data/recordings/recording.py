@@ -80,6 +80,7 @@ class Recording:
     unit: metres per unit of length of the poses
     up: unit vector against gravity, in the poses' world [(3,)]
     ground: height of the ground along ``up``, in the poses' unit
+    metric: the unit is that of a measured calibration board, so m, cm or mm, if only the layout said which
     """
 
     layout: str
@@ -88,6 +89,7 @@ class Recording:
     unit: float | None = None
     up: tuple[float, float, float] | None = None
     ground: float | None = None
+    metric: bool = False
 
     def with_frame_rate(self, fps: float) -> Recording:
         """The same recording with times counted at ``fps`` frames a second, whatever its files say."""

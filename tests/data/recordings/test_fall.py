@@ -1,5 +1,7 @@
 """Tangent planes, free fall and the lowest point against closed forms."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,10 @@ from pacnerf_lpo.data.recordings.conventions import (
     rotation_onto,
 )
 from pacnerf_lpo.data.recordings.fall import fit_ballistic, lowest_point
+from pacnerf_lpo.data.recordings.findings import find_scale
+from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.tangents import Planes, ball, bounds, outline_planes
+from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.studio import RADIUS, SIZE, START, VIEWS, films, intrinsic, rig
 
 EDGE = 3.5e-3
@@ -106,3 +111,27 @@ def test_llff_columns():
     down, right, back, centre = np.array([0, -1, 0]), np.array([1, 0, 0]), np.array([0, 0, 1]), np.array([5, 6, 7])
     pose = pose_from_llff(np.column_stack((down, right, back, centre)))
     np.testing.assert_array_equal(pose, np.column_stack((np.eye(3), centre)))
+
+
+def falling(acceleration: float, **known) -> tuple[float, str]:
+    """Scale and reason for a body that falls so fast, in units per s^2 along -y."""
+    times = np.arange(6) / 24.0
+    places = [np.array([0.0, 900.0 - 0.5 * acceleration * t**2, 0.0]) for t in times]
+    n = inclined()
+    planes = [Planes(n, n @ place + 200.0) for place in places]
+    return find_scale(Recording("x", Path("."), (), **known), fit_ballistic(planes, times))
+
+
+def test_a_unit_is_recognised_although_drag_slows_the_fall():
+    """A board was measured in a unit that people use; a scale of COLMAP's is anything, so only gravity says it."""
+    assert falling(9810.0)[0] == 0.001
+    scale, why = falling(6700.0, metric=True)
+    assert scale == 0.001 and "6.7 m/s^2" in why
+    scale, why = falling(6700.0)
+    assert scale == pytest.approx(9.81 / 6700.0, rel=1e-6) and "drag, would pass for scale" in why
+
+
+def test_a_stated_unit_that_gravity_contradicts_is_refused():
+    with pytest.raises(UserInputError, match="with --unit mm"):
+        falling(9810.0, unit=1.0)
+    assert falling(9810.0, unit=0.0015)[0] == 0.0015

@@ -19,7 +19,7 @@ NAMES = ("calibration", "calib", "cameras", "extrinsics")
 def read(folder: Path) -> Recording:
     """OpenCV's world-to-camera poses; neither unit nor axes are stated."""
     cameras = [camera_of(folder, name, where, values) for name, where, values in _calibrations(folder)]
-    return Recording(LAYOUT.name, folder, tuple(cameras))
+    return Recording(LAYOUT.name, folder, tuple(cameras), metric=True)
 
 
 def _calibrations(folder: Path) -> list[tuple[str, str, dict[str, Any]]]:

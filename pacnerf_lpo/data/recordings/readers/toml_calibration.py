@@ -20,7 +20,7 @@ def read(folder: Path) -> Recording:
         for key, values in _cameras(path).items()
         if not values.get("ignore", False)
     ]
-    return Recording(LAYOUT.name, folder, tuple(cameras))
+    return Recording(LAYOUT.name, folder, tuple(cameras), metric=True)
 
 
 def _cameras(path: Path) -> dict[str, dict[str, Any]]:
