@@ -21,6 +21,7 @@ COMMANDS = {
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
+    "init": ("a scene from your own recording, in any common layout", "pacnerf_lpo.commands.init"),
     "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
     "configs": ("configurations that --config knows by name", "pacnerf_lpo.commands.configs"),
 }

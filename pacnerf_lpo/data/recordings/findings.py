@@ -1,0 +1,252 @@
+"""What a recording does not say and its outlines do: which way is up, the scale, the ground, the contact, the box."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.agreement import common_size
+from pacnerf_lpo.data.recordings.conventions import rotation_onto
+from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
+from pacnerf_lpo.data.recordings.recording import Recording
+from pacnerf_lpo.data.recordings.tangents import Planes, bounds
+from pacnerf_lpo.errors import UserInputError
+
+log = logging.getLogger(__name__)
+
+GRAVITY = 9.81
+"""[m/s^2]"""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres per unit."""
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
+LEFT_PARABOLA = 0.02
+"""So far from the parabola before it, relative to the size of the body, a body is no longer in free flight."""
+RESTING = 0.02
+"""Heights of the lowest point so close to the least of all, relative to the size of the body, are on the ground."""
+GROUND_ERROR = 0.05
+"""What the shape of the lower side leaves uncertain, relative to the size of the body: the worst of eight videos with a
+known ground and all views; with three views twice that."""
+AXIS_SNAP = 1.0
+"""An up direction this close to an axis of the calibration is that axis [degrees]: an axis is how it was meant."""
+UNIT_SNAP = 0.05
+"""A scale this close to metres, centimetres or millimetres is that unit, even where the layout has any scale."""
+UP_ERROR, SCALE_ERROR = 3.0, 0.1
+"""Standard errors beyond which free fall tells too little [degrees, part of the scale]."""
+PLAUSIBLE = (0.5, 2.0)
+"""Accelerations, relative to gravity, that are no sign of a wrong unit or frame rate: drag and wind change it, too."""
+NO_CONTACT = "the body is not seen to fall onto a ground; use a longer video, which begins before the contact"
+TILTED = 5.0
+"""A stated up direction may be so far from the measured one [degrees]."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A value and, in words, where it comes from and how sure it is."""
+
+    value: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was found out.
+
+    rotation, scale: x -> scale * rotation x takes the recording's world to metres and y up [(3, 3)]
+    up_why, scale_why: where the two come from
+    ground: height of the ground along y, to be subtracted [m]
+    hit_frame: first frame in which the body touches the ground
+    lower, upper: box around the body at frame 0, over the ground at y = 0 [m, (3,) each]
+    height: of the lowest point in every frame, over the ground [m, (F,)]
+    """
+
+    rotation: np.ndarray
+    scale: float
+    up_why: str
+    scale_why: str
+    ground: Found
+    hit_frame: Found
+    lower: np.ndarray
+    upper: np.ndarray
+    height: np.ndarray
+
+
+def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
+    """Find out what the recording does not say.
+
+    Args:
+        views: tangent planes of every frame, by camera, in the recording's world.
+        times: of the frames [s, (F,)].
+        recording: what is known already.
+
+    Raises:
+        UserInputError: the views contradict each other, or something can neither be read nor measured.
+    """
+    size = common_size(views, recording)
+    frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
+    flight = free_flight(frames, times, size)
+    lands = flight < len(times)
+    if not lands and recording.ground is None:
+        raise UserInputError(f"{recording.source}: {NO_CONTACT}, or give --ground")
+    for _ in range(2):
+        motion = fit_ballistic(frames[:flight], times[:flight])
+        up, up_why = find_up(recording, motion)
+        heights = np.array([lowest_point(planes, up) for planes in frames])
+        ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
+        hit = find_contact(heights, ground, motion, up, times, flight)
+        flight = min(max(hit, 3), len(times) - 1)
+    scale, scale_why = find_scale(recording, motion)
+    hit_why = f"its free fall reaches the ground between frames {hit - 1} and {hit}; exact to a frame"
+    if recording.ground is not None:
+        _compare_grounds(recording.ground, ground, size)
+        ground, ground_why = recording.ground, f"stated by the layout {recording.layout} or by an option"
+    rotation = rotation_onto(up, np.array([0.0, 1.0, 0.0]))
+    lower, upper = bounds(frames[0].moved(rotation, scale))
+    lower[1], upper[1] = max(0.0, lower[1] - scale * ground), upper[1] - scale * ground
+    return Findings(
+        rotation,
+        scale,
+        up_why,
+        scale_why,
+        Found(scale * ground, ground_why),
+        Found(hit, hit_why),
+        lower,
+        upper,
+        scale * (heights - ground),
+    )
+
+
+def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int:
+    """How many frames from the first lie on one parabola; at least three.
+
+    Args:
+        frames: tangent planes of each frame. times: [s, (F,)]. size: of the body, in the unit of the planes.
+    """
+    flight = 3
+    while flight < len(times):
+        motion = fit_ballistic(frames[:flight], times[:flight])
+        place = places(frames[flight : flight + 1], motion.shape)[0]
+        away = float(np.linalg.norm(place - motion.at(times[flight : flight + 1])[0]))
+        if not away < LEFT_PARABOLA * size:
+            break
+        flight += 1
+    return flight
+
+
+def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
+    """The unit vector against gravity (3,), and where it comes from.
+
+    Raises:
+        UserInputError: it is not stated, and the body does not fall freely for long enough.
+    """
+    size = float(np.linalg.norm(motion.acceleration))
+    measured = -motion.acceleration / max(size, 1e-30)
+    error = float(np.degrees(np.linalg.norm(motion.error) / max(size, 1e-30)))
+    if recording.up is not None:
+        up = np.array(recording.up, float)
+        angle = _angle(up, measured)
+        if error < UP_ERROR and angle > 90.0:
+            raise UserInputError(
+                f"{recording.source}: the body falls against the stated up direction {_vector(up)}; give --up"
+            )
+        if error < UP_ERROR and angle > TILTED + 2.0 * error:
+            log.warning("the body falls %.0f degrees off the stated up direction %s; check --up", angle, _vector(up))
+        return up, f"stated by the layout {recording.layout} or by --up"
+    if not error < UP_ERROR:
+        raise UserInputError(
+            f"{recording.source}: which side is up cannot be measured, the body hardly falls before it touches "
+            f"something (uncertain by {error:.2g} degrees); give --up"
+        )
+    nearest = min((np.array(axis, float) for axis in AXES.values()), key=lambda axis: _angle(axis, measured))
+    angle = _angle(nearest, measured)
+    if angle < AXIS_SNAP:
+        return nearest, f"an axis of the calibration, {angle:.2g} degrees from the direction of free fall"
+    return measured, f"the direction of free fall, to {max(error, 0.1):.1f} degrees"
+
+
+def find_scale(recording: Recording, motion: Ballistic) -> tuple[float, str]:
+    """Metres per unit, and where that comes from.
+
+    Raises:
+        UserInputError: it is neither stated nor measurable, or the body falls as it could not with the stated one.
+    """
+    size = float(np.linalg.norm(motion.acceleration))
+    error = float(np.linalg.norm(motion.error)) / max(size, 1e-30)
+    measured = GRAVITY / max(size, 1e-30)
+    near = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / measured)))
+    falls = f"the body falls at {GRAVITY * UNITS[near] / measured:.3g} m/s^2"
+    ratio = (UNITS[near] if recording.unit is None else recording.unit) / measured
+    plausible = PLAUSIBLE[0] - 3.0 * error < ratio < PLAUSIBLE[1] + 3.0 * error
+    if recording.unit is not None:
+        if not plausible:
+            raise UserInputError(
+                f"{recording.source}: with {recording.unit:g} m per unit the body falls at {GRAVITY * ratio:.3g} m/s^2 "
+                f"instead of {GRAVITY}; with --unit {near} {falls}; check --unit and --fps"
+            )
+        return recording.unit, f"stated by the layout {recording.layout} or by --unit"
+    if not error < SCALE_ERROR:
+        raise UserInputError(
+            f"{recording.source}: the scale cannot be measured, the body hardly falls before it touches something; "
+            "give --unit"
+        )
+    if abs(ratio - 1.0) < UNIT_SNAP or (recording.metric and plausible):
+        return UNITS[near], f"{near}, as in it {falls}"
+    return measured, (
+        f"free fall at {GRAVITY} m/s^2, to {100 * max(error, 0.01):.0f} %; "
+        "another gravity, or drag, would pass for scale"
+    )
+
+
+def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, str]:
+    """Height of the ground, in the recording's unit, and where it comes from: where the lowest point comes to rest.
+
+    Args:
+        heights: of the lowest point in every frame [(F,)]. flight: frames of free flight. size: of the body.
+    """
+    after = heights[flight - 1 :]
+    least = float(np.nanmin(after))
+    resting = after[after < least + RESTING * size]
+    spread = max(float(resting.std()) / size, GROUND_ERROR)
+    frames = f"{len(resting)} frame{'s' * (len(resting) > 1)}"
+    return float(resting.mean()), (
+        f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
+        "physics.fit_ground_height finds it more exactly"
+    )
+
+
+def find_contact(
+    heights: np.ndarray, ground: float, motion: Ballistic, up: np.ndarray, times: np.ndarray, flight: int
+) -> int:
+    """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground.
+
+    Raises:
+        UserInputError: it does not within the video.
+    """
+    path = motion.at(times) @ up
+    before = slice(
+        max(flight - 3, 0), max(flight - 1, 2)
+    )  # the last frames surely in the air, seen from similar angles
+    lowest = path + np.nanmean((heights - path)[before])
+    below = np.flatnonzero(lowest <= ground)
+    if len(below) == 0 or below[0] == 0:
+        raise UserInputError(NO_CONTACT)
+    return int(below[0])
+
+
+def _compare_grounds(stated: float, measured: float, size: float) -> None:
+    if abs(measured - stated) > 0.1 * size:
+        log.warning(
+            "the body comes to rest %.0f %% of its size %s the stated ground; give --ground",
+            100 * abs(measured - stated) / size,
+            "above" if measured > stated else "below",
+        )
+
+
+def _angle(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
+
+
+def _vector(up: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in up) + ")"

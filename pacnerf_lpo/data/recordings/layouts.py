@@ -1,0 +1,77 @@
+"""The layouts that can be read, and which of them a folder has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pacnerf_lpo.data.recordings.readers import (
+    colmap,
+    d_nerf,
+    dynerf,
+    gic,
+    nerfstudio,
+    opencv_calibration,
+    pac_nerf,
+    phystwin,
+    spring_gaus_real,
+    spring_gaus_synthetic,
+    toml_calibration,
+)
+from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.errors import UserInputError
+
+LAYOUTS = (
+    pac_nerf.LAYOUT,
+    gic.LAYOUT,
+    spring_gaus_synthetic.LAYOUT,
+    spring_gaus_real.LAYOUT,
+    nerfstudio.LAYOUT,
+    d_nerf.LAYOUT,
+    colmap.LAYOUT,
+    dynerf.LAYOUT,
+    phystwin.LAYOUT,
+    opencv_calibration.LAYOUT,
+    toml_calibration.LAYOUT,
+)
+Format = Literal[
+    "pac-nerf",
+    "gic",
+    "spring-gaus-synthetic",
+    "spring-gaus-real",
+    "nerfstudio",
+    "d-nerf",
+    "colmap",
+    "dynerf",
+    "phystwin",
+    "opencv",
+    "toml",
+]
+SHOWN = 8
+"""Entries of a folder that a message names."""
+
+
+def read_recording(folder: Path, name: Format | None = None) -> Recording:
+    """The recording in a folder, in the layout of this name, or in the one that is recognised.
+
+    Raises:
+        UserInputError: there is no such folder, no layout or several fit it, or something in the files is wrong.
+    """
+    if not folder.is_dir():
+        raise UserInputError(f"{folder}: there is no such folder; give the one that holds videos and calibration")
+    fitting = [layout for layout in LAYOUTS if (layout.fits(folder) if name is None else layout.name == name)]
+    if len(fitting) > 1:
+        found = "; ".join(f"{layout.name} ({layout.looks_for})" for layout in fitting)
+        raise UserInputError(f"{folder}: fits several layouts: {found}; choose one by --format")
+    if not fitting:
+        looked_for = "; ".join(layout.looks_for for layout in LAYOUTS)
+        raise UserInputError(f"{folder}: no known layout. Looked for: {looked_for}. There lies: {_content(folder)}")
+    recording = fitting[0].read(folder)
+    check_recording(recording)
+    return recording
+
+
+def _content(folder: Path) -> str:
+    names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
+    rest = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + rest if names else "nothing"

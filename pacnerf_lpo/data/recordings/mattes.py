@@ -1,0 +1,124 @@
+"""Undistorted, matted images of a camera: transparent where the object is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pacnerf_lpo.data.images import on_white, read_png
+from pacnerf_lpo.data.matting import matte
+from pacnerf_lpo.data.recordings.background import still_background
+from pacnerf_lpo.data.recordings.media import library, read_frames
+from pacnerf_lpo.data.recordings.recording import Camera, check_image_size
+from pacnerf_lpo.errors import UserInputError
+
+WHITE = 1.0 - 1.5 / 255.0
+"""From here on a value counts as pure white."""
+INVERTED = 0.5
+"""A mask that is bright along more of the image border than this marks the background."""
+
+
+class Lens:
+    """Takes images of a camera to those of a pinhole with the same focal lengths and principal point.
+
+    valid: False where no pixel of the original falls [(H, W), bool]
+    """
+
+    def __init__(self, camera: Camera, size: tuple[int, int]):
+        self.maps, self.valid = None, np.ones(size[::-1], bool)
+        if not camera.lens.distorts:
+            return
+        self.cv2 = library("cv2", f"camera {camera.name}: undistorting images")
+        intrinsic = camera.intrinsic.copy()
+        intrinsic[:2, 2] -= 0.5
+        undistort = self.cv2.fisheye if camera.lens.model == "fisheye" else self.cv2
+        self.maps = undistort.initUndistortRectifyMap(
+            intrinsic, np.array(camera.lens.coefficients), np.eye(3), intrinsic, size, self.cv2.CV_32FC1
+        )
+        x, y = self.maps
+        self.valid = (x >= -0.5) & (x <= size[0] - 0.5) & (y >= -0.5) & (y <= size[1] - 0.5)
+
+    def undistorted(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels [0..1, (H, W, C)] at their undistorted places; what was outside repeats the border."""
+        if self.maps is None:
+            return pixels
+        moved = self.cv2.remap(pixels, *self.maps, self.cv2.INTER_LINEAR, borderMode=self.cv2.BORDER_REPLICATE)
+        return moved.reshape(*moved.shape[:2], -1)
+
+
+class Mattes:
+    """The images of a camera, one after the other.
+
+    From masks where there are any; else from transparency; else by white around the object; else by the background,
+    which is a plate or comes from the video itself.
+
+    lens: as it undistorts. plate: the background, undistorted [0..1, (H, W, 3)]; None where none was needed.
+    way: how the mattes were made, in words.
+    """
+
+    def __init__(self, camera: Camera):
+        self.camera = camera
+        first = next(read_frames(camera.frames[:1]))
+        self.size = first.shape[1], first.shape[0]
+        check_image_size(str(camera.frames[0].file), camera, self.size)
+        self.lens = Lens(camera, self.size)
+        self.plate: np.ndarray | None = None
+        self.cut: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+        border = np.concatenate((first[0], first[-1], first[:, 0], first[:, -1]))
+        if camera.frames[0].mask is not None:
+            self.way, self.cut = "masks", self._by_mask
+        elif first.shape[-1] == 4:
+            self.way, self.cut = "transparency", self._by_alpha
+        elif camera.on_white or border.min() > WHITE:
+            self.way, self.cut = "white around the object", self._by_white
+        else:
+            self.way, self.cut = "background plate", self._by_plate
+            if camera.plate is None:
+                self.way, background = "background of the video", still_background(camera)
+            else:
+                background = read_png(camera.plate)[..., :3]
+            if background.shape[1::-1] != self.size:
+                raise UserInputError(
+                    f"{camera.plate}: not of the size of the images of camera {camera.name}; make them one size"
+                )
+            self.plate = self.lens.undistorted(background)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""
+        for frame, pixels in zip(self.camera.frames, read_frames(self.camera.frames), strict=True):
+            if pixels.shape[1::-1] != self.size:
+                raise UserInputError(
+                    f"{frame.file}: {pixels.shape[1]} x {pixels.shape[0]} pixels, but the first image of camera "
+                    f"{self.camera.name} has {self.size[0]} x {self.size[1]}; make them one size"
+                )
+            mask = None if frame.mask is None else read_png(frame.mask)
+            if mask is not None and mask.shape[:2] != pixels.shape[:2]:
+                raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
+            result = self.cut(pixels, mask)
+            result[..., 3] *= self.lens.valid
+            yield result
+
+    def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+        if mask is None:
+            raise UserInputError(
+                f"camera {self.camera.name}: some frames have a mask and some have not; give all or none"
+            )
+        opacity = mask[..., 3] if mask.shape[-1] == 4 and mask[..., 3].min() < 1.0 else mask[..., :3].max(axis=-1)
+        edge = np.concatenate((opacity[0], opacity[-1], opacity[:, 0], opacity[:, -1]))
+        if (edge > 0.5).mean() > INVERTED:
+            name = self.camera.frames[0].mask
+            raise UserInputError(f"{name}: bright along the image border, so it marks the background; invert the masks")
+        return self.lens.undistorted(np.dstack((pixels[..., :3], opacity)).astype(np.float32))
+
+    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        return self.lens.undistorted(pixels)
+
+    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        return np.dstack(on_white(self.lens.undistorted(pixels[..., :3])))
+
+    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        assert self.plate is not None
+        colour, opacity = matte(self.lens.undistorted(pixels[..., :3]), self.plate)
+        own = (colour - (1.0 - opacity[..., None])) / np.maximum(opacity[..., None], 1e-3)
+        return np.dstack((np.clip(own, 0.0, 1.0), opacity)).astype(np.float32)

@@ -1,0 +1,111 @@
+"""Image folders and video files: what frames they hold, when they were taken, and their pixels."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from pacnerf_lpo.data.images import read_png
+from pacnerf_lpo.data.recordings.recording import Frame
+from pacnerf_lpo.errors import UserInputError
+
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
+LOST = 0.1
+"""Part of the announced frames of a video that may be missing: containers count a few too many."""
+
+
+def library(name: str, what_for: str) -> ModuleType:
+    """An optional library. Raises UserInputError that says how to install it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise UserInputError(f"{what_for} needs {name}; pip install 'pacnerf-lpo[recordings]'") from None
+
+
+def in_order(paths: list[Path]) -> list[Path]:
+    """Sorted by name, numbers by their value: 2 before 10."""
+    return sorted(paths, key=lambda path: [int(part) if part.isdigit() else part for part in _parts(path.name)])
+
+
+def _parts(name: str) -> list[str]:
+    return re.split(r"(\d+)", name)
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Image files of a folder, in order; none where there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return in_order([path for path in folder.iterdir() if path.suffix.lower() in IMAGES])
+
+
+def videos_in(folder: Path) -> list[Path]:
+    """Video files of a folder, in order; none where there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return in_order([path for path in folder.iterdir() if path.suffix.lower() in VIDEOS])
+
+
+def frames_of(path: Path) -> tuple[Frame, ...]:
+    """The frames of a video file, with the times it states, or of a folder of images, without times.
+
+    Raises:
+        UserInputError: the video is damaged, or cut off.
+    """
+    if path.is_dir():
+        return tuple(Frame(image, None) for image in images_in(path))
+    cv2 = library("cv2", f"{path}: reading a video")
+    video = cv2.VideoCapture(str(path))
+    announced, times = video.get(cv2.CAP_PROP_FRAME_COUNT), []
+    while video.isOpened() and video.grab():
+        times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
+    video.release()
+    if not times:
+        raise UserInputError(f"{path}: the video is damaged or of an unknown kind; copy it again or convert it to mp4")
+    if len(times) < (1.0 - LOST) * announced:
+        raise UserInputError(
+            f"{path}: the video announces {announced:.0f} frames but only {len(times)} can be read; copy it again"
+        )
+    if len(times) > 1 and not np.all(np.diff(times) > 0):
+        raise UserInputError(f"{path}: its time stamps do not increase; give --fps, or convert the video")
+    return tuple(Frame(path, time, place) for place, time in enumerate(times))
+
+
+def read_frames(frames: tuple[Frame, ...]) -> Iterator[np.ndarray]:
+    """Pixels of every frame [0..1, (H, W, 3), or (H, W, 4) with transparency], in the order given.
+
+    Raises:
+        UserInputError: a file is missing or damaged.
+    """
+    playing: Iterator[tuple[int, np.ndarray]] = iter(())
+    now: tuple[Path, int] | None = None
+    for frame in frames:
+        if frame.place is None:
+            yield read_png(frame.file)
+            continue
+        if now is None or now[0] != frame.file or now[1] >= frame.place:
+            playing = _play(frame.file)
+        for place, pixels in playing:
+            now = (frame.file, place)
+            if place == frame.place:
+                yield pixels
+                break
+        else:
+            raise UserInputError(f"{frame.file}: frame {frame.place} cannot be read; copy the video again")
+
+
+def _play(path: Path) -> Iterator[tuple[int, np.ndarray]]:
+    cv2 = library("cv2", f"{path}: reading a video")
+    video, place = cv2.VideoCapture(str(path)), 0
+    while True:
+        found, pixels = video.read()
+        if not found:
+            video.release()
+            return
+        yield place, pixels[..., ::-1].astype(np.float32) / 255.0
+        place += 1

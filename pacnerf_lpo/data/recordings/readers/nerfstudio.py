@@ -1,0 +1,68 @@
+"""nerfstudio and instant-ngp: ``transforms.json`` with intrinsics for all frames or for each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.data.images import image_size
+from pacnerf_lpo.data.recordings.conventions import centred_intrinsic, intrinsic_matrix
+from pacnerf_lpo.data.recordings.files import entry, numbers, read_values
+from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
+from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens, Recording
+from pacnerf_lpo.errors import UserInputError
+
+NAME = "transforms.json"
+OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
+FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
+PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "")
+
+
+def read(folder: Path) -> Recording:
+    """OpenGL cameras in a world with z up, of any scale. Its masks mark pixels to ignore, so they are no mattes."""
+    path = folder / NAME
+    values = read_values(path)
+    shots = [_shot(path, number, {**values, **frame}) for number, frame in enumerate(_frames(path, values))]
+    return Recording(LAYOUT.name, folder, still_cameras(path, shots), up=(0.0, 0.0, 1.0))
+
+
+def _frames(path: Path, values: Any) -> list[dict[str, Any]]:
+    frames = entry(str(path), values, "frames")
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise UserInputError(f"{path}: 'frames' must be a list of {{file_path, transform_matrix}}; write it again")
+    return frames
+
+
+def _shot(path: Path, number: int, values: dict[str, Any]) -> Camera:
+    where = f"{path}, frame {number}"
+    file = with_suffix(path.parent / str(entry(where, values, "file_path")))
+    pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4), (3, 4))[:3]
+    time = values.get("time")
+    frame = Frame(file, None if time is None else float(time))
+    size = (int(values["w"]), int(values["h"])) if "w" in values and "h" in values else image_size(file)[::-1]
+    return Camera(file.parent.name, _intrinsic(where, values, size), pose, (frame,), _lens(where, values), size=size)
+
+
+def _intrinsic(where: str, values: dict[str, Any], size: tuple[int, int]) -> np.ndarray:
+    width, height = size
+    if "fl_x" not in values and "camera_angle_x" in values:
+        return centred_intrinsic(float(values["camera_angle_x"]), width, height)
+    fx = float(entry(where, values, "fl_x"))
+    return intrinsic_matrix(
+        fx, float(values.get("fl_y", fx)), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
+    )
+
+
+def _lens(where: str, values: dict[str, Any]) -> Lens:
+    model = str(values.get("camera_model", ""))
+    if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):
+        return Lens("fisheye", tuple(float(values.get(key, 0.0)) for key in FISHEYE_KEYS))
+    if model not in PINHOLES or float(values.get("k4", 0.0)):
+        raise UserInputError(f"{where}: lens model {model or 'with k4'} is not supported; undistort its images first")
+    return Lens("opencv", tuple(float(values.get(key, 0.0)) for key in OPENCV_KEYS))
+
+
+LAYOUT = Layout("nerfstudio", NAME, lambda folder: (folder / NAME).is_file(), read)

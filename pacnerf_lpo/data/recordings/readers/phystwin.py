@@ -1,0 +1,39 @@
+"""PhysTwin: ``calibrate.pkl`` with camera-to-world poses, ``metadata.json``, ``color/<camera>/<frame>.png``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, opengl_axes
+from pacnerf_lpo.data.recordings.files import entry, numbers, read_arrays, read_values
+from pacnerf_lpo.data.recordings.media import frames_of
+from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
+from pacnerf_lpo.errors import UserInputError
+
+
+def read(folder: Path) -> Recording:
+    """OpenCV cameras, metres, z down. Depth images are not used."""
+    path, data = folder / "calibrate.pkl", read_values(folder / "metadata.json")
+    poses, where = read_arrays(path), str(folder / "metadata.json")
+    intrinsics = entry(where, data, "intrinsics")
+    width, height = numbers(f"{where}, WH", entry(where, data, "WH"), (2,)).astype(int).tolist()
+    fps = float(entry(where, data, "fps"))
+    if len(poses) != len(intrinsics):
+        raise UserInputError(f"{path}: {len(poses)} poses, but metadata.json has {len(intrinsics)} intrinsics")
+    cameras = []
+    for number, (pose, intrinsic) in enumerate(zip(poses, intrinsics, strict=True)):
+        shots = frames_of(folder / "color" / str(number)) if (folder / "color" / str(number)).is_dir() else ()
+        cameras.append(
+            Camera(
+                str(number),
+                half_pixel_centres(numbers(f"{where}, intrinsics {number}", intrinsic, (3, 3))),
+                opengl_axes(numbers(f"{path}, pose {number}", pose, (4, 4), (3, 4))),
+                tuple(Frame(shot.file, place / fps) for place, shot in enumerate(shots)),
+                size=(width, height),
+            )
+        )
+    return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 0.0, -1.0))
+
+
+LAYOUT = Layout("phystwin", "calibrate.pkl and metadata.json", lambda f: (f / "calibrate.pkl").is_file(), read)

@@ -1,0 +1,173 @@
+"""A recording as a reader found it: cameras, lenses, frames and what the layout says about unit, up and ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.conventions import check_rotation
+from pacnerf_lpo.errors import UserInputError
+
+LENS_COEFFICIENTS = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
+"""How many coefficients each lens model has: k1 k2 p1 p2 [k3 ...] and k1 ... k4, in OpenCV's order."""
+OFF_CENTRE = 0.25
+"""A principal point farther from the centre than this part of the image was calibrated for another size."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Distortion in OpenCV's models; ``coefficients`` are those of ``model``, none without distortion."""
+
+    model: Literal["opencv", "fisheye"] = "opencv"
+    coefficients: tuple[float, ...] = ()
+
+    @property
+    def distorts(self) -> bool:
+        """Whether images have to be undistorted."""
+        return any(self.coefficients)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image: a file, or a place in a video file.
+
+    file: image or video
+    time: [s]; None where the layout does not say
+    place: number of the frame in the video; None for an image
+    mask: image of the same size, bright on the object; None where there is none
+    """
+
+    file: Path
+    time: float | None
+    place: int | None = None
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera that stands still.
+
+    name: as the layout calls it
+    intrinsic: focal lengths and principal point [pixels, (3, 3)], pixel centres at +0.5
+    pose: camera to world, OpenGL axes (x right, y up, looking along -z) [rotation and the recording's unit, (3, 4)]
+    frames: in the order of time
+    lens: its distortion
+    plate: image of the empty background; None where there is none
+    size: width and height that it was calibrated for [pixels]; None where the layout does not say
+    on_white: the images show the object on pure white
+    """
+
+    name: str
+    intrinsic: np.ndarray
+    pose: np.ndarray
+    frames: tuple[Frame, ...]
+    lens: Lens = Lens()
+    plate: Path | None = None
+    size: tuple[int, int] | None = None
+    on_white: bool = False
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a reader found; None means that the layout does not say.
+
+    layout: name of the layout
+    source: folder it was read from
+    unit: metres per unit of length of the poses
+    up: unit vector against gravity, in the poses' world [(3,)]
+    ground: height of the ground along ``up``, in the poses' unit
+    metric: the unit is that of a measured calibration board, so m, cm or mm, if only the layout said which
+    """
+
+    layout: str
+    source: Path
+    cameras: tuple[Camera, ...]
+    unit: float | None = None
+    up: tuple[float, float, float] | None = None
+    ground: float | None = None
+    metric: bool = False
+
+    def with_frame_rate(self, fps: float) -> Recording:
+        """The same recording with times counted at ``fps`` frames a second, whatever its files say."""
+        if not (fps > 0 and np.isfinite(fps)):
+            raise UserInputError(f"--fps {fps:g}: give the frames per second of the videos, a positive number")
+        cameras = tuple(
+            replace(camera, frames=tuple(replace(frame, time=i / fps) for i, frame in enumerate(camera.frames)))
+            for camera in self.cameras
+        )
+        return replace(self, cameras=cameras)
+
+    def without(self, names: Sequence[str]) -> Recording:
+        """The same recording without these cameras. Raises UserInputError where there is no camera of a name."""
+        own = [camera.name for camera in self.cameras]
+        for name in names:
+            if name not in own:
+                raise UserInputError(f"--leave_out {name}: there is no such camera; there are {', '.join(own)}")
+        return replace(self, cameras=tuple(camera for camera in self.cameras if camera.name not in names))
+
+
+def check_recording(recording: Recording) -> None:
+    """Several cameras with different names and poses, each with images, a rigid pose and possible intrinsics.
+
+    Raises:
+        UserInputError: the first that is not so, with its camera.
+    """
+    cameras = recording.cameras
+    if len(cameras) < 2:
+        names = ", ".join(camera.name for camera in cameras) or "none"
+        raise UserInputError(
+            f"{recording.source}: {len(cameras)} camera with images ({names}); a shape needs two views or more"
+        )
+    seen: dict[bytes, str] = {}
+    for camera in cameras:
+        where = f"{recording.source}, camera {camera.name}"
+        if not camera.frames:
+            raise UserInputError(f"{where}: no images; add its video or images, or remove it from the calibration")
+        _check_numbers(where, camera)
+        check_rotation(where, camera.pose[:, :3])
+        place = camera.pose.round(6).tobytes()
+        if place in seen:
+            raise UserInputError(f"{where}: stands exactly where camera {seen[place]} does; calibrate the two again")
+        seen[place] = camera.name
+
+
+def _check_numbers(where: str, camera: Camera) -> None:
+    for what, array, shape in (("intrinsics", camera.intrinsic, (3, 3)), ("pose", camera.pose, (3, 4))):
+        if array.shape != shape or not np.isfinite(array).all():
+            raise UserInputError(f"{where}: its {what} must be {shape[0]} x {shape[1]} finite numbers; calibrate again")
+    (fx, skew, _), (tilt, fy, _), last = camera.intrinsic.tolist()
+    if not (fx > 0 and fy > 0) or abs(skew) > 1e-3 * fx or tilt != 0 or last != [0, 0, 1]:
+        raise UserInputError(
+            f"{where}: intrinsics must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with positive fx and fy; they may "
+            "be transposed"
+        )
+    allowed = LENS_COEFFICIENTS[camera.lens.model]
+    if camera.lens.coefficients and len(camera.lens.coefficients) not in allowed:
+        raise UserInputError(
+            f"{where}: {len(camera.lens.coefficients)} distortion coefficients; the {camera.lens.model} model has "
+            f"{' or '.join(map(str, allowed))}"
+        )
+
+
+def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
+    """An image of this width and height [pixels] is what the camera was calibrated for.
+
+    Raises:
+        UserInputError: it has another size, or the principal point is far from its centre.
+    """
+    mend = "use images of the size that was calibrated, or scale its intrinsics to the images"
+    if camera.size is not None and camera.size != size:
+        raise UserInputError(
+            f"{where}: {size[0]} x {size[1]} pixels, but camera {camera.name} was calibrated for "
+            f"{camera.size[0]} x {camera.size[1]}; {mend}"
+        )
+    centre = camera.intrinsic[:2, 2]
+    if np.any(np.abs(centre / size - 0.5) > OFF_CENTRE):
+        raise UserInputError(
+            f"{where}: {size[0]} x {size[1]} pixels do not fit the intrinsics of camera {camera.name}, whose principal "
+            f"point is ({centre[0]:.4g}, {centre[1]:.4g}); {mend}"
+        )

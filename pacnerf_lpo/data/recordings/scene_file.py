@@ -1,0 +1,103 @@
+"""``scene.yaml``: what is special about a scene, every value with where it comes from and how sure it is."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.conversion import Scene
+
+NAME = "scene.yaml"
+MARGIN = 0.06
+"""Free room around the outlines' box, relative to its longest edge."""
+SPACING = 0.25
+"""Coarsest voxel relative to the longest edge of the body: two halvings leave sixteen voxels along it."""
+RATE = 300.0
+"""Substeps per second times the coarsest voxel [m/s]: bodies of up to 1 MPa stay stable after two halvings."""
+
+
+def write_scene_file(scene: Scene) -> Path:
+    """Write ``scene.yaml`` beside the images; returns its path.
+
+    Lengths are those of the body: the box from the outlines of frame 0, the voxels a quarter of its longest edge, the
+    substeps so many that an elastic wave crosses less than a voxel in each.
+    """
+    found = scene.findings
+    size = float((found.upper - found.lower).max())
+    lower = found.lower - MARGIN * size
+    lower[1] = max(0.0, lower[1])
+    spacing = float(f"{SPACING * size:.2g}")
+    frame_rate = float(f"{1.0 / float(np.diff(scene.times).mean()):.6g}")
+    substep_rate = frame_rate * math.ceil(RATE / spacing / frame_rate)
+    path = scene.folder / NAME
+    path.write_text(
+        f"""\
+# Written by pacnerf-lpo init from {scene.recording.source}, layout {scene.recording.layout}.
+# Every value can be changed; the images and poses beside this file are in metres, y up, the ground at y = 0.
+# cameras: {_cameras(scene)}
+# mattes: {_mattes(scene)}
+# up: {found.up_why}
+# scale: 1 unit of the calibration = {found.scale:.6g} m: {found.scale_why}
+# ground: {found.ground.why}
+data:
+  root: {_quoted(str(scene.folder.resolve()))} # this folder; change it when the folder is moved
+  box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
+  box_upper: {_corner(found.upper + MARGIN * size)}
+physics:
+  material: # a guess, not measured: a soft elastic body; exchange it if it is a fluid, plasticine or sand
+    class_path: NeoHookean
+    init_args: # where identification starts, SI units; a factor of ten off is fine
+      E: 1.0e+5
+      nu: 0.3
+  frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {_clock(scene)}
+  substep_rate: {substep_rate:.1f} # 1/s; {RATE:g} m/s divided by base_spacing, in whole steps per frame
+phases:
+  static:
+    class_path: StaticGridModule
+    init_args:
+      base_spacing: {spacing:g} # m; coarsest voxel, a quarter of the body's longest edge, {size:.2g} m
+      entropy_weight: 1.0e-3 # the papers' value for elastic scenes
+      surface_weight: 1.0e-3 # the papers' value for elastic scenes
+  velocity:
+    class_path: VelocityModule
+    init_args:
+      hit_frame: {found.hit_frame.value:.0f} # first frame on the ground; {found.hit_frame.why}
+  physics:
+    class_path: PhysicsIDModule
+    init_args:
+      method:
+        class_path: PaperAdam
+        init_args:
+          learning_rates: {{E: 0.1, nu: 0.01}} # the papers' values for elastic scenes
+"""
+    )
+    return path
+
+
+def _cameras(scene: Scene) -> str:
+    cameras = scene.recording.cameras
+    bent = sum(camera.lens.distorts for camera in cameras)
+    names = ", ".join(f"{number} {camera.name}" for number, camera in enumerate(cameras))
+    return f"{names}; {f'{bent} of them undistorted' if bent else 'no lens distortion stated'}"
+
+
+def _mattes(scene: Scene) -> str:
+    counted = Counter(scene.mattes)
+    if len(counted) == 1:
+        return f"by {scene.mattes[0]}, in all cameras"
+    return ", ".join(f"by {way} in {count} cameras" for way, count in counted.items())
+
+
+def _clock(scene: Scene) -> str:
+    return f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
+
+
+def _corner(corner: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in corner.tolist()) + "]"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

@@ -1,0 +1,90 @@
+"""Tangent planes of a body from its outlines, and what follows from them alone. Pure NumPy and SciPy.
+
+A line that touches an outline, and the camera's centre, span a plane that touches the body: with its outward normal n
+(unit) and offset h, every point x of the body has n . x <= h, and one has equality. So h is the body's support function
+in the direction n. Nothing is lost to voxels, and an outline of which a part is cut off at the image border still gives
+the planes of the rest. The planes of all views together enclose the convex hull of the visual hull (Laurentini 1994).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import contourpy
+import numpy as np
+from scipy.optimize import linprog
+
+DIRECTIONS = 72
+"""Lines around an outline."""
+BORDER = 1.5
+"""An outline that comes this near to the image border may be cut off there [pixels]."""
+SMALLEST = 4
+"""Pixels that an outline encloses at least."""
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Tangent planes: outward unit ``normals`` [(N, 3)] and ``offsets`` n . x [(N,)], in the unit of the poses."""
+
+    normals: np.ndarray
+    offsets: np.ndarray
+
+    @staticmethod
+    def of(parts: Sequence[Planes]) -> Planes:
+        """The planes of several views together."""
+        return Planes(np.concatenate([p.normals for p in parts]), np.concatenate([p.offsets for p in parts]))
+
+    def moved(self, rotation: np.ndarray, scale: float) -> Planes:
+        """The planes after x -> scale * rotation x."""
+        return Planes(self.normals @ rotation.T, scale * self.offsets)
+
+
+EMPTY = Planes(np.empty((0, 3)), np.empty(0))
+
+
+def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarray) -> Planes:
+    """Planes through the tangents of an outline in :data:`DIRECTIONS` directions; none where nothing is seen.
+
+    The outline is the level 0.5 of the opacity, to a fraction of a pixel. Tangents that touch it at the image border
+    are left out.
+
+    Args:
+        silhouette: opacity [0..1, (H, W)].
+        intrinsic: [pixels, (3, 3)].
+        pose: camera to world, OpenGL axes (3, 4).
+    """
+    if np.count_nonzero(silhouette > 0.5) < SMALLEST:
+        return EMPTY
+    lines = contourpy.contour_generator(z=np.pad(silhouette, 1), line_type="Separate").lines(0.5)
+    pixels = np.concatenate([np.asarray(line) for line in lines]) - 0.5  # the pad is one pixel, centres are at +0.5
+    points = (pixels - intrinsic[:2, 2]) / (intrinsic[0, 0], -intrinsic[1, 1])
+    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    across = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    along = across @ points.T
+    touching = along.argmax(axis=1)
+    height, width = silhouette.shape
+    inside = np.all((pixels > BORDER) & (pixels < (width - BORDER, height - BORDER)), axis=1)[touching]
+    normals = np.column_stack((across, along.max(axis=1)))[inside]
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ pose[:, :3].T
+    return Planes(normals, normals @ pose[:, 3])
+
+
+def extent(planes: Planes, direction: np.ndarray) -> float:
+    """The largest d . x that the planes allow, for a direction d (3,), by linear programming; NaN if there is none."""
+    found = linprog(-direction, A_ub=planes.normals, b_ub=planes.offsets, bounds=(None, None), method="highs")
+    return -float(found.fun) if found.status == 0 else float("nan")
+
+
+def bounds(planes: Planes) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the axis-aligned box around everything that the planes allow [(3,) each]; NaN where nothing is."""
+    upper = np.array([extent(planes, axis) for axis in np.eye(3)])
+    lower = np.array([-extent(planes, -axis) for axis in np.eye(3)])
+    return lower, upper
+
+
+def ball(planes: Planes) -> tuple[np.ndarray, float]:
+    """Centre (3,) and radius of the largest ball that the planes allow; a negative radius is how much they disagree."""
+    rows = np.column_stack((planes.normals, np.ones(len(planes.offsets))))
+    found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=planes.offsets, bounds=(None, None), method="highs")
+    return (found.x[:3], float(found.x[3])) if found.status == 0 else (np.full(3, np.nan), float("nan"))
