@@ -43,7 +43,7 @@ from pacnerf_lpo.diagnosis.catalogue import read_candidates
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
 from pacnerf_lpo.diagnosis.localising import excess
 from pacnerf_lpo.diagnosis.overlay import overlay
-from pacnerf_lpo.diagnosis.screening import screen
+from pacnerf_lpo.diagnosis.screening import judge, probe
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.identification.forward_model import MARGIN
 from pacnerf_lpo.identification.silhouette_moments import summarise
@@ -226,7 +226,8 @@ sys.path.insert(0, str(folder))  # on a terminal: PYTHONPATH
 # %%
 list_file.write_text(yaml.safe_dump([*candidates, {"class_path": "fan.Fan"}]))
 material = problem.physics.material
-again = screen(problem, rounds[0].effects, first, read_candidates(list_file, material, ()), lambda text: None)
+tried = read_candidates(list_file, material, ())
+again = judge(problem, first, probe(problem, rounds[0].effects, first, tried, lambda text: None))
 for score in again.scores:
     print(f"{score.name:18s} log Bayes factor {score.log_bayes_factor:7.1f}")
 

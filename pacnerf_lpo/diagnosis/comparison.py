@@ -29,6 +29,17 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
+class Error:
+    """By how much the mean square of a standardised residual exceeds that of the replicates.
+
+    held, fitted: in the held-out entries, 0 where there are none, and in the fitted ones.
+    """
+
+    held: float
+    fitted: float
+
+
+@dataclass(frozen=True)
 class Comparison:
     """A fitted model and the measurements.
 
@@ -75,6 +86,14 @@ class Comparison:
         part, whole = self.marginal(problem, fitted), self.marginal(problem, usable)
         found = check_fitted(part, self.residual[fitted])
         return found, check_held_out(whole, part, self.residual[usable], fitted[usable])
+
+    def error(self, problem: Problem, residual: np.ndarray) -> Error:
+        """Of a residual of this or of another model [(R, F, 11)], in units of the noise of this one."""
+
+        def excess(mask: np.ndarray) -> float:
+            return check_fitted(self.noise(problem, mask), np.nan_to_num(residual[mask])).excess if mask.any() else 0.0
+
+        return Error(excess(problem.usable & ~problem.fitted), excess(problem.fitted))
 
 
 class Objective:

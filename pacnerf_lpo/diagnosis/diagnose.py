@@ -190,6 +190,8 @@ def _round(
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
     )
+    residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
+    found.errors = tuple(comparison.error(problem, residual) for residual in residuals)
     found.effort["compare"] = _effort(store, [f"{number}_compare"], comparison.rollouts)
     if options.until in ("compare", "localise"):
         return found

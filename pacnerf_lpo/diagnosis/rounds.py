@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.comparison import Comparison, Error
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE, Probes, Screening
@@ -41,6 +41,7 @@ class Round:
     removed: names of earlier effects that this model does without.
     force: the smooth force that would remove the residual; None where it is not asked for.
     profiles: lower and upper end by profile likelihood, of the unknowns it was asked for [SI]
+    errors: in units of this model's noise, the errors of the models of all rounds so far, this one the last.
     finished: whether every hypothesis that could win was fitted.
     effort: seconds and simulations of every step, by name.
     """
@@ -62,6 +63,7 @@ class Round:
     removed: list[str] = field(default_factory=list)
     force: ResidualForce | None = None
     profiles: dict[str, tuple[float, float]] = field(default_factory=dict)
+    errors: tuple[Error, ...] = ()
     finished: bool = False
     effort: dict[str, dict[str, float]] = field(default_factory=dict)
 
@@ -90,7 +92,7 @@ def verdict(rounds: list[Round]) -> Verdict:
     """The verdict: what was accepted, unless what is left can only be physics that no known effect makes."""
     last, names = rounds[-1], accepted_names(rounds)
     rest = leaves_more(last) or any(discrepancy_wins(last, name) for name in (FORCE, SHAPE))
-    share = removed_share(rounds) if names else None
+    share = removed_share(rounds[0], last) if names else None
     if not last.finished and not names:
         return Verdict("unfinished", [], rest, None)
     if unknown_wins(last):
@@ -132,10 +134,10 @@ def discrepancy_wins(found: Round, name: str) -> bool:
     return own.log_bayes_factor >= max(other.log_bayes_factor for other in others if other is not None)
 
 
-def removed_share(rounds: list[Round]) -> float:
-    """Share of the excess of the held-out error that all effects remove, each error in units of its own model's noise;
-    of the fitted data where the held-out have none. At most 1.
+def removed_share(before: Round, after: Round) -> float:
+    """Share of the excess of the held-out error of one round that the model of another removes, both in units of the
+    latter's noise; of the fitted data where nothing held out shows an error. At most 1.
     """
-    first, last = rounds[0], rounds[-1]
-    pair = (first.held, last.held) if first.held.excess > 0 else (first.check, last.check)
-    return float(1 - np.clip(max(pair[1].excess, 0.0) / max(pair[0].excess, 1e-9), 0.0, 1.0))
+    first, last = after.errors[len(before.errors) - 1], after.errors[-1]
+    pair = (first.held, last.held) if first.held > 0 else (first.fitted, last.fitted)
+    return float(1 - np.clip(max(pair[1], 0.0) / max(pair[0], 1e-9), 0.0, 1.0))

@@ -125,7 +125,7 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
         candidate, also = done.candidate(again.name), "also " if found else ""
         named = either(done.alike or [again.name])
         what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {also}missing"
-        removes = "" if after is None else f"; adding it removes {_share(removed_share([done, after]), done)}"
+        removes = "" if after is None else f"; adding it removes {_share(removed_share(done, after), done)}"
         found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
         values = again.known if after is None else after.comparison.known
         moves = [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
-from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.comparison import Comparison, Error
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
@@ -95,6 +95,7 @@ def round_of(
 ) -> Round:
     """``held``: p-value and statistic of the held-out check."""
     found = Round(effects, comparison(), check(0.5), check(*held), [], [], ["free fall"] * 3, **more)
+    found.errors = found.errors or (Error(0.5, 0.5),)
     found.candidates = [Candidate(name_of(effect), effect) for effect in effects]
     found.screening, found.accepted, found.finished = screened, accepted, finished
     found.refits = [] if accepted is None else [accepted]

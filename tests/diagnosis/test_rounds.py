@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from pacnerf_lpo.diagnosis.comparison import Error
 from pacnerf_lpo.diagnosis.diagnose import more_than_noise
 from pacnerf_lpo.diagnosis.rounds import removed_share, unknown_wins, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
@@ -64,15 +65,13 @@ def test_a_force_does_not_win_where_an_effect_was_accepted():
 
 
 def test_what_is_removed_is_a_share_of_the_excess_of_the_held_out_error():
-    """Replicates leave 1: from 5 to 2, three of four; below the replicates, all; above where it began, none."""
-    first = round_of(held=(1e-4, 5.0))
-    for statistic, share in ((2.0, 0.75), (0.5, 1.0), (9.0, 0.0)):
-        assert removed_share([first, round_of(held=(0.5, statistic))]) == pytest.approx(share)
-    quiet, last = round_of(held=(0.5, 0.8)), round_of()
-    quiet.check, last.check = check(1e-4, 3.0), check(0.5, 1.5)
-    assert removed_share([quiet, last]) == pytest.approx(
-        0.75
-    )  # of the fitted data, as nothing is held out that shows it
+    """From 4 to 1, three of four; below the replicates, all; above where it began, none."""
+    first = round_of(errors=(Error(9.0, 9.0),))
+    for left, share in ((1.0, 0.75), (-0.5, 1.0), (8.0, 0.0)):
+        last = round_of(errors=(Error(4.0, 9.0), Error(left, 9.0)))
+        assert removed_share(first, last) == pytest.approx(share)
+    quiet = round_of(errors=(Error(-0.2, 2.0), Error(0.0, 0.5)))
+    assert removed_share(first, quiet) == pytest.approx(0.75)  # of the fitted data, as nothing held out shows it
 
 
 def test_further_hypotheses_are_fitted_while_the_best_leaves_more_than_noise():
