@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pacnerf_lpo.diagnosis.comparison import Error
 from pacnerf_lpo.diagnosis.rounds import Verdict
 from pacnerf_lpo.diagnosis.screening import SHAPE
 from pacnerf_lpo.inference.checks import Check
@@ -44,6 +45,7 @@ def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **mo
     entries = {
         "check": check(3.0, fitted),
         "held": check(5.0, held),
+        "errors": (Error(4.0, 2.0),),
         "accepted": accepted,
         "alike": [] if accepted is None else [accepted.name],
         "proposals": [],
@@ -79,10 +81,9 @@ def test_nothing_is_missing_only_where_every_check_says_so(last: Any, sentence: 
 
 
 def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
-    after = a_round(held=FINE)
-    after.held = check(1.8, FINE)
+    after = a_round(held=FINE, errors=(Error(4.0, 2.0), Error(0.8, 2.0)))
     found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
-    # of an excess of 5 - 1 over noise 1.8 - 1 is left
+    # of an excess of 4 over noise 0.8 is left
     assert found[0] == "Linear drag is missing (p < 0.0001; adding it removes 80% of the held-out error beyond noise)."
     assert found[1] == "Young's modulus moves from 50 kPa to 70 kPa."  # and nu stays
     assert wording.REMAINDER not in found
@@ -91,11 +92,11 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
 
 
 def test_a_share_says_of_which_data_it_is():
-    first, after = a_round(POOR, FINE, LINEAR), a_round()
-    first.held, after.check = check(0.9, FINE), check(2.0, FINE)
+    first, after = a_round(POOR, FINE, LINEAR), a_round(errors=(Error(-0.1, 2.0), Error(-0.1, 1.0)))
+    first.held = check(0.9, FINE)
     found = said([first, after], "missing", ["LinearDrag"])
     assert "removes 50% of the fitted error beyond noise" in found[0]
-    after.check = check(4.0, FINE)
+    after.errors = (Error(-0.1, 2.0), Error(-0.1, 3.0))
     assert "removes none of the fitted error" in said([first, after], "missing", ["LinearDrag"])[0]
 
 
