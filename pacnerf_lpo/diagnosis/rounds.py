@@ -134,10 +134,15 @@ def discrepancy_wins(found: Round, name: str) -> bool:
     return own.log_bayes_factor >= max(other.log_bayes_factor for other in others if other is not None)
 
 
+def shows_held_out(found: Round) -> bool:
+    """Whether held-out data leave more than the replicates."""
+    return found.errors[-1].held > 0
+
+
 def removed_share(before: Round, after: Round) -> float:
     """Share of the excess of the held-out error of one round that the model of another removes, both in units of the
-    latter's noise; of the fitted data where nothing held out shows an error. At most 1.
+    latter's noise; of the fitted data where nothing held out :func:`shows <shows_held_out>` an error. At most 1.
     """
     first, last = after.errors[len(before.errors) - 1], after.errors[-1]
-    pair = (first.held, last.held) if first.held > 0 else (first.fitted, last.fitted)
+    pair = (first.held, last.held) if shows_held_out(before) else (first.fitted, last.fitted)
     return float(1 - np.clip(max(pair[1], 0.0) / max(pair[0], 1e-9), 0.0, 1.0))

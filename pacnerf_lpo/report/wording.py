@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share
+from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share, shows_held_out
 from pacnerf_lpo.diagnosis.screening import SHAPE
 from pacnerf_lpo.identification.study import view_name
 from pacnerf_lpo.inference.decision import LEVEL
@@ -145,7 +145,7 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
 
 def _share(share: float, before: Round) -> str:
     """How much of the excess error is removed, and in which data."""
-    where = "held-out" if before.held.excess > 0 else "fitted"
+    where = "held-out" if shows_held_out(before) else "fitted"
     return f"{'none' if share <= 0 else f'{share:.0%}'} of the {where} error beyond noise"
 
 

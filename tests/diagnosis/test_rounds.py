@@ -70,8 +70,8 @@ def test_what_is_removed_is_a_share_of_the_excess_of_the_held_out_error():
     for left, share in ((1.0, 0.75), (-0.5, 1.0), (8.0, 0.0)):
         last = round_of(errors=(Error(4.0, 9.0), Error(left, 9.0)))
         assert removed_share(first, last) == pytest.approx(share)
-    quiet = round_of(errors=(Error(-0.2, 2.0), Error(0.0, 0.5)))
-    assert removed_share(first, quiet) == pytest.approx(0.75)  # of the fitted data, as nothing held out shows it
+    quiet, last = round_of(errors=(Error(-0.2, 9.0),)), round_of(errors=(Error(-0.2, 2.0), Error(0.0, 0.5)))
+    assert removed_share(quiet, last) == pytest.approx(0.75)  # of the fitted data, as nothing held out shows it
 
 
 def test_further_hypotheses_are_fitted_while_the_best_leaves_more_than_noise():

@@ -93,7 +93,7 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
 
 def test_a_share_says_of_which_data_it_is():
     first, after = a_round(POOR, FINE, LINEAR), a_round(errors=(Error(-0.1, 2.0), Error(-0.1, 1.0)))
-    first.held = check(0.9, FINE)
+    first.errors = (Error(-0.1, 2.0),)
     found = said([first, after], "missing", ["LinearDrag"])
     assert "removes 50% of the fitted error beyond noise" in found[0]
     after.errors = (Error(-0.1, 2.0), Error(-0.1, 3.0))

@@ -106,6 +106,24 @@ def numbers(where: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     raise UserInputError(f"{where}: expected {wanted} numbers; write it again")
 
 
+def number_at(where: str, values: Any, name: str, default: float | None = None) -> float:
+    """The finite number under a key, or the default where there is one and no such key.
+
+    Raises:
+        UserInputError: it is missing, or no finite number.
+    """
+    if default is not None and name not in values:
+        return default
+    value = entry(where, values, name)
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = float("nan")
+    if not np.isfinite(found):
+        raise UserInputError(f"{where}: '{name}' is {value!r}; give a finite number")
+    return found
+
+
 def entry(where: str, values: Any, *names: str) -> Any:
     """The value of the first of these keys that is there.
 

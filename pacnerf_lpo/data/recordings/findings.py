@@ -95,7 +95,10 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
         up, up_why = find_up(recording, motion)
         heights = np.array([lowest_point(planes, up) for planes in frames])
         ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
-        hit = find_contact(heights, ground, motion, up, times, flight)
+        reached = find_contact(heights, ground, motion, up, times, flight)
+        if reached is None:
+            raise UserInputError(f"{recording.source}: {NO_CONTACT}")
+        hit = reached
         flight = min(max(hit, 3), len(times) - 1)
     scale, scale_why = find_scale(recording, motion)
     hit_why = f"its free fall reaches the ground between frames {hit - 1} and {hit}; exact to a frame"
@@ -218,21 +221,19 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, s
 
 def find_contact(
     heights: np.ndarray, ground: float, motion: Ballistic, up: np.ndarray, times: np.ndarray, flight: int
-) -> int:
-    """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground.
+) -> int | None:
+    """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground; None where
+    it does not within the video.
 
-    Raises:
-        UserInputError: it does not within the video.
+    Args:
+        heights: of the lowest point in every frame [(F,)]. ground: its height. motion: the parabola.
+        up: unit vector (3,). times: of the frames [s, (F,)]. flight: frames of free flight.
     """
     path = motion.at(times) @ up
-    before = slice(
-        max(flight - 3, 0), max(flight - 1, 2)
-    )  # the last frames surely in the air, seen from similar angles
+    before = slice(max(flight - 3, 0), max(flight - 1, 2))  # the last frames in the air, seen from similar angles
     lowest = path + np.nanmean((heights - path)[before])
     below = np.flatnonzero(lowest <= ground)
-    if len(below) == 0 or below[0] == 0:
-        raise UserInputError(NO_CONTACT)
-    return int(below[0])
+    return int(below[0]) if len(below) and below[0] > 0 else None
 
 
 def _compare_grounds(stated: float, measured: float, size: float) -> None:

@@ -162,6 +162,34 @@ def test_missing_key_and_wrong_count(spoil, capsys):
     assert "camera left: 't' is missing" in refused(capsys, spoil(each(lambda camera: camera.pop("t"))))
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"dist": ["a", 0, 0, 0]}, "camera left, distortion: expected 4 numbers"),
+        ({"size": ["wide", 64]}, "camera left, size: expected 2 numbers"),
+        ({"K": "here"}, "camera left, K: expected 3 x 3 numbers"),
+    ],
+)
+def test_words_in_place_of_numbers(spoil, capsys, change, expected):
+    assert expected in refused(capsys, spoil(each(lambda camera: camera.update(change))))
+
+
+@pytest.mark.parametrize(
+    ("layout", "file", "key", "value", "expected"),
+    [
+        ("nerfstudio", "transforms.json", "fl_x", "long", "'fl_x' is 'long'; give a finite number"),
+        ("nerfstudio", "transforms.json", "k1", [0.1], "'k1' is [0.1]; give a finite number"),
+        ("d_nerf", "transforms_train.json", "camera_angle_x", None, "'camera_angle_x' is None; give a finite number"),
+        ("phystwin", "metadata.json", "fps", 0, "'fps' is 0; give the frames per second, a positive number"),
+    ],
+)
+def test_what_is_no_number_is_named(write, capsys, layout, file, key, value, expected):
+    folder = write(layout)
+    values = json.loads((folder / file).read_text())
+    write_json(folder / file, {**values, key: value})
+    assert expected in refused(capsys, folder)
+
+
 def test_wrong_number_of_coefficients(spoil, capsys):
     assert "3 distortion coefficients" in refused(capsys, spoil(each(lambda camera: camera.update(dist=[0.1, 0, 0]))))
 

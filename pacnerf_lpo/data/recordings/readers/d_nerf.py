@@ -9,7 +9,7 @@ from typing import Any
 from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.index import NAME as PAC_NERF
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
-from pacnerf_lpo.data.recordings.files import entry, numbers, read_values
+from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
 from pacnerf_lpo.data.recordings.readers.layout import Layout
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
@@ -23,7 +23,7 @@ def read(folder: Path) -> Recording:
     for path in (folder / f"transforms_{split}.json" for split in SPLITS):
         if path.is_file():
             values = read_values(path)
-            angle = float(entry(str(path), values, "camera_angle_x"))
+            angle = number_at(str(path), values, "camera_angle_x")
             frames = entry(str(path), values, "frames")
             shots += [_shot(path, number, frame, angle) for number, frame in enumerate(frames)]
     cameras = (
@@ -38,7 +38,7 @@ def _shot(path: Path, number: int, values: dict[str, Any], angle: float) -> Came
     file = with_suffix(path.parent / str(entry(where, values, "file_path")))
     pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4))[:3]
     height, width = image_size(file)
-    frame = Frame(file, float(entry(where, values, "time")))
+    frame = Frame(file, number_at(where, values, "time"))
     return Camera(file.parent.name, centred_intrinsic(angle, width, height), pose, (frame,), size=(width, height))
 
 

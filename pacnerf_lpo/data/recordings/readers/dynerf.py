@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.recordings.conventions import intrinsic_matrix, pose_from_llff
+from pacnerf_lpo.data.recordings.files import numbers
 from pacnerf_lpo.data.recordings.media import frames_of, videos_in
 from pacnerf_lpo.data.recordings.readers.layout import Layout
 from pacnerf_lpo.data.recordings.recording import Camera, Recording
@@ -29,7 +30,7 @@ def read(folder: Path) -> Recording:
         )
     cameras = []
     for row, video in zip(rows[:, :15].reshape(-1, 3, 5), videos, strict=True):
-        height, width, focal = row[:, 4]
+        height, width, focal = numbers(f"{path}, camera {video.stem}", row, (3, 5))[:, 4]
         intrinsic = intrinsic_matrix(focal, focal, width / 2, height / 2)
         size = (round(width), round(height))
         cameras.append(Camera(video.stem, intrinsic, pose_from_llff(row[:, :4]), frames_of(video), size=size))

@@ -38,8 +38,9 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
     size = _first(values, "size", "image_size", "resolution")
     if size is None and "image_width" in values and "image_height" in values:
         size = [values["image_width"], values["image_height"]]
+    size = None if size is None else numbers(f"{where}, size", size, (2,))
     fisheye = bool(values.get("fisheye")) or values.get("model") == "fisheye"
-    coefficients = () if lens is None else tuple(np.asarray(lens, float).ravel().tolist())
+    coefficients = () if lens is None else tuple(_flat(f"{where}, distortion", lens))
     camera = Camera(
         name,
         half_pixel_centres(intrinsic),
@@ -47,9 +48,14 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
         (),
         Lens("fisheye" if fisheye else "opencv", coefficients),
         plate=next((path for path in images_in(folder / PLATES) if path.stem == name), None),
-        size=None if size is None else (int(size[0]), int(size[1])),
+        size=None if size is None else (round(size[0]), round(size[1])),
     )
     return replace(camera, frames=_with_masks(folder, name, _frames(folder, name)))
+
+
+def _flat(where: str, values: Any) -> list[float]:
+    """As many finite numbers as there are, in whatever shape."""
+    return numbers(where, values, (np.size(values),)).tolist()
 
 
 def _first(values: dict[str, Any], *names: str) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic, intrinsic_matrix
-from pacnerf_lpo.data.recordings.files import entry, numbers, read_values
+from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
 from pacnerf_lpo.data.recordings.readers.layout import Layout
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens, Recording
@@ -40,29 +40,32 @@ def _shot(path: Path, number: int, values: dict[str, Any]) -> Camera:
     where = f"{path}, frame {number}"
     file = with_suffix(path.parent / str(entry(where, values, "file_path")))
     pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4), (3, 4))[:3]
-    time = values.get("time")
-    frame = Frame(file, None if time is None else float(time))
-    size = (int(values["w"]), int(values["h"])) if "w" in values and "h" in values else image_size(file)[::-1]
+    frame = Frame(file, None if values.get("time") is None else number_at(where, values, "time"))
+    stated = "w" in values and "h" in values
+    size = (
+        (round(number_at(where, values, "w")), round(number_at(where, values, "h")))
+        if stated
+        else image_size(file)[::-1]
+    )
     return Camera(file.parent.name, _intrinsic(where, values, size), pose, (frame,), _lens(where, values), size=size)
 
 
 def _intrinsic(where: str, values: dict[str, Any], size: tuple[int, int]) -> np.ndarray:
     width, height = size
     if "fl_x" not in values and "camera_angle_x" in values:
-        return centred_intrinsic(float(values["camera_angle_x"]), width, height)
-    fx = float(entry(where, values, "fl_x"))
-    return intrinsic_matrix(
-        fx, float(values.get("fl_y", fx)), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
-    )
+        return centred_intrinsic(number_at(where, values, "camera_angle_x"), width, height)
+    fx = number_at(where, values, "fl_x")
+    centre = number_at(where, values, "cx", width / 2), number_at(where, values, "cy", height / 2)
+    return intrinsic_matrix(fx, number_at(where, values, "fl_y", fx), *centre)
 
 
 def _lens(where: str, values: dict[str, Any]) -> Lens:
     model = str(values.get("camera_model", ""))
     if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):
-        return Lens("fisheye", tuple(float(values.get(key, 0.0)) for key in FISHEYE_KEYS))
-    if model not in PINHOLES or float(values.get("k4", 0.0)):
+        return Lens("fisheye", tuple(number_at(where, values, key, 0.0) for key in FISHEYE_KEYS))
+    if model not in PINHOLES or number_at(where, values, "k4", 0.0):
         raise UserInputError(f"{where}: lens model {model or 'with k4'} is not supported; undistort its images first")
-    return Lens("opencv", tuple(float(values.get(key, 0.0)) for key in OPENCV_KEYS))
+    return Lens("opencv", tuple(number_at(where, values, key, 0.0) for key in OPENCV_KEYS))
 
 
 LAYOUT = Layout("nerfstudio", NAME, lambda folder: (folder / NAME).is_file(), read)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, opengl_axes
-from pacnerf_lpo.data.recordings.files import entry, numbers, read_arrays, read_values
+from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_arrays, read_values
 from pacnerf_lpo.data.recordings.media import frames_of
 from pacnerf_lpo.data.recordings.readers.layout import Layout
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
@@ -18,7 +18,9 @@ def read(folder: Path) -> Recording:
     poses, where = read_arrays(path), str(folder / "metadata.json")
     intrinsics = entry(where, data, "intrinsics")
     width, height = numbers(f"{where}, WH", entry(where, data, "WH"), (2,)).astype(int).tolist()
-    fps = float(entry(where, data, "fps"))
+    fps = number_at(where, data, "fps")
+    if fps <= 0:
+        raise UserInputError(f"{where}: 'fps' is {fps:g}; give the frames per second, a positive number")
     if len(poses) != len(intrinsics):
         raise UserInputError(f"{path}: {len(poses)} poses, but metadata.json has {len(intrinsics)} intrinsics")
     cameras = []
