@@ -9,11 +9,11 @@ import logging
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import pytorch_lightning as pl
 import torch
-from jsonargparse import ArgumentError
+from jsonargparse import ArgumentError, Namespace
 from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
 from pytorch_lightning.utilities.warnings import PossibleUserWarning
@@ -34,6 +34,7 @@ from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.phases.law_choice import LawChoice
 
 CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
@@ -83,7 +84,8 @@ class PhaseCLI(LightningCLI):
         parser.add_class_arguments(self.physics_class, "physics")
         for role in ("static", "velocity", "physics"):
             parser.add_subclass_arguments(AbstractPhase, f"phases.{role}", required=True)
-        parser.add_subclass_arguments(AbstractPhase, "phases.correction", required=False)
+        for role in ("law", "correction"):
+            parser.add_subclass_arguments(AbstractPhase, f"phases.{role}", required=False)
         parser.add_class_arguments(OuterLoop, "outer_loop")
         parser.add_class_arguments(pl.Trainer, "trainer", instantiate=False, fail_untyped=False, skip=NOT_CONFIGURABLE)
 
@@ -97,33 +99,41 @@ class PhaseCLI(LightningCLI):
 
     def instantiate_classes(self) -> None:
         """Make the data, the physical model, one template of each phase, and the outer loop."""
+        made = self._instantiate()
+        self.datamodule, self.outer_loop, self.trainer_config = made.data, made.outer_loop, vars(made.trainer)
+
+    def _instantiate(self) -> Any:
+        """All sections of the configuration as it is now; keeps the physical model and the phases."""
         try:
             made = self.parser.instantiate(self.config)
         except ValueError as error:  # the parser wraps what a class says about its own arguments
             raise cause_of(error) from error
-        self.datamodule, self.physics, self.outer_loop = made.data, made.physics, made.outer_loop
+        self.physics = made.physics
         self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
-        self.trainer_config = vars(made.trainer)
+        if not self.physics.decided:
+            self.phases.setdefault("law", LawChoice())
+        return made
 
     def run(self) -> Path:
         """Run all phases that are not done yet; returns the run directory."""
         check_truth(self.config.truth)
         self._choose_device()
         self.datamodule.prepare()
-        for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
-            copy.deepcopy(phase).attach(self.datamodule, self.physics)
+        self._check_phases()
         loop: OuterLoop = self.outer_loop
         correction = "correction" in self.phases
         loop.check(self.datamodule, correction)
         if self.config.resume is None:
-            loop.start(correction)
+            loop.start(correction, not self.physics.decided)
             write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
         else:
-            loop.resume(correction)
+            loop.resume(correction, not self.physics.decided)
         with StopRequest() as stop:
             try:
+                self._decide_law()
                 while (step := loop.next_phase()) is not None:
                     self._run_phase(step, stop)
+                    self._decide_law()
             except Interrupted:
                 loop.abandon("interrupted")
                 raise Interrupted(f"interrupted; go on with `{resume_command(loop.run_dir)}`") from None
@@ -132,6 +142,41 @@ class PhaseCLI(LightningCLI):
                 raise
         loop.close("finished")
         return loop.run_dir
+
+    def _check_phases(self) -> None:
+        """Each phase checks that video, model and its own settings agree, before long work: with some of the laws,
+        where several compete.
+        """
+        models = [self.physics] if self.physics.decided else self.physics.candidates
+        for phase in self.phases.values():
+            errors: list[UserInputError] = []
+            for physics in models:
+                try:
+                    copy.deepcopy(phase).attach(self.datamodule, physics)
+                except UserInputError as error:
+                    errors.append(error)
+            if len(errors) == len(models):
+                raise errors[0]
+
+    def _decide_law(self) -> None:
+        """Once laws have competed, go on with the one that was chosen, as though it had been configured."""
+        if self.physics.decided or (findings := self.outer_loop.findings("law")) is None:
+            return
+        chosen = next(law for law in self.physics.material.laws if type(law).__name__ == findings["chosen"])
+        known = next(trial["known"] for trial in findings["laws"] if trial["law"] == findings["chosen"])
+        values = {name: float(f"{known[name]:.4g}") for name in chosen.parameters}
+        kind = type(chosen)
+        known_names = {"known": list(chosen.known)} if chosen.known else {}
+        self.config.physics.material = Namespace(
+            class_path=f"{kind.__module__}.{kind.__qualname__}", init_args=Namespace(**values, **known_names)
+        )
+        rates = self.config.phases.physics.init_args.get("method.init_args.learning_rates")
+        if rates:
+            kept = {name: rate for name, rate in rates.items() if name in self.physics.of(chosen).free_names}
+            self.config.phases.physics.init_args.method.init_args.learning_rates = kept
+        self._instantiate()
+        write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.dump().encode())
+        print("\n".join(findings["sentences"]), flush=True)
 
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop

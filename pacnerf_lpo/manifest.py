@@ -58,6 +58,11 @@ class PhaseRecord:
     copied_from: str | None = None
     held_out_error: float | None = None
 
+    @property
+    def findings(self) -> str:
+        """Path of what the phase found beside its state, where it found anything."""
+        return str(Path(self.state).with_suffix(".json"))
+
 
 @dataclass
 class Manifest:

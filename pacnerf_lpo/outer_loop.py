@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import pytorch_lightning as pl
 
@@ -19,7 +20,7 @@ from pacnerf_lpo.types import ParticleState
 if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
 
-Role = Literal["static", "velocity", "physics", "correction", "refit"]
+Role = Literal["static", "velocity", "law", "physics", "correction", "refit"]
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,16 @@ class PhaseStep:
         return "static" if self.role == "refit" else self.role
 
 
-def algorithm_1(rounds: int, correction: bool, refit: bool = False) -> list[PhaseStep]:
+def algorithm_1(rounds: int, correction: bool, refit: bool = False, law: bool = False) -> list[PhaseStep]:
     """Static grids, velocity, then ``rounds`` times: physical identification and, unless switched off, correction.
 
     The last line of a round in the paper, colour prediction, needs no phase of its own where the corrected particles
-    themselves go into the next round; with ``refit`` their images go into another fit of the grids before it.
+    themselves go into the next round; with ``refit`` their images go into another fit of the grids before it. With
+    ``law``, laws compete before the first identification.
     """
     roles: list[tuple[int, Role]] = [(0, "static"), (0, "velocity")]
+    if law:
+        roles.append((0, "law"))
     for number in range(1, rounds + 1):
         roles.append((number, "physics"))
         if correction:
@@ -104,21 +108,22 @@ class OuterLoop(pl.Callback):
                 "data.train_views has one view only; add a view, or set outer_loop.stop_when to never"
             )
 
-    def start(self, correction: bool) -> None:
-        """Begin a run: make its directory and its manifest."""
+    def start(self, correction: bool, law: bool = False) -> None:
+        """Begin a run: make its directory and its manifest. With ``law``, laws compete."""
         if self.run_dir.exists() and (not self.run_dir.is_dir() or any(self.run_dir.iterdir())):
             raise UserInputError(
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
                 "or choose another folder with --outer_loop.run_dir"
             )
-        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
+        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
         self.manifest = Manifest(self.run_dir)
         self.manifest.save()
 
-    def resume(self, correction: bool) -> None:
-        """Go on with an earlier run: after its last finished phase."""
-        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
+    def resume(self, correction: bool, law: bool = False) -> None:
+        """Go on with an earlier run: after its last finished phase. With ``law``, laws compete, or they did before."""
         self.manifest = Manifest.load(self.run_dir)
+        law = law or any(record.phase == "law" for record in self.manifest.phases)
+        self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
         done = self._done()
         if done:
             self.state = ParticleState.load(self.run_dir / done[-1].state)
@@ -134,6 +139,11 @@ class OuterLoop(pl.Callback):
     def first_step(self) -> int:
         """Optimiser steps of all finished phases: where the next one begins on the time line."""
         return sum(record.steps for record in self._done())
+
+    def findings(self, role: Role) -> dict[str, Any] | None:
+        """What the last finished phase of this kind found beside its state; None: there is none."""
+        found = [self.run_dir / record.findings for record in self._done() if record.phase == role]
+        return json.loads(found[-1].read_text()) if found and found[-1].is_file() else None
 
     def checkpoint(self, step: PhaseStep) -> Path:
         """Where the phase keeps its last checkpoint."""
@@ -184,6 +194,8 @@ class OuterLoop(pl.Callback):
         content = io.BytesIO()
         self.state.save(content)
         write_atomically(self.run_dir / record.state, content.getvalue())
+        if (findings := phase.export_findings()) is not None:
+            write_atomically(self.run_dir / record.findings, json.dumps(findings, indent=1).encode())
         record.status, record.steps = "done", trainer.global_step
         record.seconds += time.monotonic() - self._started
         self.manifest.save()

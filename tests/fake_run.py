@@ -23,6 +23,8 @@ class FakeMaterial:
 
 
 class FakePhysics:
+    decided = True
+
     def __init__(self, material: FakeMaterial, rho: float = 1000.0):
         self.material = material
 

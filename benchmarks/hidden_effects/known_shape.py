@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from benchmarks.hidden_effects.setting import FRAME_RATE, Setting
-from pacnerf_lpo.diagnosis.replicates import distorted
 from pacnerf_lpo.identification.body import LEAST_FRACTION, SUBSAMPLES, Body
 from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.replicates import distorted
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise, summarise
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
 from pacnerf_lpo.mpm.physics import Physics

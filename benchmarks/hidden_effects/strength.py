@@ -10,13 +10,13 @@ import numpy as np
 from benchmarks.hidden_effects.known_shape import KnownShape
 from benchmarks.hidden_effects.setting import Setting
 from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
-from pacnerf_lpo.diagnosis.comparison import noise_of
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
-from pacnerf_lpo.diagnosis.replicates import replicates
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Residual, fit, fit_or_none, sensitivities
 from pacnerf_lpo.identification.problem import relative
+from pacnerf_lpo.identification.replicates import replicates
+from pacnerf_lpo.identification.standardised import noise_of
 from pacnerf_lpo.mpm.effects.base import Effect
 
 TRIALS = 7

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytorch_lightning as pl
 import torch
@@ -14,6 +14,7 @@ from pytorch_lightning.callbacks import Checkpoint
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.errors import Interrupted
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.phases.base import AbstractPhase
 
 
 class PhaseCheckpoint(Checkpoint):
@@ -35,7 +36,7 @@ class PhaseCheckpoint(Checkpoint):
         """Begin to count and to listen, and put the random generator where the checkpoint left it."""
         self._written = time.monotonic()
         self.stop.listen()
-        self.stop.deferred = True
+        self.stop.deferred = not cast(AbstractPhase, pl_module).long_steps
         if self._restored_generator is not None:
             torch.set_rng_state(self._restored_generator)
 
@@ -43,7 +44,8 @@ class PhaseCheckpoint(Checkpoint):
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """Write when due or when the run is asked to stop; then stop it."""
-        if self.stop.requested or time.monotonic() - self._written >= self.seconds:
+        due = cast(AbstractPhase, pl_module).long_steps or time.monotonic() - self._written >= self.seconds
+        if self.stop.requested or due:
             self._write(trainer)
         if self.stop.requested:
             raise Interrupted

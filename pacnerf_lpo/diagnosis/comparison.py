@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.replicates import replicates
-from pacnerf_lpo.diagnosis.shape_errors import shape_errors
 from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.replicates import replicates
+from pacnerf_lpo.identification.shape_errors import shape_errors
+from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -96,54 +97,6 @@ class Comparison:
         return Error(excess(problem.usable & ~problem.fitted), excess(problem.fitted))
 
 
-class Objective:
-    """Standardised residual of a model in the entries of a mask, then how far each unknown is from the mean of its
-    prior in standard deviations, then the residual itself in all U usable entries, which no fit minimises [(D + K +
-    U,)], as a function of free coordinates [(K,)]; raises SimulationError.
-
-    rows: those that a fit minimises [(D + K + U,), bool]
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        model: Model,
-        mask: np.ndarray,
-        noise: NoiseModel,
-        mean: np.ndarray,
-        deviation: np.ndarray,
-    ):
-        self.model, self._residual, self._inside = (
-            model,
-            problem.residual_of(model, problem.usable),
-            mask[problem.usable],
-        )
-        self.noise, self.mean, self.deviation = noise, mean, deviation
-        self._usable = problem.usable
-        self.rows = np.arange(self._inside.sum() + len(mean) + len(self._inside)) < self._inside.sum() + len(mean)
-
-    def __call__(self, free: np.ndarray) -> np.ndarray:
-        self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
-        residual = self._residual(free)
-        standardised = self.noise.whiten_residual(residual[self._inside])
-        return np.concatenate((standardised, (free - self.mean) / self.deviation, residual))
-
-    def derivative(self, changes: np.ndarray) -> np.ndarray:
-        """Of the function, where that of the residual is [(R, F, 11, K)]; NaN counts as none."""
-        found = np.nan_to_num(changes[self._usable])
-        return np.concatenate((self.noise.whiten(found[self._inside]), np.diag(1 / self.deviation), found))
-
-    def standardised(self, found: Fit) -> np.ndarray:
-        """Change of the standardised residual by one prior standard deviation of every unknown at a fit [(D, K)]."""
-        assert found.jacobian is not None
-        return found.jacobian[: self._inside.sum()] * self.deviation
-
-    def seen(self, found: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Residual at a fit and its derivative [(R, F, 11), (R, F, 11, K)]; NaN where not usable."""
-        assert found.jacobian is not None
-        return spread(found.residual[~self.rows], self._usable), spread(found.jacobian[~self.rows], self._usable)
-
-
 def compare(
     problem: Problem,
     effects: Sequence[Effect],
@@ -190,7 +143,7 @@ def compare(
     mask = problem.fitted
     directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
     noise = noise_of(problem, found, mask, directions)
-    objective = Objective(problem, model, mask, noise, mean, deviation)
+    objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, WHITENED_ITERATIONS, report, rows=objective.rows)
@@ -219,14 +172,6 @@ def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> boo
     """
     paths = [[part.model.path(part.model.start) for part in parts] for parts in (before, now)]
     return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
-
-
-def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:
-    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)] and, where there are
-    any, errors that are known beforehand [(D, M)].
-    """
-    found = np.nan_to_num(residuals[:, mask])
-    return NoiseModel.from_replicates(found, problem.sensor[mask], problem.layout(mask), known)
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
@@ -284,10 +229,3 @@ def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarr
         progress(f"iteration {iteration}: cost {cost:.4g}, {shown}")
 
     return report
-
-
-def spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Entries of a mask [(D, ...)] in their places [(R, F, 11, ...)], NaN elsewhere."""
-    whole = np.full((*mask.shape, *values.shape[1:]), np.nan)
-    whole[mask] = values
-    return whole

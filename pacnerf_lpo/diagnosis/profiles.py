@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Objective, Progress
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.least_squares import fit
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.intervals import Profile, profile_likelihood, spread_along
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -38,7 +39,7 @@ def profile(
         )
     mask, index = problem.fitted, comparison.names.index(name)
     model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
-    objective = Objective(problem, model, mask, noise, comparison.mean, comparison.deviation)
+    objective = StandardisedObjective(problem, model, mask, noise, comparison.mean, comparison.deviation)
     others = np.arange(len(comparison.names)) != index
     changes = comparison.jacobian[mask] * comparison.deviation
     spread = float(spread_along(noise, comparison.residual[mask], changes)[index])
@@ -63,7 +64,7 @@ def profile(
 class _Held:
     """An objective with one coordinate held."""
 
-    def __init__(self, objective: Objective, index: int, value: float):
+    def __init__(self, objective: StandardisedObjective, index: int, value: float):
         self.objective, self.index, self.value = objective, index, value
 
     def __call__(self, rest: np.ndarray) -> np.ndarray:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, Objective, Progress, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, intervals_in_si, reporter
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, column, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.decision import Contender, log_bayes_factor, log_occam_factor
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
@@ -93,7 +94,7 @@ def refit(
     more = [*effects, candidate.effect]
     model = problem.model(more, {**comparison.known, **candidate.effect.guess})
     mean, deviation = priors(problem, model)
-    objective = Objective(problem, model, mask, noise, mean, deviation)
+    objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
     begun, rollouts = _starts(model, comparison, candidate, screening.score(candidate.name), mean), 0
     if searched:
         try:
@@ -147,7 +148,7 @@ def refit(
 
 
 def _begun(
-    objective: Objective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray
+    objective: StandardisedObjective, model: Model, comparison: Comparison, start: np.ndarray, own: np.ndarray
 ) -> Fit | None:
     """The start of a fit [(K,)] with its sensitivities: those of the model without the effect, which a fit corrects on
     its way, and those to its own coefficients [(K,), bool], measured; None where the motion is unstable.

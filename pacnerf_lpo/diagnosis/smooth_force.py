@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.shape_errors import of_each
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import outcome
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.shape_errors import of_each
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter

@@ -10,7 +10,7 @@ import numpy as np
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
-from pacnerf_lpo.identification.multistart import Search, Stage, horizons, multistart
+from pacnerf_lpo.identification.multistart import Search, Stage, Watch, horizons, multistart
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 from pacnerf_lpo.mpm.parameters import Log10
@@ -105,9 +105,26 @@ def base_fit(
     Raises:
         SimulationError: the motion is unstable at every start, with the shortest time step too.
     """
+    return refined(problem, effects, known, coarse_search(problem, effects, known, progress), progress, followed)
+
+
+def coarse_search(
+    problem: Problem,
+    effects: Sequence[Effect],
+    known: dict[str, float],
+    progress: Progress = lambda _: None,
+    watch: Watch = lambda items, _: items,
+    most_samples: int = JOINT_SAMPLES,
+) -> Search:
+    """The part of a base fit on the coarse body; arguments as of :func:`base_fit`. Its fits, best first, have the rows
+    of an :class:`Objective`; there are none where every motion is unstable.
+
+    Args:
+        watch: passes points on as they are tried, as for :func:`~.multistart.multistart`.
+        most_samples: points tried for all moduli together, at most.
+    """
     coarse = problem.coarse_model(effects, known)
-    fine = problem.model(effects, known)
-    mean, deviation = priors(problem, fine)
+    mean, deviation = priors(problem, coarse)
     starts = _starts(coarse, effects)
     frames = problem.split.last_fitted + 1
     contact, looked = _contact(coarse, starts)
@@ -120,15 +137,32 @@ def base_fit(
     first = rows[-min(len(rows), 3)], None
     progress(f"base fit from {len(starts)} starts on a coarse body; contact in frame {contact} of {frames}")
     refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL)
-    sampled = Stage(*settings, first, spans=spans, samples=SAMPLES * len(moduli), rival=COMPETITIVE)
-    search = multistart([replace(refitted, rival=None), sampled, refitted], starts)
-    if coefficients and search.fits and _level(search.fits, len(mean)) ** 2 > EXPLAINED:
+    sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), rival=COMPETITIVE)
+    search = multistart([replace(refitted, rival=None), sampled, refitted], starts, watch)
+    if coefficients and search.fits and level_of(search.fits, len(mean)) ** 2 > EXPLAINED:
         progress("base fit: nothing explains the video yet; searching the effects' coefficients, too")
         sampled = replace(sampled, keep=MOST_OPTIMA, spans=wider, samples=JOINT_SAMPLES)
-        more = multistart([sampled, refitted], search.fits)
+        more = multistart([sampled, refitted], search.fits, watch)
         search = Search(more.fits, search.rollouts + more.rollouts, search.unstable + more.unstable)
+    return replace(search, rollouts=search.rollouts + looked)
+
+
+def refined(
+    problem: Problem,
+    effects: Sequence[Effect],
+    known: dict[str, float],
+    search: Search,
+    progress: Progress = lambda _: None,
+    followed: bool = False,
+) -> BaseFit:
+    """The part of a base fit on the problem's own body, from what a :func:`coarse_search` ended with; arguments as of
+    :func:`base_fit`. Raises SimulationError.
+    """
+    fine = problem.model(effects, known)
+    mean, deviation = priors(problem, fine)
+    starts = _starts(fine, effects)
     found: Sequence[Fit | np.ndarray] = search.fits or starts
-    level = _level(search.fits, len(mean))
+    level = level_of(search.fits, len(mean))
     progress(f"base fit: {len(found)} optima on the body itself")
     final = Objective(problem, fine, mean, deviation, level)
     last = Stage(final, fine.scales, fine.bounds, iterations=ITERATIONS, confirm=not followed)
@@ -141,7 +175,6 @@ def base_fit(
     assert best.jacobian is not None
     left_out = search.unstable + ended.unstable
     unstable = [f"{left_out} points of the search were left out: their motion is unstable."] if left_out else []
-    rollouts = looked + search.rollouts + ended.rollouts
     return BaseFit(
         fine,
         best.free,
@@ -150,7 +183,7 @@ def base_fit(
         best.jacobian[: -len(mean)],
         best.cost,
         (*notes(fine, best.free, mean, deviation), *unstable),
-        rollouts,
+        search.rollouts + ended.rollouts,
     )
 
 
@@ -226,7 +259,7 @@ def _spans(
     return {index: (low[index], high[index]) for index in map(model.names.index, names)}
 
 
-def _level(fits: Sequence[Fit], unknowns: int) -> float:
+def level_of(fits: Sequence[Fit], unknowns: int) -> float:
     """Error of the residual in units of its weights, by what the best fit leaves; at least 1."""
     if not fits:
         return 1.0

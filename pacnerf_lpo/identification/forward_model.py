@@ -37,7 +37,7 @@ def with_effects(
     """
     frame_rate = frame_rate or physics.frame_rate
     steps = int(np.ceil(physics.substep_rate * run_spacing / spacing / frame_rate))
-    return Physics(
+    found = Physics(
         physics.material,
         physics.ground,
         effects,
@@ -48,6 +48,8 @@ def with_effects(
         physics.ground_height,
         physics.fit_ground_height,
     )
+    found.most_halvings = physics.most_halvings
+    return found
 
 
 class Model:

@@ -92,6 +92,10 @@ class Parameter:
             tell; None: the user's guess is all that is known.
         spread: standard deviation of the free coordinate around the user's guess; None: :data:`GUESSED_WITHIN` for a
             logarithm, :data:`GUESSED_SCALES` scales for the others.
+        impact: of a modulus or a viscosity, the middle of the decades in which an impact shows it, in units of the
+            impact's pressure, or of that times the time in which the body passes its own size: below, nothing resists;
+            above, nothing deforms. None: no such unit.
+        rate: learning rate of the free coordinate in PAC-NeRF's Adam.
     """
 
     name: str
@@ -102,6 +106,19 @@ class Parameter:
     scale: float = 0.1
     usual: tuple[float, float] | None = None
     spread: float | None = None
+    impact: float | None = None
+    rate: float = 0.1
+
+    def typical(self, pressure: float, time: float) -> float | None:
+        """Value that shows best in an impact, from :attr:`impact` [SI]; None: unknown.
+
+        Args:
+            pressure: of the impact, density times the square of its speed [Pa]
+            time: that the body takes to pass its own size [s]
+        """
+        if self.impact is None:
+            return None
+        return self.impact * pressure * (time if self.unit == "Pa s" else 1.0)
 
     def prior(self, guess: float) -> tuple[float, float]:
         """Mean and standard deviation of the free coordinate, before anything is measured, given the user's guess."""

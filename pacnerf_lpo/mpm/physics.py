@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from copy import copy
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import torch
 from torch import Tensor
@@ -13,7 +15,9 @@ from torch import Tensor
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm.effects.base import Effect, InitialState
 from pacnerf_lpo.mpm.ground import Ground, Sticky
+from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
 from pacnerf_lpo.mpm.model import check_model
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
@@ -29,7 +33,8 @@ class Physics:
     """A material on a ground under gravity, with the physical effects that act beside them.
 
     Args:
-        material: constitutive law with the initial guess of its parameters.
+        material: constitutive law with the initial guess of its parameters; ``auto``: the recording decides, see
+            :class:`~pacnerf_lpo.mpm.materials.auto.Auto`.
         ground: boundary condition at y = 0; sticky when not given.
         effects: additional physical effects.
         rho: mass density of the full material [kg/m^3].
@@ -48,7 +53,7 @@ class Physics:
 
     def __init__(
         self,
-        material: Material,
+        material: Material | Literal["auto"],
         ground: Ground | None = None,
         effects: Sequence[Effect] = (),
         rho: float = 1000.0,
@@ -67,17 +72,40 @@ class Physics:
                 f"physics.substep_rate = {substep_rate:g} 1/s is below frame_rate = {frame_rate:g} 1/s; "
                 "give at least one substep per frame"
             )
-        self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
+        self.material: Material = Auto() if material == "auto" else cast(Material, material)
+        self.ground, self.effects = ground or Sticky(), tuple(effects)
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
-        check_model("physics", material, self.ground, self.effects)
+        stand_in = self.material if self.decided else NeoHookean()
+        check_model("physics" if self.decided else "physics.material: auto", stand_in, self.ground, self.effects)
         self.halvings, self.most_halvings = 0, MAX_HALVINGS
         self._simulators: dict[tuple, Simulator] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """Simulators belong to the process that made them."""
         return {**vars(self), "_simulators": {}}
+
+    @property
+    def decided(self) -> bool:
+        """Whether the law is known; else laws compete for it."""
+        return not isinstance(self.material, Auto)
+
+    @property
+    def candidates(self) -> list[Physics]:
+        """The model with every law that competes and suits ground and effects; itself, where the law is known."""
+        found = []
+        for law in self.material.laws if isinstance(self.material, Auto) else ():
+            with suppress(UserInputError):
+                found.append(self.of(law))
+        return found or [self]
+
+    def of(self, material: Material) -> Physics:
+        """The same model of another material. Raises UserInputError where ground or effects do not suit it."""
+        check_model("physics", material, self.ground, self.effects)
+        found = copy(self)
+        found.material, found._simulators, found.halvings = material, {}, 0
+        return found
 
     @property
     def parameters(self) -> dict[str, Parameter]:

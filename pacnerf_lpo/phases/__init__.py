@@ -3,6 +3,7 @@
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.grid_optimization import GridOptimizationModule
 from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, PaperAdam
+from pacnerf_lpo.phases.law_choice import LawChoice
 from pacnerf_lpo.phases.lpo import LPOModule
 from pacnerf_lpo.phases.outline_method import OutlineGaussNewton
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -14,6 +15,7 @@ __all__ = [
     "GridOptimizationModule",
     "IdentificationMethod",
     "LPOModule",
+    "LawChoice",
     "OutlineGaussNewton",
     "PaperAdam",
     "PhysicsIDModule",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytorch_lightning as pl
 import torch
@@ -25,6 +25,7 @@ class AbstractPhase(pl.LightningModule, ABC):
     data: VideoData
     physics: Physics
     held_out: frozenset[tuple[int, int]] = frozenset()  # view and frame of images it must not learn from
+    long_steps: bool = False  # whether a checkpoint follows each step, and none is waited for when the run is to stop
     searches: bool = True  # whether an identification looks at the whole parameter space first
 
     def attach(self, data: VideoData, physics: Physics) -> None:
@@ -38,6 +39,10 @@ class AbstractPhase(pl.LightningModule, ABC):
     @abstractmethod
     def export_state(self) -> ParticleState:
         """The particle state after training, detached, on the CPU."""
+
+    def export_findings(self) -> dict[str, Any] | None:
+        """What it found beside the state, as JSON; None: nothing."""
+        return None
 
     @abstractmethod
     def batches(self, data: VideoData) -> Iterable:

@@ -79,7 +79,7 @@ class PaperAdam(IdentificationMethod):
     """Adam on one random training view per frame, gradients through the whole rollout (PAC-NeRF).
 
     Args:
-        learning_rates: rate of each parameter's free coordinate by name; 0.1 where not named.
+        learning_rates: rate of each parameter's free coordinate by name; the papers' where not named.
         warm_up_iterations, main_iterations: 50 and 100 in the paper.
     """
 
@@ -102,7 +102,8 @@ class PaperAdam(IdentificationMethod):
             )
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
-        groups = [{"params": [free], "lr": self.learning_rates.get(name, 0.1)} for name, free in module.free.items()]
+        rates = {name: self.learning_rates.get(name, module.physics.parameters[name].rate) for name in module.free}
+        groups = [{"params": [free], "lr": rates[name]} for name, free in module.free.items()]
         return torch.optim.Adam(groups)
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:

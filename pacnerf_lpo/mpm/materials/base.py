@@ -1,5 +1,7 @@
 """What a material is: named parameters, and one local law. Add one by adding one file like those beside this one."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -26,6 +28,8 @@ class Material(ABC):
     """
 
     parameters: ClassVar[dict[str, Parameter]]
+    family: ClassVar[str] = ""
+    """How a person calls matter of this kind, such as elastic."""
 
     def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
         where = type(self).__name__
@@ -41,6 +45,11 @@ class Material(ABC):
     def free_names(self) -> list[str]:
         """Names of the parameters that are identified."""
         return [name for name in self.parameters if name not in self.known]
+
+    def guessed(self, values: Mapping[str, float | None]) -> Material:
+        """The same law with another guess of some parameters [SI]; those of value None keep theirs."""
+        given = {name: value for name, value in values.items() if value is not None}
+        return type(self)(**{**self.guess, **given}, known=self.known)  # type: ignore[arg-type]
 
     @staticmethod
     @abstractmethod

@@ -31,7 +31,10 @@ class DruckerPrager(Material):
         known: names of parameters that are not identified.
     """
 
-    parameters = named(Parameter("theta", "deg", Identity(), (0.0, 65.0), "friction angle", scale=2.0), YOUNG, POISSON)
+    family = "granular"
+    parameters = named(
+        Parameter("theta", "deg", Identity(), (0.0, 65.0), "friction angle", scale=2.0, rate=1.0), YOUNG, POISSON
+    )
 
     def __init__(self, theta: float = 30.0, E: float = 1e6, nu: float = 0.3, known: Sequence[str] = ()):
         super().__init__({"theta": theta, "E": E, "nu": nu}, known)

@@ -21,6 +21,7 @@ class NeoHookean(Material):
         known: names of parameters that are not identified.
     """
 
+    family = "elastic"
     parameters = named(YOUNG, POISSON)
 
     def __init__(self, E: float = 1e5, nu: float = 0.3, known: Sequence[str] = ()):

@@ -26,7 +26,8 @@ class Newtonian(Material):
         known: names of parameters that are not identified.
     """
 
-    parameters = named(Parameter("mu", "Pa s", Log10(), (0.0, 1e12), "viscosity"), BULK)
+    family = "viscous"
+    parameters = named(Parameter("mu", "Pa s", Log10(), (0.0, 1e12), "viscosity", impact=0.1), BULK)
 
     def __init__(self, mu: float = 10.0, kappa: float = 1e4, known: Sequence[str] = ()):
         super().__init__({"mu": mu, "kappa": kappa}, known)

@@ -29,7 +29,13 @@ class ViscoplasticVonMises(Material):
         known: names of parameters that are not identified.
     """
 
-    parameters = named(SHEAR, BULK, YIELD, Parameter("eta", "Pa s", Log10(), (0.0, 1e9), "plastic viscosity"))
+    family = "viscoplastic"
+    parameters = named(
+        SHEAR,
+        BULK,
+        YIELD,
+        Parameter("eta", "Pa s", Log10(), (0.0, 1e9), "plastic viscosity", impact=0.03, rate=0.05),
+    )
 
     def __init__(
         self, mu: float = 1e3, kappa: float = 1e5, tau_y: float = 100.0, eta: float = 1.0, known: Sequence[str] = ()

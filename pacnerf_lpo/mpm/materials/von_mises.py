@@ -26,6 +26,7 @@ class VonMises(Material):
         known: names of parameters that are not identified.
     """
 
+    family = "plastic"
     parameters = named(YOUNG, POISSON, YIELD)
 
     def __init__(self, E: float = 1e5, nu: float = 0.3, tau_y: float = 1e3, known: Sequence[str] = ()):

@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.diagnosis.replicates import distortion
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.replicates import distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
@@ -66,7 +66,7 @@ def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
         return np.zeros((*problem.usable.shape, 0))
     right = problem.coarse_model(part.effects, part.known)
     base = right.predict(right.start)
-    bodies = wrong_bodies(problem, distortion(problem, reference))
+    bodies = [body for body in wrong_bodies(problem, distortion(problem, reference)) if len(body.positions)]
     seen = list(each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)))
     changes = [problem.relative(found - base) for found in seen if not isinstance(found, SimulationError)]
     if not changes:

@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.diagnosis.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
+from pacnerf_lpo.identification.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pacnerf_lpo.diagnosis.replicates import _typical_squares
+from pacnerf_lpo.identification.replicates import _typical_squares
 
 VIEWS, KINDS = 11, 10
 

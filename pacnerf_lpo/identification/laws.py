@@ -1,0 +1,367 @@
+"""Which constitutive law a recording shows: laws compete as effects do, each fitted in its own space of parameters.
+
+Every law is searched on a coarse body first. Those that are not hopeless there are fitted again to a residual in units
+of one noise, that of the law which explains most: sensor noise, other grids and errors of the reconstructed shape, as
+the diagnosis has it. What they leave, and what part of their priors the data leave, are their evidence (Laplace's
+approximation); how well they predict views and frames that they were not fitted to stands beside it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.special import softmax
+
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.identification.base_fit import TOUCH, coarse_search, priors, refined
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
+from pacnerf_lpo.identification.problem import StateProblem
+from pacnerf_lpo.identification.replicates import replicates
+from pacnerf_lpo.identification.shape_errors import shape_errors
+from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
+from pacnerf_lpo.inference.checks import check_fitted, check_held_out
+from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_occam_factor, log_odds
+from pacnerf_lpo.mpm.materials.auto import Auto
+from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
+
+PARTICLES = 1500
+"""Of the body on which laws are compared. They differ by how a body rests, flows or rebounds, which a thousand
+particles show; a rollout takes a quarter of a second."""
+HOPELESS = 4.0
+"""Times the least cost on the coarse body: a law whose residual is twice as large does not catch up on a finer one,
+which changes costs by half."""
+HALVINGS = 1
+"""Of the time step: matter so stiff that it needs a finer one moves as rigidly as what is half as stiff."""
+SAMPLES = 16
+"""Points tried in the space of a law's moduli, at most: fits from them find what two moduli hide; those of a law with
+more begin at its relatives, too."""
+REPLICATES = 8
+ITERATIONS = 10
+YIELDS_NOT = 0.3
+"""Of Young's modulus: a yield stress that no impact of a body that stays whole reaches."""
+POOR = 3.0
+"""Times the error of the noise, in what was held out: such an error nobody would overlook."""
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is known of one law.
+
+    law: name of its class;  family: how a person calls it.
+    known: every value at its best fit so far, velocity included [SI]; none before it was fitted.
+    coarse: mean square of the coarse body's residual at its best fit, in units of what is presumed of its error.
+    cost: of the standardised residual, with the priors' terms.
+    occam: logarithm of the part of its prior that the data leave.
+    log_odds: against the best law;  probability: of it among those that were compared.
+    held_out: standardised error of what was not fitted, beside that of the noise; 1 where the law is right.
+    left_out: why it was not compared to the end; empty where it was.
+    seconds: that it took.
+    """
+
+    law: str
+    family: str
+    known: dict[str, float] | None = None
+    coarse: float | None = None
+    cost: float | None = None
+    occam: float | None = None
+    log_odds: float | None = None
+    probability: float = 0.0
+    held_out: float | None = None
+    left_out: str = ""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What any law may leave.
+
+    reference: name of the law that explains most on the coarse body.
+    replicates: residuals of simulated nulls [(T, R, F, 11)]
+    shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
+    """
+
+    reference: str
+    replicates: np.ndarray
+    shape_errors: np.ndarray
+
+
+class Competition:
+    """Laws that compete to explain one recording. Its steps are taken one by one, and what they found is plain data.
+
+    Args:
+        problem: of which the physics' material is :class:`Auto`.
+
+    Attributes:
+        trials: by the name of their law, in the order of the laws.
+        noise: once it is known.
+        steps: number of steps in all.
+
+    Raises:
+        UserInputError: no law suits the effects and the ground.
+    """
+
+    def __init__(self, problem: StateProblem):
+        self.problem = problem
+        material = problem.physics.material
+        assert isinstance(material, Auto)
+        self.problems: dict[str, StateProblem] = {}
+        self.trials: dict[str, Trial] = {}
+        for law in material.guesses(*impact(problem)):
+            name = type(law).__name__
+            self.trials[name] = Trial(name, law.family or name)
+            try:
+                self.problems[name] = _of_law(problem, law)
+            except UserInputError as error:
+                self._leave_out(name, str(error))
+        self.noise: Noise | None = None
+        self.steps = 2 * len(self.trials) + 2
+
+    def describe(self, number: int) -> str:
+        """What a step does."""
+        count, names = len(self.trials), list(self.trials)
+        if number < count:
+            return f"{self.trials[names[number]].family}: search"
+        if number == count:
+            return "noise"
+        return f"{self.trials[names[number - count - 1]].family}: fit" if number <= 2 * count else "verdict"
+
+    def step(self, number: int, watch: Watch = lambda items, _: items) -> None:
+        """Take a step: a search for every law, the noise of the best one, a fit for every law that is left, then
+        the verdict.
+
+        Raises:
+            SimulationError: no law gives a stable motion.
+        """
+        count, names, began = len(self.trials), list(self.trials), time.monotonic()
+        if number == count:
+            self._learn_noise()
+        elif number == 2 * count + 1:
+            self._judge()
+        else:
+            name = names[number % (count + 1)]
+            if not self.trials[name].left_out:
+                (self._search if number < count else self._fit)(name, watch)
+            trial = self.trials[name]
+            self.trials[name] = replace(trial, seconds=trial.seconds + time.monotonic() - began)
+
+    @property
+    def ranked(self) -> list[Trial]:
+        """Trials, the most probable first, those that were left out last."""
+        trials = self.trials.values()
+        return sorted(trials, key=lambda t: (t.log_odds is None, -(t.log_odds or 0.0), t.coarse or np.inf))
+
+    @property
+    def chosen(self) -> Trial:
+        """The law that is used: of those that are not told apart from the most probable one, the simplest."""
+        return next(trial for trial in self.trials.values() if trial in self.alike)
+
+    @property
+    def alike(self) -> list[Trial]:
+        """The most probable law, and those that the recording does not tell apart from it."""
+        odds = {t.law: t.log_odds for t in self.ranked if t.log_odds is not None}
+        leader = Contender(next(iter(odds)), 0.0, 0.0, 0.0)
+        return [self.trials[name] for name in indistinguishable(leader, odds)]
+
+    def summary(self) -> dict[str, Any]:
+        """The table, best law first, the law that is used, and what is to be said of it, as JSON."""
+        return {
+            "laws": [asdict(trial) for trial in self.ranked],
+            "chosen": self.chosen.law,
+            "alike": [trial.law for trial in self.alike],
+            "sentences": sentences(self.ranked, self.alike, self.chosen),
+        }
+
+    def found(self) -> dict[str, Any]:
+        """All that the steps so far have found, as plain data and tensors."""
+        noise = self.noise and {
+            "reference": self.noise.reference,
+            "replicates": torch.from_numpy(self.noise.replicates),
+            "shape_errors": torch.from_numpy(self.noise.shape_errors),
+        }
+        return {"trials": [asdict(trial) for trial in self.trials.values()], "noise": noise}
+
+    def restore(self, found: dict[str, Any]) -> None:
+        """Take over what :meth:`found` gave."""
+        self.trials = {entry["law"]: Trial(**entry) for entry in found["trials"]}
+        if (noise := found["noise"]) is not None:
+            self.noise = Noise(noise["reference"], noise["replicates"].numpy(), noise["shape_errors"].numpy())
+
+    def _search(self, name: str, watch: Watch) -> None:
+        problem = self.problems[name]
+        found = coarse_search(problem, problem.physics.effects, problem.first_guess, watch=watch, most_samples=SAMPLES)
+        if not found.fits:
+            return self._leave_out(name, "its motion is unstable from every start")
+        model = problem.coarse_model(problem.physics.effects, problem.first_guess)
+        best = found.fits[0]
+        coarse = best.cost / max(len(best.residual) - len(best.free), 1)
+        self.trials[name] = replace(self.trials[name], known=model.physical(best.free), coarse=coarse)
+        return None
+
+    def _learn_noise(self) -> None:
+        """From the law that explains most on the coarse body; those that explain much less are left out."""
+        costs = {name: trial.coarse for name, trial in self.trials.items() if trial.coarse is not None}
+        while costs:
+            name = min(costs, key=costs.__getitem__)
+            try:
+                self.noise = self._noise_of(name)
+                break
+            except SimulationError:
+                self._leave_out(name, "its motion is unstable on a finer body")
+                del costs[name]
+        else:
+            raise SimulationError(0, 0, "no law gives a stable motion; check data.box_lower and physics.substep_rate")
+        for other, cost in costs.items():
+            if cost > HOPELESS * costs[name]:
+                times = (cost / costs[name]) ** 0.5
+                self._leave_out(other, f"its error on a coarse body is {times:.1f} times that of {self._called(name)}")
+
+    def _noise_of(self, name: str) -> Noise:
+        problem, known = self.problems[name], self.trials[name].known
+        assert known is not None
+        model = problem.model(problem.physics.effects, known)
+        found = refined(problem, problem.physics.effects, known, Search([], 0, 0), followed=True)
+        self.trials[name] = replace(self.trials[name], known=found.known)
+        others = replicates(problem, problem.physics.effects, found.free, model, REPLICATES, SEED)
+        return Noise(name, others, shape_errors(problem, problem.physics.effects, found.free, model))
+
+    def _fit(self, name: str, watch: Watch) -> None:
+        """Of the standardised residual, from where the search ended."""
+        assert self.noise is not None
+        problem, known = self.problems[name], self.trials[name].known
+        assert known is not None
+        model, mask, usable = problem.model(problem.physics.effects, known), problem.fitted, problem.usable
+        mean, deviation = priors(problem, model)
+        directions = np.nan_to_num(self.noise.shape_errors)
+        noise = noise_of(problem, self.noise.replicates, mask, directions[mask])
+        objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
+        settings = objective, model.scales, model.bounds, (objective.rows,)
+        stages = Stage(*settings), Stage(*settings, iterations=ITERATIONS, confirm=True)
+        fits = multistart(stages, [model.start, *self._relatives(name, model)], watch).fits
+        if not fits or fits[0].jacobian is None:
+            return self._leave_out(name, "its motion is unstable on a finer body")
+        found = fits[0]
+        residual, jacobian = objective.seen(found)
+        moved = np.nan_to_num(jacobian) * deviation
+        whole = noise_of(problem, self.noise.replicates, usable, directions[usable]).with_directions(moved[usable])
+        part = noise.with_directions(moved[mask])
+        held = check_held_out(whole, part, np.nan_to_num(residual[usable]), mask[usable])
+        occam = log_occam_factor(np.zeros((int(mask.sum()), 0)), objective.standardised(found))
+        self.trials[name] = replace(
+            self.trials[name],
+            known=model.physical(found.free),
+            cost=found.cost_of(objective.rows),
+            occam=occam,
+            held_out=max(held.times_noise, 0.0) ** 0.5,
+        )
+        return None
+
+    def _relatives(self, name: str, model: Model) -> list[np.ndarray]:
+        """Free coordinates at which a law is what other solids were found to be [(K,) each]: their optima, too, are
+        starts, for a law that contains another must not do worse.
+        """
+        law, found = self.problems[name].physics.material, []
+        for other, trial in self.trials.items():
+            if other != name and trial.known is not None:
+                values = as_solid(law, self.problems[other].physics.material, trial.known)
+                if values:
+                    known = {**trial.known, **values}
+                    start = [
+                        u.transform.to_free(float(known.get(u.name, model.known.get(u.name)))) for u in model.unknowns
+                    ]
+                    found.append(np.clip(start, *model.bounds))
+        return found
+
+    def _judge(self) -> None:
+        """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates."""
+        assert self.noise is not None
+        left = {name: trial for name, trial in self.trials.items() if trial.cost is not None}
+        contenders = [Contender(n, t.cost or 0.0, t.occam or 0.0, 0.0) for n, t in left.items()]
+        mask = self.problem.fitted
+        noise = noise_of(self.problem, self.noise.replicates, mask, np.nan_to_num(self.noise.shape_errors[mask]))
+        scale = max(1.0, float(np.mean(check_fitted(noise, noise.mean).replicates))) ** 0.5
+        odds = log_odds(contenders, int(mask.sum()), scale)
+        for (name, found), share in zip(odds.items(), softmax(list(odds.values())), strict=True):
+            self.trials[name] = replace(self.trials[name], log_odds=found, probability=float(share))
+
+    def _leave_out(self, name: str, why: str) -> None:
+        self.trials[name] = replace(self.trials[name], left_out=why)
+
+    def _called(self, name: str) -> str:
+        return f"the {self.trials[name].family} law"
+
+
+def sentences(ranked: Sequence[Trial], alike: Sequence[Trial], chosen: Trial) -> list[str]:
+    """What a person should know of the choice."""
+    leader = alike[0]
+    if len(alike) > 1:
+        named = " and ".join(f"{trial.family} ({trial.law})" for trial in alike)
+        found = [f"The recording does not tell these laws apart: {named}. The simplest is used: {chosen.family}."]
+    else:
+        found = [f"The matter is {chosen.family} ({chosen.law}), with a probability of {_percent(chosen.probability)}."]
+    if leader.held_out is not None and leader.held_out > POOR:
+        found.append(
+            f"Doubtful: the {leader.family} law predicts what was held out with {leader.held_out:.1f} times the error "
+            "of the noise. Something else may be missing: run pacnerf-lpo diagnose, and check masks and ground"
+        )
+    found += [f"Left out, {trial.family} ({trial.law}): {trial.left_out}." for trial in ranked if trial.left_out]
+    return found
+
+
+def _percent(probability: float) -> str:
+    return "more than 99.9 %" if probability > 0.999 else f"{probability:.1%}".replace("%", " %")
+
+
+def as_solid(law: Material, other: Material, known: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of a solid at which it is nearest to another one [SI]; none where one of them is no elastic solid.
+
+    Args:
+        law: whose parameters are wanted.
+        other: with ``known`` parameters [SI].
+    """
+    if SHEAR.name in known and SHEAR in other.parameters.values():
+        mu, kappa = known[SHEAR.name], known[BULK.name]
+        young, poisson = 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (6 * kappa + 2 * mu)
+    elif YOUNG in other.parameters.values():
+        young, poisson = known[YOUNG.name], known[POISSON.name]
+        mu, kappa = young / (2 * (1 + poisson)), young / (3 * (1 - 2 * poisson))
+    else:
+        return {}
+    least, most = (0.99 * bound for bound in POISSON.bounds)
+    moduli = {YOUNG: young, POISSON: min(max(poisson, least), most), SHEAR: mu, BULK: kappa, YIELD: YIELDS_NOT * young}
+    found = {p.name: value for p, value in moduli.items() if p in law.parameters.values()}
+    if not (SHEAR.name in found or YOUNG.name in found):
+        return {}
+    shared = {n: v for n, v in known.items() if n in law.parameters and law.parameters[n] == other.parameters.get(n)}
+    return {**law.guess, **found, **shared, **{name: law.guess[name] for name in law.known}}
+
+
+def impact(problem: StateProblem) -> tuple[float, float]:
+    """Pressure of an impact [Pa], density times the square of its speed, and the time in which the body passes its own
+    size at that speed [s]: by free fall from frame 0 to the first contact, at least from its own height.
+    """
+    physics, known, times = problem.physics, problem.first_guess, problem.video.times
+    model = problem.coarse_model((), known)
+    contact = min(model.contact(model.start, TOUCH), len(times) - 1)
+    fallen = float(times[contact] - times[0])
+    velocity = [known[p.name] + fallen * g for p, g in zip(VELOCITY, physics.gravity, strict=True)]
+    size, gravity = problem.body.volume ** (1 / 3), float(np.linalg.norm(physics.gravity))
+    speed = max(float(np.linalg.norm(velocity)), (gravity * size) ** 0.5)
+    return physics.rho * speed**2, size / speed
+
+
+def _of_law(problem: StateProblem, law: Material) -> StateProblem:
+    """The same problem with another law. Raises UserInputError where effects or ground do not suit it."""
+    found = copy(problem)
+    found.physics = problem.physics.of(law)
+    found.physics.most_halvings = HALVINGS
+    vars(found).pop("first_guess", None)
+    return found

@@ -1,0 +1,73 @@
+"""Residuals in units of a noise that replicates show: what hypotheses are compared in, effects and laws alike."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import Fit
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.inference.noise import NoiseModel
+
+
+class StandardisedObjective:
+    """Standardised residual of a model in the entries of a mask, then how far each unknown is from the mean of its
+    prior in standard deviations, then the residual itself in all U usable entries, which no fit minimises [(D + K +
+    U,)], as a function of free coordinates [(K,)]; raises SimulationError.
+
+    rows: those that a fit minimises [(D + K + U,), bool]
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        mask: np.ndarray,
+        noise: NoiseModel,
+        mean: np.ndarray,
+        deviation: np.ndarray,
+    ):
+        self.model, self._residual, self._inside = (
+            model,
+            problem.residual_of(model, problem.usable),
+            mask[problem.usable],
+        )
+        self.noise, self.mean, self.deviation = noise, mean, deviation
+        self._usable = problem.usable
+        self.rows = np.arange(self._inside.sum() + len(mean) + len(self._inside)) < self._inside.sum() + len(mean)
+
+    def __call__(self, free: np.ndarray) -> np.ndarray:
+        self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
+        residual = self._residual(free)
+        standardised = self.noise.whiten_residual(residual[self._inside])
+        return np.concatenate((standardised, (free - self.mean) / self.deviation, residual))
+
+    def derivative(self, changes: np.ndarray) -> np.ndarray:
+        """Of the function, where that of the residual is [(R, F, 11, K)]; NaN counts as none."""
+        found = np.nan_to_num(changes[self._usable])
+        return np.concatenate((self.noise.whiten(found[self._inside]), np.diag(1 / self.deviation), found))
+
+    def standardised(self, found: Fit) -> np.ndarray:
+        """Change of the standardised residual by one prior standard deviation of every unknown at a fit [(D, K)]."""
+        assert found.jacobian is not None
+        return found.jacobian[: self._inside.sum()] * self.deviation
+
+    def seen(self, found: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Residual at a fit and its derivative [(R, F, 11), (R, F, 11, K)]; NaN where not usable."""
+        assert found.jacobian is not None
+        return spread(found.residual[~self.rows], self._usable), spread(found.jacobian[~self.rows], self._usable)
+
+
+def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:
+    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)] and, where there are
+    any, errors that are known beforehand [(D, M)].
+    """
+    found = np.nan_to_num(residuals[:, mask])
+    return NoiseModel.from_replicates(found, problem.sensor[mask], problem.layout(mask), known)
+
+
+def spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Entries of a mask [(D, ...)] in their places [(R, F, 11, ...)], NaN elsewhere."""
+    whole = np.full((*mask.shape, *values.shape[1:]), np.nan)
+    whole[mask] = values
+    return whole
