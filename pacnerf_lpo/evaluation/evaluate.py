@@ -54,6 +54,7 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "times_s": video.times.tolist(),
         "guess": _with_units(run, run.physics.guess),
         "free": list(run.physics.free_names),
+        "laws": run.laws,
         "phases": [_evaluate_stage(run, stage, answer) for stage in run.stages],
         "result": run.last.stem,
         "chosen_round": run.manifest.chosen_round,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -92,6 +93,12 @@ class Run:
     def physics(self) -> Physics:
         """The physical model of the run."""
         return self._parsed.physics
+
+    @property
+    def laws(self) -> dict[str, Any] | None:
+        """How the laws competed, as the phase ``law`` wrote it; None where the material was given."""
+        found = [self.run_dir / stage.record.findings for stage in self.stages if stage.record.phase == "law"]
+        return json.loads(found[-1].read_text()) if found else None
 
     @property
     def scene(self) -> str:

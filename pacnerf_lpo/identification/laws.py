@@ -273,10 +273,8 @@ class Competition:
             if other != name and trial.known is not None:
                 values = as_solid(law, self.problems[other].physics.material, trial.known)
                 if values:
-                    known = {**trial.known, **values}
-                    start = [
-                        u.transform.to_free(float(known.get(u.name, model.known.get(u.name)))) for u in model.unknowns
-                    ]
+                    known = {**model.known, **trial.known, **values}
+                    start = [unknown.transform.to_free(known[unknown.name]) for unknown in model.unknowns]
                     found.append(np.clip(start, *model.bounds))
         return found
 

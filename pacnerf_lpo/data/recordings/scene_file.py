@@ -47,11 +47,9 @@ data:
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
 physics:
-  material: # a guess, not measured: a soft elastic body; exchange it if it is a fluid, plasticine or sand
-    class_path: NeoHookean
-    init_args: # where identification starts, SI units; a factor of ten off is fine
-      E: 1.0e+5
-      nu: 0.3
+  material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; or the law that you know, such as
+  #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
+  #   init_args: {{E: 1.0e+5, nu: 0.3}} # where identification starts, SI units; a factor of ten off is fine
   frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {_clock(scene)}
   substep_rate: {substep_rate:.1f} # 1/s; {RATE:g} m/s divided by base_spacing, in whole steps per frame
 phases:
@@ -65,13 +63,6 @@ phases:
     class_path: VelocityModule
     init_args:
       hit_frame: {found.hit_frame.value:.0f} # first frame on the ground; {found.hit_frame.why}
-  physics:
-    class_path: PhysicsIDModule
-    init_args:
-      method:
-        class_path: PaperAdam
-        init_args:
-          learning_rates: {{E: 0.1, nu: 0.01}} # the papers' values for elastic scenes
 """
     )
     return path
