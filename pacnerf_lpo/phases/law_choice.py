@@ -45,11 +45,8 @@ class LawChoice(DynamicPhase):
         self.taken = nn.Parameter(torch.zeros(()))  # what a step of the optimiser counts
 
     def import_state(self, state: ParticleState | None) -> None:
-        """Forget what stood in for the parameters that are to be found."""
+        """Prepare the comparison of the laws; their parameters start from guesses."""
         super().import_state(state)
-        stood_in = self.physics.material.parameters
-        known = {name: value for name, value in self.state.physics.items() if name not in stood_in}
-        self.state = self.state.with_(physics=known)
         data = self.data
         problem = StateProblem(
             data.video.source, data, self.state, self.physics, held_back(data), bright=False, particles=self.particles

@@ -114,7 +114,10 @@ class VelocityModule(DynamicPhase):
     def export_state(self) -> ParticleState:
         """The imported state with the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
-        return self.state.with_(velocity=velocity, physics=known_values(self.physics, self.state))
+        known = known_values(self.physics, self.state)
+        if not self.physics.decided:  # an elastic body only stood in
+            known = {name: value for name, value in known.items() if name not in self.physics.material.parameters}
+        return self.state.with_(velocity=velocity, physics=known)
 
     def progress_metrics(self) -> dict[str, str]:
         """The velocity."""

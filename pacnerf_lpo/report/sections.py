@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -104,6 +105,39 @@ def round_table(results: Mapping[str, Any]) -> str:
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in rows[0])
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
     return f"<h2>Rounds</h2><table class=quality><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def law_table(results: Mapping[str, Any]) -> str:
+    """How the laws competed, best first; nothing where the material was given."""
+    found = results.get("laws")
+    if found is None:
+        return ""
+    rows = []
+    for trial in found["laws"]:
+        chosen = trial["law"] == found["chosen"]
+        name = f"{trial['family']} <span>{html.escape(trial['law'])}{', used' if chosen else ''}</span>"
+        if trial["left_out"]:
+            cells = f"<td colspan=4 class=muted>left out: {html.escape(trial['left_out'])}</td>"
+        else:
+            held, odds = trial["held_out"], trial["log_odds"] / math.log(10.0)
+            cells = f"<td class={'strong' if chosen else 'muted'}>{_percent(trial['probability'])}</td>"
+            cells += f"<td>{'' if odds == 0 else f'{odds:.1f}'.replace('-', MINUS)}</td><td>{held:.2f}</td>"
+            cells += f"<td>{html.escape(_of_law(trial))}</td>"
+        rows.append(f"<tr><td class=name>{name}</td>{cells}</tr>")
+    said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in found["sentences"][:LAW_SENTENCES])
+    head = ("law", "probability", "log10 of the odds", "held-out error / noise", "found on a coarse body")
+    head_row = "".join(f"<th>{text}</th>" for text in head)
+    table = f"<table class=quality><thead><tr>{head_row}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f"<section><h2>Which law</h2>{said}{table}</section>"
+
+
+def _of_law(trial: Mapping[str, Any]) -> str:
+    """``E = 103 kPa, ν = 0.296``: the parameters of a law."""
+    return ", ".join(f"{symbol(name)} = {quantity(value, unit)}" for name, (value, unit) in trial["parameters"].items())
+
+
+def _percent(share: float) -> str:
+    return "&gt; 99.9 %" if share > 0.999 else "&lt; 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"
 
 
 def time_bars(results: Mapping[str, Any]) -> str:
