@@ -29,6 +29,7 @@ from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.identification.laws import as_text
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
@@ -176,7 +177,7 @@ class PhaseCLI(LightningCLI):
             self.config.phases.physics.init_args.method.init_args.learning_rates = kept
         self._instantiate()
         write_atomically(self.outer_loop.run_dir / CONFIG_FILE, self.dump().encode())
-        print("\n".join(findings["sentences"]), flush=True)
+        print(as_text(findings), flush=True)
 
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop

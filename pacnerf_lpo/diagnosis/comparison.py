@@ -13,7 +13,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import shape_errors
+from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
@@ -52,7 +52,9 @@ class Comparison:
     residual: measured minus predicted [pixels, (R, F, 11)]; NaN where not usable
     jacobian: change of the residual by the unknowns [(R, F, 11, K)]
     replicates: residuals of simulated nulls [(T, R, F, 11)]
+    sensor: standard deviation of the sensor noise in them [(R, F, 11)]
     shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
+    resolution: changes of the residual of each recording by a coarser body [(R, F, 11, number of recordings)]
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
@@ -67,15 +69,21 @@ class Comparison:
     residual: np.ndarray
     jacobian: np.ndarray
     replicates: np.ndarray
+    sensor: np.ndarray
     shape_errors: np.ndarray
+    resolution: np.ndarray
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
-        known = np.concatenate((self.shape_errors[mask], FORCE * self.force[mask]), axis=1)
-        return noise_of(problem, self.replicates, mask, np.nan_to_num(known))
+        return noise_of(problem, self.replicates, self.sensor, mask, self.known_errors[mask])
+
+    @property
+    def known_errors(self) -> np.ndarray:
+        """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
+        return known_errors(self.shape_errors, self.resolution, self.force)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -131,18 +139,20 @@ def compare(
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     mean, deviation = priors(problem, model)
     count, seed = settings
-    found = replicates(problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}"))
+    found, sensor = replicates(
+        problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}")
+    )
     known = model.physical(free)
     parts = [] if before is None else [problem.parts(before[0], before[1].known), problem.parts(effects, known)]
     if before is not None and _alike(problem, *parts):
-        wrong, force, simulated = before[1].shape_errors, before[1].force, 2
+        wrong, coarser, force, simulated = before[1].shape_errors, before[1].resolution, before[1].force, 2
     else:
         wrong = shape_errors(problem, effects, free, model)
+        coarser = resolution_errors(problem, effects, free, model)
         force = force_changes(problem, effects, known, progress)
-        simulated = wrong.shape[-1] + force.shape[-1]
+        simulated = wrong.shape[-1] + coarser.shape[-1] + force.shape[-1]
     mask = problem.fitted
-    directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
-    noise = noise_of(problem, found, mask, directions)
+    noise = noise_of(problem, found, sensor, mask, known_errors(wrong, coarser, force)[mask])
     objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
@@ -159,11 +169,17 @@ def compare(
         residual,
         jacobian,
         found,
+        sensor,
         wrong,
+        coarser,
         force,
         tuple(notes(model, best.free, mean, deviation)),
         rollouts + simulated,
     )
+
+
+def _replicated(progress: Progress, count: int, number: int) -> None:
+    progress(f"replicate {number} of {count}")
 
 
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
@@ -172,6 +188,11 @@ def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> boo
     """
     paths = [[part.model.path(part.model.start) for part in parts] for parts in (before, now)]
     return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
+
+
+def known_errors(shape: np.ndarray, resolution: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Those of a :class:`Comparison`, one standard deviation each, without NaN [(R, F, 11, M)]."""
+    return np.nan_to_num(np.concatenate((shape, resolution, FORCE * force), axis=-1))
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:

@@ -24,10 +24,11 @@ from pacnerf_lpo.identification.forward_model import VELOCITY, Model
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import shape_errors
+from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_occam_factor, log_odds
+from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
@@ -86,12 +87,18 @@ class Noise:
 
     reference: name of the law that explains most on the coarse body.
     replicates: residuals of simulated nulls [(T, R, F, 11)]
-    shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
+    sensor: standard deviation of the sensor noise in them [(R, F, 11)]
+    errors: changes of the residual by errors of the reconstructed body and of the resolution [(R, F, 11, M)]
     """
 
     reference: str
     replicates: np.ndarray
-    shape_errors: np.ndarray
+    sensor: np.ndarray
+    errors: np.ndarray
+
+    def model(self, problem: StateProblem, mask: np.ndarray) -> NoiseModel:
+        """The noise in the entries of a mask [(R, F, 11), bool]."""
+        return noise_of(problem, self.replicates, self.sensor, mask, self.errors[mask])
 
 
 class Competition:
@@ -174,18 +181,23 @@ class Competition:
     def summary(self) -> dict[str, Any]:
         """The table, best law first, the law that is used, and what is to be said of it, as JSON."""
         return {
-            "laws": [asdict(trial) for trial in self.ranked],
+            "laws": [{**asdict(trial), "parameters": self._parameters(trial)} for trial in self.ranked],
             "chosen": self.chosen.law,
             "alike": [trial.law for trial in self.alike],
-            "sentences": sentences(self.ranked, self.alike, self.chosen),
+            "sentences": sentences(self.alike, self.chosen),
         }
+
+    def _parameters(self, trial: Trial) -> dict[str, dict[str, Any]]:
+        """Of the law, as found so far [SI]."""
+        known, material = trial.known or {}, self.problems.get(trial.law, self.problem).physics.material
+        described = material.parameters.items() if known else ()
+        return {name: {"value": known[name], "unit": parameter.unit} for name, parameter in described}
 
     def found(self) -> dict[str, Any]:
         """All that the steps so far have found, as plain data and tensors."""
         noise = self.noise and {
-            "reference": self.noise.reference,
-            "replicates": torch.from_numpy(self.noise.replicates),
-            "shape_errors": torch.from_numpy(self.noise.shape_errors),
+            name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+            for name, value in vars(self.noise).items()
         }
         return {"trials": [asdict(trial) for trial in self.trials.values()], "noise": noise}
 
@@ -193,7 +205,8 @@ class Competition:
         """Take over what :meth:`found` gave."""
         self.trials = {entry["law"]: Trial(**entry) for entry in found["trials"]}
         if (noise := found["noise"]) is not None:
-            self.noise = Noise(noise["reference"], noise["replicates"].numpy(), noise["shape_errors"].numpy())
+            arrays = {n: v.numpy() for n, v in noise.items() if isinstance(v, torch.Tensor)}
+            self.noise = Noise(noise["reference"], **arrays)
 
     def _search(self, name: str, watch: Watch) -> None:
         problem = self.problems[name]
@@ -230,8 +243,10 @@ class Competition:
         model = problem.model(problem.physics.effects, known)
         found = refined(problem, problem.physics.effects, known, Search([], 0, 0), followed=True)
         self.trials[name] = replace(self.trials[name], known=found.known)
-        others = replicates(problem, problem.physics.effects, found.free, model, REPLICATES, SEED)
-        return Noise(name, others, shape_errors(problem, problem.physics.effects, found.free, model))
+        at = problem, problem.physics.effects, found.free, model
+        others, sensor = replicates(*at, REPLICATES, SEED)
+        errors = np.concatenate((shape_errors(*at), resolution_errors(*at)), axis=-1)
+        return Noise(name, others, sensor, np.nan_to_num(errors))
 
     def _fit(self, name: str, watch: Watch) -> None:
         """Of the standardised residual, from where the search ended."""
@@ -240,8 +255,7 @@ class Competition:
         assert known is not None
         model, mask, usable = problem.model(problem.physics.effects, known), problem.fitted, problem.usable
         mean, deviation = priors(problem, model)
-        directions = np.nan_to_num(self.noise.shape_errors)
-        noise = noise_of(problem, self.noise.replicates, mask, directions[mask])
+        noise = self.noise.model(problem, mask)
         objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
         settings = objective, model.scales, model.bounds, (objective.rows,)
         stages = Stage(*settings), Stage(*settings, iterations=ITERATIONS, confirm=True)
@@ -251,7 +265,7 @@ class Competition:
         found = fits[0]
         residual, jacobian = objective.seen(found)
         moved = np.nan_to_num(jacobian) * deviation
-        whole = noise_of(problem, self.noise.replicates, usable, directions[usable]).with_directions(moved[usable])
+        whole = self.noise.model(problem, usable).with_directions(moved[usable])
         part = noise.with_directions(moved[mask])
         held = check_held_out(whole, part, np.nan_to_num(residual[usable]), mask[usable])
         occam = log_occam_factor(np.zeros((int(mask.sum()), 0)), objective.standardised(found))
@@ -284,7 +298,7 @@ class Competition:
         left = {name: trial for name, trial in self.trials.items() if trial.cost is not None}
         contenders = [Contender(n, t.cost or 0.0, t.occam or 0.0, 0.0) for n, t in left.items()]
         mask = self.problem.fitted
-        noise = noise_of(self.problem, self.noise.replicates, mask, np.nan_to_num(self.noise.shape_errors[mask]))
+        noise = self.noise.model(self.problem, mask)
         scale = max(1.0, float(np.mean(check_fitted(noise, noise.mean).replicates))) ** 0.5
         odds = log_odds(contenders, int(mask.sum()), scale)
         for (name, found), share in zip(odds.items(), softmax(list(odds.values())), strict=True):
@@ -297,7 +311,7 @@ class Competition:
         return f"the {self.trials[name].family} law"
 
 
-def sentences(ranked: Sequence[Trial], alike: Sequence[Trial], chosen: Trial) -> list[str]:
+def sentences(alike: Sequence[Trial], chosen: Trial) -> list[str]:
     """What a person should know of the choice."""
     leader = alike[0]
     if len(alike) > 1:
@@ -310,12 +324,22 @@ def sentences(ranked: Sequence[Trial], alike: Sequence[Trial], chosen: Trial) ->
             f"Doubtful: the {leader.family} law predicts what was held out with {leader.held_out:.1f} times the error "
             "of the noise. Something else may be missing: run pacnerf-lpo diagnose, and check masks and ground"
         )
-    found += [f"Left out, {trial.family} ({trial.law}): {trial.left_out}." for trial in ranked if trial.left_out]
     return found
 
 
+def as_text(summary: Mapping[str, Any]) -> str:
+    """What :meth:`Competition.summary` gave, for a terminal: a line for every law, then what is to be said."""
+    lines = []
+    for trial in summary["laws"]:
+        said = f"left out: {trial['left_out']}"
+        if not trial["left_out"]:
+            said = f"probability {_percent(trial['probability'])}, held-out error {trial['held_out']:.2f} x noise"
+        lines.append(f"{trial['family']:<13} {said}")
+    return "\n".join([*lines, *summary["sentences"]])
+
+
 def _percent(probability: float) -> str:
-    return "more than 99.9 %" if probability > 0.999 else f"{probability:.1%}".replace("%", " %")
+    return "more than 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
 
 
 def as_solid(law: Material, other: Material, known: Mapping[str, float]) -> dict[str, float]:

@@ -58,12 +58,14 @@ class StandardisedObjective:
         return spread(found.residual[~self.rows], self._usable), spread(found.jacobian[~self.rows], self._usable)
 
 
-def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:
-    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)] and, where there are
-    any, errors that are known beforehand [(D, M)].
+def noise_of(
+    problem: Problem, residuals: np.ndarray, sensor: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None
+) -> NoiseModel:
+    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)], the sensor noise in
+    them [(R, F, 11)] and, where there are any, errors that are known beforehand [(D, M)].
     """
     found = np.nan_to_num(residuals[:, mask])
-    return NoiseModel.from_replicates(found, problem.sensor[mask], problem.layout(mask), known)
+    return NoiseModel.from_replicates(found, sensor[mask], problem.layout(mask), known)
 
 
 def spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -64,6 +64,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
         figures=sections.key_figures(results),
         parameters=sections.parameter_table(results),
+        laws=sections.law_table(results),
         quality=sections.quality_table(results) + sections.round_table(results),
         times=sections.time_bars(results),
         config=html.escape((run.run_dir / CONFIG_FILE).read_text()),
