@@ -22,7 +22,7 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.base_fit import TOUCH, coarse_search, priors, refined
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
-from pacnerf_lpo.identification.problem import StateProblem
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
@@ -96,7 +96,7 @@ class Noise:
     sensor: np.ndarray
     errors: np.ndarray
 
-    def model(self, problem: StateProblem, mask: np.ndarray) -> NoiseModel:
+    def model(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The noise in the entries of a mask [(R, F, 11), bool]."""
         return noise_of(problem, self.replicates, self.sensor, mask, self.errors[mask])
 
@@ -116,11 +116,11 @@ class Competition:
         UserInputError: no law suits the effects and the ground.
     """
 
-    def __init__(self, problem: StateProblem):
+    def __init__(self, problem: Problem):
         self.problem = problem
         material = problem.physics.material
         assert isinstance(material, Auto)
-        self.problems: dict[str, StateProblem] = {}
+        self.problems: dict[str, Problem] = {}
         self.trials: dict[str, Trial] = {}
         for law in material.guesses(*impact(problem)):
             name = type(law).__name__
@@ -366,7 +366,7 @@ def as_solid(law: Material, other: Material, known: Mapping[str, float]) -> dict
     return {**law.guess, **found, **shared, **{name: law.guess[name] for name in law.known}}
 
 
-def impact(problem: StateProblem) -> tuple[float, float]:
+def impact(problem: Problem) -> tuple[float, float]:
     """Pressure of an impact [Pa], density times the square of its speed, and the time in which the body passes its own
     size at that speed [s]: by free fall from frame 0 to the first contact, at least from its own height.
     """
@@ -380,7 +380,7 @@ def impact(problem: StateProblem) -> tuple[float, float]:
     return physics.rho * speed**2, size / speed
 
 
-def _of_law(problem: StateProblem, law: Material) -> StateProblem:
+def _of_law(problem: Problem, law: Material) -> Problem:
     """The same problem with another law. Raises UserInputError where effects or ground do not suit it."""
     found = copy(problem)
     found.physics = problem.physics.of(law)

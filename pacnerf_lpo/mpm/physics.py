@@ -77,14 +77,22 @@ class Physics:
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.matter = fit_ground_height, matter
-        stand_in = self.material if self.decided else NeoHookean()
-        check_model("physics" if self.decided else "physics.material: auto", stand_in, self.ground, self.effects)
+        self._check()
         self.halvings, self.most_halvings = 0, MAX_HALVINGS
         self._simulators: dict[tuple, Simulator] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """Simulators belong to the process that made them."""
         return {**vars(self), "_simulators": {}}
+
+    def _check(self) -> None:
+        """Raise UserInputError where ground or effects do not suit the material, or what stands in for it."""
+        try:
+            check_model("physics", self.material if self.decided else NeoHookean(), self.ground, self.effects)
+        except UserInputError as error:
+            if self.decided:
+                raise
+            raise UserInputError(f"physics.material: auto, but {error}; give the material instead of auto") from None
 
     @property
     def decided(self) -> bool:
