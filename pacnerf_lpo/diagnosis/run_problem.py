@@ -97,6 +97,11 @@ class RunProblem(StateProblem):
         clouds: str | None = None,
         images: bool = True,
     ):
+        if not run.physics.decided:
+            raise UserInputError(
+                f"{run.run_dir}: physics.material is auto, and no law has been chosen yet; go on with "
+                f"`pacnerf-lpo fit --resume {run.run_dir}`"
+            )
         self.run, self.stage, self.images = run, run.stage(stem) if stem else run.uncorrected, images
         data = run.data
         if tracks is not None or clouds is not None:

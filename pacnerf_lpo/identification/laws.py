@@ -9,9 +9,10 @@ approximation); how well they predict views and frames that they were not fitted
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from pacnerf_lpo.identification.standardised import StandardisedObjective, noise
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_occam_factor, log_odds
 from pacnerf_lpo.inference.noise import NoiseModel
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
@@ -45,7 +47,9 @@ SAMPLES = 16
 """Points tried in the space of a law's moduli, at most: fits from them find what two moduli hide; those of a law with
 more begin at its relatives, too."""
 REPLICATES = 8
+"""Of the best law, as in a diagnosis: fewer do not show how errors of one frame go with those of the next."""
 ITERATIONS = 10
+"""Of a fit on the finer body: it begins near its optimum."""
 YIELDS_NOT = 0.3
 """Of Young's modulus: a yield stress that no impact of a body that stays whole reaches."""
 POOR = 3.0
@@ -81,26 +85,6 @@ class Trial:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True)
-class Noise:
-    """What any law may leave.
-
-    reference: name of the law that explains most on the coarse body.
-    replicates: residuals of simulated nulls [(T, R, F, 11)]
-    sensor: standard deviation of the sensor noise in them [(R, F, 11)]
-    errors: changes of the residual by errors of the reconstructed body and of the resolution [(R, F, 11, M)]
-    """
-
-    reference: str
-    replicates: np.ndarray
-    sensor: np.ndarray
-    errors: np.ndarray
-
-    def model(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
-        """The noise in the entries of a mask [(R, F, 11), bool]."""
-        return noise_of(problem, self.replicates, self.sensor, mask, self.errors[mask])
-
-
 class Competition:
     """Laws that compete to explain one recording. Its steps are taken one by one, and what they found is plain data.
 
@@ -109,8 +93,8 @@ class Competition:
 
     Attributes:
         trials: by the name of their law, in the order of the laws.
-        noise: once it is known.
-        steps: number of steps in all.
+        reference: name of the law that explains most on the coarse body.
+        arrays: of the noise, by name.
 
     Raises:
         UserInputError: no law suits the effects and the ground.
@@ -129,36 +113,31 @@ class Competition:
                 self.problems[name] = _of_law(problem, law)
             except UserInputError as error:
                 self._leave_out(name, str(error))
-        self.noise: Noise | None = None
-        self.steps = 2 * len(self.trials) + 2
+        self.reference, self.arrays = "", dict[str, np.ndarray]()
+        trials = self.trials.items()
+        self._tasks: list[tuple[str, Callable[[Watch], None]]] = [
+            *((f"{trial.family}: search", partial(self._search, name)) for name, trial in trials),
+            ("noise: the best law", self._refine_best),
+            ("noise: other grids", self._replicate),
+            ("noise: other shapes", self._disturb),
+            *((f"{trial.family}: fit", partial(self._fit, name)) for name, trial in trials),
+            ("verdict", self._judge),
+        ]
+
+    @property
+    def steps(self) -> int:
+        """Number of steps in all: a search for every law, the noise of the best one, a fit for every law that is left,
+        and the verdict.
+        """
+        return len(self._tasks)
 
     def describe(self, number: int) -> str:
         """What a step does."""
-        count, names = len(self.trials), list(self.trials)
-        if number < count:
-            return f"{self.trials[names[number]].family}: search"
-        if number == count:
-            return "noise"
-        return f"{self.trials[names[number - count - 1]].family}: fit" if number <= 2 * count else "verdict"
+        return self._tasks[number][0]
 
     def step(self, number: int, watch: Watch = lambda items, _: items) -> None:
-        """Take a step: a search for every law, the noise of the best one, a fit for every law that is left, then
-        the verdict.
-
-        Raises:
-            SimulationError: no law gives a stable motion.
-        """
-        count, names, began = len(self.trials), list(self.trials), time.monotonic()
-        if number == count:
-            self._learn_noise()
-        elif number == 2 * count + 1:
-            self._judge()
-        else:
-            name = names[number % (count + 1)]
-            if not self.trials[name].left_out:
-                (self._search if number < count else self._fit)(name, watch)
-            trial = self.trials[name]
-            self.trials[name] = replace(trial, seconds=trial.seconds + time.monotonic() - began)
+        """Take a step. Raises SimulationError where no law gives a stable motion."""
+        self._tasks[number][1](watch)
 
     @property
     def ranked(self) -> list[Trial]:
@@ -195,88 +174,107 @@ class Competition:
 
     def found(self) -> dict[str, Any]:
         """All that the steps so far have found, as plain data and tensors."""
-        noise = self.noise and {
-            name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value
-            for name, value in vars(self.noise).items()
-        }
-        return {"trials": [asdict(trial) for trial in self.trials.values()], "noise": noise}
+        arrays = {name: torch.from_numpy(values) for name, values in self.arrays.items()}
+        trials = [asdict(trial) for trial in self.trials.values()]
+        return {"trials": trials, "reference": self.reference, "arrays": arrays}
 
     def restore(self, found: dict[str, Any]) -> None:
         """Take over what :meth:`found` gave."""
         self.trials = {entry["law"]: Trial(**entry) for entry in found["trials"]}
-        if (noise := found["noise"]) is not None:
-            arrays = {n: v.numpy() for n, v in noise.items() if isinstance(v, torch.Tensor)}
-            self.noise = Noise(noise["reference"], **arrays)
+        self.reference = found["reference"]
+        self.arrays = {name: values.numpy() for name, values in found["arrays"].items()}
 
     def _search(self, name: str, watch: Watch) -> None:
-        problem = self.problems[name]
-        found = coarse_search(problem, problem.physics.effects, problem.first_guess, watch=watch, most_samples=SAMPLES)
+        """Of its parameters on the coarse body."""
+        if self.trials[name].left_out:
+            return
+        began, problem = time.monotonic(), self.problems[name]
+        at = problem, problem.physics.effects, problem.first_guess
+        found = coarse_search(*at, watch=watch, most_samples=SAMPLES)
         if not found.fits:
-            return self._leave_out(name, "its motion is unstable from every start")
-        model = problem.coarse_model(problem.physics.effects, problem.first_guess)
-        best = found.fits[0]
+            self._leave_out(name, "its motion is unstable from every start")
+            return
+        best, model = found.fits[0], problem.coarse_model(problem.physics.effects, problem.first_guess)
         coarse = best.cost / max(len(best.residual) - len(best.free), 1)
-        self.trials[name] = replace(self.trials[name], known=model.physical(best.free), coarse=coarse)
-        return None
+        self._note(name, began, known=model.physical(best.free), coarse=coarse)
 
-    def _learn_noise(self) -> None:
-        """From the law that explains most on the coarse body; those that explain much less are left out."""
-        costs = {name: trial.coarse for name, trial in self.trials.items() if trial.coarse is not None}
-        while costs:
-            name = min(costs, key=costs.__getitem__)
+    def _refine_best(self, _: Watch) -> None:
+        """Fit the law that explains most on the coarse body again, on the finer one."""
+        while True:
+            left = [t for t in self.trials.values() if t.coarse is not None and not t.left_out]
+            if not left:
+                why = "no law gives a stable motion; check data.box_lower and physics.substep_rate"
+                raise SimulationError(0, 0, why)
+            self.reference = min(left, key=lambda trial: trial.coarse or 0.0).law
+            began, (problem, known) = time.monotonic(), self._at(self.reference)
             try:
-                self.noise = self._noise_of(name)
-                break
+                found = refined(problem, problem.physics.effects, known, Search([], 0, 0), followed=True)
             except SimulationError:
-                self._leave_out(name, "its motion is unstable on a finer body")
-                del costs[name]
-        else:
-            raise SimulationError(0, 0, "no law gives a stable motion; check data.box_lower and physics.substep_rate")
-        for other, cost in costs.items():
-            if cost > HOPELESS * costs[name]:
-                times = (cost / costs[name]) ** 0.5
-                self._leave_out(other, f"its error on a coarse body is {times:.1f} times that of {self._called(name)}")
+                self._leave_out(self.reference, "its motion is unstable on a finer body")
+                continue
+            self._note(self.reference, began, known=found.known)
+            return
 
-    def _noise_of(self, name: str) -> Noise:
-        problem, known = self.problems[name], self.trials[name].known
-        assert known is not None
+    def _replicate(self, watch: Watch) -> None:
+        """What the best law may leave; then those that explain much less are left out."""
+        try:
+            found = replicates(*self._best(), REPLICATES, SEED)
+        except SimulationError:
+            self._leave_out(self.reference, "its motion is unstable on finer grids")
+            self._refine_best(watch)
+            self._replicate(watch)
+            return
+        self.arrays["replicates"], self.arrays["sensor"] = found
+        best = self.trials[self.reference]
+        for other, trial in self.trials.items():
+            if trial.coarse is not None and best.coarse is not None and trial.coarse > HOPELESS * best.coarse:
+                times = (trial.coarse / best.coarse) ** 0.5
+                self._leave_out(other, f"its error on a coarse body is {times:.1f} times that of the {best.family} law")
+
+    def _disturb(self, _: Watch) -> None:
+        """What the residual does where shape or resolution are wrong."""
+        at = self._best()
+        self.arrays["errors"] = np.nan_to_num(np.concatenate((shape_errors(*at), resolution_errors(*at)), axis=-1))
+
+    def _best(self) -> tuple[Problem, Sequence[Effect], np.ndarray, Model]:
+        """The best law as functions of the noise want it."""
+        problem, known = self._at(self.reference)
         model = problem.model(problem.physics.effects, known)
-        found = refined(problem, problem.physics.effects, known, Search([], 0, 0), followed=True)
-        self.trials[name] = replace(self.trials[name], known=found.known)
-        at = problem, problem.physics.effects, found.free, model
-        others, sensor = replicates(*at, REPLICATES, SEED)
-        errors = np.concatenate((shape_errors(*at), resolution_errors(*at)), axis=-1)
-        return Noise(name, others, sensor, np.nan_to_num(errors))
+        return problem, problem.physics.effects, np.clip(model.start, *model.bounds), model
+
+    def _noise(self, mask: np.ndarray) -> NoiseModel:
+        """Of the entries of a mask [(R, F, 11), bool]."""
+        found = self.arrays
+        return noise_of(self.problem, found["replicates"], found["sensor"], mask, found["errors"][mask])
 
     def _fit(self, name: str, watch: Watch) -> None:
-        """Of the standardised residual, from where the search ended."""
-        assert self.noise is not None
-        problem, known = self.problems[name], self.trials[name].known
-        assert known is not None
+        """Of the standardised residual on the finer body, from where the search ended and from its relatives."""
+        if self.trials[name].left_out:
+            return
+        began, (problem, known) = time.monotonic(), self._at(name)
         model, mask, usable = problem.model(problem.physics.effects, known), problem.fitted, problem.usable
         mean, deviation = priors(problem, model)
-        noise = self.noise.model(problem, mask)
+        noise = self._noise(mask)
         objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
         settings = objective, model.scales, model.bounds, (objective.rows,)
         stages = Stage(*settings), Stage(*settings, iterations=ITERATIONS, confirm=True)
         fits = multistart(stages, [model.start, *self._relatives(name, model)], watch).fits
         if not fits or fits[0].jacobian is None:
-            return self._leave_out(name, "its motion is unstable on a finer body")
+            self._leave_out(name, "its motion is unstable on a finer body")
+            return
         found = fits[0]
         residual, jacobian = objective.seen(found)
         moved = np.nan_to_num(jacobian) * deviation
-        whole = self.noise.model(problem, usable).with_directions(moved[usable])
-        part = noise.with_directions(moved[mask])
+        whole, part = self._noise(usable).with_directions(moved[usable]), noise.with_directions(moved[mask])
         held = check_held_out(whole, part, np.nan_to_num(residual[usable]), mask[usable])
-        occam = log_occam_factor(np.zeros((int(mask.sum()), 0)), objective.standardised(found))
-        self.trials[name] = replace(
-            self.trials[name],
+        self._note(
+            name,
+            began,
             known=model.physical(found.free),
             cost=found.cost_of(objective.rows),
-            occam=occam,
+            occam=log_occam_factor(np.zeros((int(mask.sum()), 0)), objective.standardised(found)),
             held_out=max(held.times_noise, 0.0) ** 0.5,
         )
-        return None
 
     def _relatives(self, name: str, model: Model) -> list[np.ndarray]:
         """Free coordinates at which a law is what other solids were found to be [(K,) each]: their optima, too, are
@@ -292,23 +290,28 @@ class Competition:
                     found.append(np.clip(start, *model.bounds))
         return found
 
-    def _judge(self) -> None:
+    def _judge(self, _: Watch) -> None:
         """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates."""
-        assert self.noise is not None
         left = {name: trial for name, trial in self.trials.items() if trial.cost is not None}
         contenders = [Contender(n, t.cost or 0.0, t.occam or 0.0, 0.0) for n, t in left.items()]
-        mask = self.problem.fitted
-        noise = self.noise.model(self.problem, mask)
+        noise = self._noise(self.problem.fitted)
         scale = max(1.0, float(np.mean(check_fitted(noise, noise.mean).replicates))) ** 0.5
-        odds = log_odds(contenders, int(mask.sum()), scale)
+        odds = log_odds(contenders, int(self.problem.fitted.sum()), scale)
         for (name, found), share in zip(odds.items(), softmax(list(odds.values())), strict=True):
             self.trials[name] = replace(self.trials[name], log_odds=found, probability=float(share))
 
+    def _at(self, name: str) -> tuple[Problem, dict[str, float]]:
+        """The problem of a law, and every value at its best fit so far [SI]."""
+        known = self.trials[name].known
+        assert known is not None
+        return self.problems[name], known
+
+    def _note(self, name: str, began: float, **found: Any) -> None:
+        trial = self.trials[name]
+        self.trials[name] = replace(trial, seconds=trial.seconds + time.monotonic() - began, **found)
+
     def _leave_out(self, name: str, why: str) -> None:
         self.trials[name] = replace(self.trials[name], left_out=why)
-
-    def _called(self, name: str) -> str:
-        return f"the {self.trials[name].family} law"
 
 
 def sentences(alike: Sequence[Trial], chosen: Trial) -> list[str]:
