@@ -12,8 +12,20 @@ import numpy as np
 from pacnerf_lpo.data.recordings.conventions import check_rotation
 from pacnerf_lpo.errors import UserInputError
 
+GRAVITY = 9.81
+"""On Earth [m/s^2]."""
 LENS_COEFFICIENTS = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """How many coefficients each lens model has: k1 k2 p1 p2 [k3 ...] and k1 ... k4, in OpenCV's order."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres per unit."""
+AXES: dict[str, tuple[float, float, float]] = {
+    "x": (1, 0, 0),
+    "y": (0, 1, 0),
+    "z": (0, 0, 1),
+    "-x": (-1, 0, 0),
+    "-y": (0, -1, 0),
+    "-z": (0, 0, -1),
+}
 OFF_CENTRE = 0.25
 """A principal point farther from the centre than this part of the image was calibrated for another size."""
 
@@ -79,7 +91,9 @@ class Recording:
     source: folder it was read from
     unit: metres per unit of length of the poses
     up: unit vector against gravity, in the poses' world [(3,)]
-    ground: height of the ground along ``up``, in the poses' unit
+    normal: unit normal of the ground, in the poses' world [(3,)]; None: ``up``
+    ground: height of the ground along its normal, in the poses' unit
+    gravity: strength [m/s^2]
     metric: the unit is that of a measured calibration board, so m, cm or mm, if only the layout said which
     """
 
@@ -90,6 +104,37 @@ class Recording:
     up: tuple[float, float, float] | None = None
     ground: float | None = None
     metric: bool = False
+    normal: tuple[float, float, float] | None = None
+    gravity: float = GRAVITY
+
+    def with_unit(self, unit: str) -> Recording:
+        """The same recording with lengths in m, cm, mm, or so many metres. Raises UserInputError for anything else."""
+        try:
+            metres = UNITS[unit] if unit in UNITS else float(unit)
+        except ValueError:
+            metres = float("nan")
+        if not (metres > 0 and np.isfinite(metres)):
+            raise UserInputError(f"--unit {unit}: give {', '.join(UNITS)}, or how many metres one unit is")
+        return replace(self, unit=metres)
+
+    def with_ground(self, height: float | None, normal: Sequence[float] | None) -> Recording:
+        """The same recording with a ground stated. Raises UserInputError where the normal is none."""
+        if normal is None:
+            return replace(self, ground=self.ground if height is None else height)
+        length = float(np.linalg.norm(normal))
+        if len(normal) != 3 or not (length > 0 and np.isfinite(length)):
+            raise UserInputError(
+                f"--ground_normal {list(normal)}: give three numbers, the direction at a right angle to the ground in "
+                "the calibration's axes, for instance [0,0.17,0.98] for a slope of 10 degrees"
+            )
+        x, y, z = (float(value) / length for value in normal)
+        return replace(self, normal=(x, y, z), ground=height)  # a height along another normal means nothing
+
+    def with_gravity(self, gravity: float) -> Recording:
+        """The same recording under gravity of this strength [m/s^2]. Raises UserInputError for a negative one."""
+        if not (gravity >= 0 and np.isfinite(gravity)):
+            raise UserInputError(f"--gravity {gravity:g}: give its strength in m/s^2, 9.81 on Earth, 0 for none")
+        return replace(self, gravity=gravity)
 
     def with_frame_rate(self, fps: float) -> Recording:
         """The same recording with times counted at ``fps`` frames a second, whatever its files say."""

@@ -28,6 +28,7 @@ SOFT = Lens("opencv", (-0.12, 0.03, 0.002, -0.001, 0.0))
 FISHEYE = Lens("fisheye", (0.05, -0.02, 0.01, 0.0))
 NAMES = ("left", "right", "front", "back", "top", "door")
 SUPERSAMPLING = 4
+IN_STEP = (0.0,) * VIEWS
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def opencv_intrinsic() -> np.ndarray:
     return intrinsic() - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
 
-def body(frame: int) -> tuple[np.ndarray, np.ndarray]:
+def body(frame: float) -> tuple[np.ndarray, np.ndarray]:
     """Centre and half axes of the ellipsoid [m]: a ball in flight, standing on the ground and flattening afterwards."""
     time = frame / FPS
     centre = START + VELOCITY * time - [0.0, 0.5 * GRAVITY * time**2, 0.0]
@@ -105,8 +106,11 @@ def body(frame: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=8)
-def films(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
-    """Colour and opacity [0..1, (VIEWS, FRAMES, SIZE, SIZE, 4)], in metres and y up: worlds do not change images."""
+def films(lens: Lens = PINHOLE, off_centre: bool = True, late: tuple[float, ...] = IN_STEP) -> np.ndarray:
+    """Colour and opacity [0..1, (VIEWS, FRAMES, SIZE, SIZE, 4)], in metres and y up: worlds do not change images.
+
+    late: how much later than their stamp the frames of each camera are taken [frames].
+    """
     k = intrinsic() if off_centre else centred()
     fine = (np.arange(SIZE * SUPERSAMPLING) + 0.5) / SUPERSAMPLING
     pixels = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
@@ -119,7 +123,7 @@ def films(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
     found = np.zeros((VIEWS, FRAMES, SIZE, SIZE, 4))
     for view, pose in enumerate(rig()):
         for frame in range(FRAMES):
-            found[view, frame] = _trace(rays @ pose[:, :3].T, pose[:, 3], *body(frame))
+            found[view, frame] = _trace(rays @ pose[:, :3].T, pose[:, 3], *body(frame + late[view]))
     return found
 
 
@@ -145,9 +149,9 @@ def background(view: int) -> np.ndarray:
     return np.array([0.1, 0.35, 0.45]) + np.array([0.15, 0.35, 0.35]) * smooth
 
 
-def raw(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
+def raw(lens: Lens = PINHOLE, off_centre: bool = True, late: tuple[float, ...] = IN_STEP) -> np.ndarray:
     """The films in front of their backgrounds [0..1, (VIEWS, FRAMES, SIZE, SIZE, 3)]."""
-    film = films(lens, off_centre)
+    film = films(lens, off_centre, late)
     behind = np.stack([background(view) for view in range(VIEWS)])[:, None]
     return film[..., 3:] * film[..., :3] + (1.0 - film[..., 3:]) * behind
 
