@@ -31,6 +31,13 @@ STEPS = 8
 """Gauss-Newton steps, each at most half a frame; four are enough where the motion is smooth."""
 EXACT = 1e-6
 """Times this near to a stamp, relative to a frame, are the stamp."""
+ENOUGH = 4
+"""Views from which on one that left out a frame can be told from the others."""
+MISSING = 3
+"""Frames in a row that a camera leaves out at most."""
+JUMP = 8.0
+"""What a missing frame costs, as the squared difference of one frame in units of a match: two or three frames must be
+clearly wrong without it."""
 SURE = 3.0
 """Offsets count from this many standard errors on."""
 SMALLEST = 0.05
@@ -91,24 +98,77 @@ class _Pair:
 def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
     """Offsets of all cameras, in whole frames by search and in fractions by least squares.
 
-    A camera whose outlines match those of the others nowhere keeps its stamps, and so do cameras that are in step within
-    the error: whether poses and mattes agree is another question.
+    A camera whose outlines match those of the others at no time keeps its stamps: whether poses and mattes agree is
+    another question. So do cameras that are in step, by a whole number of frames or none, within the error.
     """
-    step = max(float(np.median(np.diff(sighting.times))) for sighting in sightings)
+    step = _step(sightings)
     pairs = _pairs(sightings)
-    count = len(sightings)
-    whole = step * _whole_frames(pairs, sightings, step)
-    offsets, errors = _refined(pairs, sightings, whole, step)
-    for camera in range(count):
-        own = [pair for pair in pairs if camera in (pair.one, pair.other)]
-        fits = own and np.median([_cost(pair, sightings, offsets, step)[1] for pair in own]) < 1.0
-        if not fits:
-            offsets[camera] = np.nan
-    offsets -= np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0
-    reference = offsets[np.nanargmin(np.abs(offsets))] if np.isfinite(offsets).any() else 0.0
-    offsets = np.nan_to_num(offsets - reference)
-    known = np.isfinite(errors) & (np.abs(offsets) > np.maximum(SURE * errors, SMALLEST * step))
-    return Clocks(np.where(known, offsets, 0.0), errors, step)
+    offsets, errors = _refined(pairs, sightings, step * _whole_frames(pairs, sightings, step), step)
+    fits = np.array(
+        [
+            np.median([_cost(pair, sightings, offsets, step)[1] for pair in _of(camera, pairs)] or [np.inf]) < 1.0
+            for camera in range(len(sightings))
+        ]
+    )
+    if not fits.any():
+        return Clocks(np.zeros(len(sightings)), errors, step)
+    middle = np.median(offsets[fits])
+    reference = offsets[fits][np.abs(offsets[fits] - middle).argmin()]
+    offsets = np.where(fits & np.isfinite(errors), offsets - reference, 0.0)
+    whole = step * np.round(offsets / step)
+    apart = np.abs(offsets - whole) > np.maximum(SURE * np.nan_to_num(errors), SMALLEST * step)
+    return Clocks(np.where(apart, offsets, whole), errors, step)
+
+
+def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[int, int, int]]:
+    """Frames that cameras have left out without a gap in their stamps: camera, frame before which, and how many.
+
+    Each frame of a camera is compared with the others' outlines at its own time and some frames earlier and later; the
+    cheapest sequence of lags that never decreases tells where time jumps (Viterbi 1967). That needs other views enough
+    to outvote one, :data:`ENOUGH` in all.
+    """
+    found, pairs, lags = [], _pairs(sightings), np.arange(-MISSING, MISSING + 1)
+    for camera in range(len(sightings) if len(sightings) >= ENOUGH else 0):
+        costs = np.stack([_frame_costs(camera, pairs, sightings, clocks, lag * clocks.step) for lag in lags])
+        total, came = costs[:, 0], []
+        for cost in costs.T[1:]:
+            before = [total[: lag + 1] + JUMP * (np.arange(lag + 1) < lag) for lag in range(len(lags))]
+            came.append([int(row[::-1].argmin()) for row in before])
+            total = cost + [row.min() for row in before]
+        lag = int(total.argmin())
+        for frame in range(len(came), 0, -1):
+            jump = came[frame - 1][lag]
+            if jump:
+                found.append((camera, frame, jump))
+            lag -= jump
+    return found
+
+
+def _step(sightings: Sequence[Sighting]) -> float:
+    return max(float(np.median(np.diff(sighting.times))) for sighting in sightings)
+
+
+def _of(camera: int, pairs: Sequence[_Pair]) -> list[_Pair]:
+    return [pair for pair in pairs if camera in (pair.one, pair.other)]
+
+
+def _frame_costs(
+    camera: int, pairs: Sequence[_Pair], sightings: Sequence[Sighting], clocks: Clocks, later: float
+) -> np.ndarray:
+    """Squared difference of each frame of a camera, taken so much later [s], in units of a match: the median over the
+    other cameras, and CAP where they say nothing [(F,)].
+    """
+    times = sightings[camera].times + clocks.offsets[camera] + later
+    rows = [np.full(len(times), np.nan)]
+    for pair in _of(camera, pairs):
+        own = int(camera == pair.other)
+        other = (pair.one, pair.other)[1 - own]
+        shown = resampled(pair.angles[1 - own].T, sightings[other].times + clocks.offsets[other], times).T
+        match = 2.0 * NOISE + MATCH * pair.width
+        rows += list((pair.sharpness * (pair.angles[own] - shown) / match) ** 2)
+    known = np.isfinite(rows).any(axis=0)
+    middle = np.array([np.nanmedian(column) if any_known else 1.0 for column, any_known in zip(np.array(rows).T, known)])
+    return np.minimum(middle, JUMP)
 
 
 def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.index import NAME
-from pacnerf_lpo.data.recordings.clocks import find_clocks
 from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.questions import asked, timed
 from pacnerf_lpo.data.recordings.recording import Recording
-from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save
+from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
 from pacnerf_lpo.errors import UserInputError
 
@@ -63,7 +62,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
         mattes = [Mattes(camera) for camera in recording.cameras]
         size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
         shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
-        clocks = find_clocks([shot.sighting for shot in shots])
+        shots, clocks = synchronised(shots)
         corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
         timeline = common_times(recording, corrected)
         for view, matted in enumerate(mattes):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import ndimage
 from tqdm import tqdm
 
 from pacnerf_lpo.data.images import read_png
-from pacnerf_lpo.data.recordings.clocks import Sighting, resampled
+from pacnerf_lpo.data.recordings.clocks import Clocks, Sighting, find_clocks, find_missing, resampled
 from pacnerf_lpo.data.recordings.dropouts import mend_dropouts
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.tangents import Planes, outline_points, outline_tangents, tangent_planes
@@ -101,6 +102,19 @@ def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple
         kept,
         mended.said,
     )
+
+
+def synchronised(shots: Sequence[Shots]) -> tuple[list[Shots], Clocks]:
+    """The clocks of all cameras; where one has left out frames, its later ones are moved."""
+    shots = list(shots)
+    clocks = find_clocks([shot.sighting for shot in shots])
+    missing = find_missing([shot.sighting for shot in shots], clocks)
+    for camera, frame, count in missing:
+        shot = shots[camera]
+        times = shot.sighting.times + count * clocks.step * (np.arange(len(shot.frames)) >= frame)
+        said = f"{count} frame{'s' * (count > 1)} missing before frame {shot.frames[frame]}"
+        shots[camera] = replace(shot, sighting=replace(shot.sighting, times=times), said=(*shot.said, said))
+    return shots, find_clocks([shot.sighting for shot in shots]) if missing else clocks
 
 
 def no_object(mattes: Mattes, frame: int) -> UserInputError:

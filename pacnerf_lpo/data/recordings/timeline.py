@@ -84,7 +84,7 @@ def _leader(stamps: Sequence[np.ndarray], steps: Sequence[float], step: float) -
 
     def apart(time: float) -> float:
         phases = (np.array(slow) - time) / step
-        return float(np.abs(phases - np.round(phases)).sum())
+        return float(np.minimum(np.abs(phases - np.round(phases)), 2.0 * AS_TAKEN).sum())
 
     return float(min(slow, key=apart))
 

@@ -25,19 +25,6 @@ def refused(capsys, source: Path, *options) -> str:
 
 
 @pytest.fixture
-def write(tmp_path):
-    """A fresh copy of a layout that a test may spoil."""
-
-    def make(name: str) -> Path:
-        folder = tmp_path / "case" / name
-        folder.mkdir(parents=True)
-        WRITERS[name](folder)
-        return folder
-
-    return make
-
-
-@pytest.fixture
 def spoil(write):
     """The shared OpenCV calibration after a change of its cameras."""
 
