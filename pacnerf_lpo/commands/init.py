@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from pacnerf_lpo.data.recordings.conversion import convert
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
-from pacnerf_lpo.data.recordings.recording import AXES, GRAVITY
+from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.recordings.scene_file import write_scene_file
 
 
@@ -17,7 +15,7 @@ def run(
     scene: str,
     format: Format | None = None,
     unit: str | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    up: str | None = None,
     ground: float | None = None,
     ground_normal: list[float] | None = None,
     gravity: float = GRAVITY,
@@ -37,7 +35,7 @@ def run(
         scene: folder to write, absent or empty.
         format: layout of the recording; recognised when not given.
         unit: of the calibration's lengths: m, cm, mm, or how many metres one unit is.
-        up: axis of the calibration that points up.
+        up: axis of the calibration that points up (x, -z), or three numbers, or fall: as the object falls.
         ground: height of the ground along that axis, or along its normal, in the calibration's unit.
         ground_normal: direction at a right angle to a ground that is not level, in the calibration's axes.
         gravity: its strength [m/s^2]; 0 for none.
@@ -50,7 +48,7 @@ def run(
     if unit is not None:
         recording = recording.with_unit(unit)
     if up is not None:
-        recording = replace(recording, up=AXES[up])
+        recording = recording.with_up(up)
     recording = recording.with_ground(ground, ground_normal).with_gravity(gravity)
     if leave_out:
         recording = recording.without(leave_out)

@@ -159,8 +159,8 @@ def check_offsets(index: Index, views: Sequence[int], frames: Sequence[int], ste
         worst = max(offsets, key=abs)
         if len(offsets) > 1 or abs(worst) > step:
             raise UserInputError(
-                f"{index.where(view, frames[0])}: 'time_offset' ({worst:g} s) must be the same in all frames of a view and "
-                f"less than the {step:.4g} s between two frames; shift the numbers of its frames, or mend it"
+                f"{index.where(view, frames[0])}: 'time_offset' ({worst:g} s) must be the same in all frames of a view "
+                f"and less than the {step:.4g} s between two frames; shift the numbers of its frames, or mend it"
             )
         found.append(worst)
     return tuple(found) if any(found) else ()

@@ -21,8 +21,8 @@ IMAGE_NAME = re.compile(r"[rm]_(\d+)_(-?\d+)\.png$")
 
 @dataclass(frozen=True)
 class Shot:
-    """One line of the file: where it stands there, pose [(3, 4), metres], intrinsics [(3, 3), pixels], time [s], and how
-    much later than that it was taken [s], by ``time_offset`` where the file has it.
+    """One line of the file: where it stands there, pose [(3, 4), metres], intrinsics [(3, 3), pixels], time [s], and
+    how much later than that it was taken [s], by ``time_offset`` where the file has it.
     """
 
     entry: int

@@ -135,12 +135,14 @@ def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[in
             before = [total[: lag + 1] + JUMP * (np.arange(lag + 1) < lag) for lag in range(len(lags))]
             came.append([int(row[::-1].argmin()) for row in before])
             total = cost + [row.min() for row in before]
-        lag = int(total.argmin())
+        lag, jumps, path = int(total.argmin()), [], [costs[int(total.argmin()), -1]]
         for frame in range(len(came), 0, -1):
             jump = came[frame - 1][lag]
-            if jump:
-                found.append((camera, frame, jump))
             lag -= jump
+            path.append(costs[lag, frame - 1])
+            jumps += [(camera, frame, jump)] if jump else []
+        if np.median(path) < 1.0:
+            found += jumps
     return found
 
 
@@ -167,7 +169,9 @@ def _frame_costs(
         match = 2.0 * NOISE + MATCH * pair.width
         rows += list((pair.sharpness * (pair.angles[own] - shown) / match) ** 2)
     known = np.isfinite(rows).any(axis=0)
-    middle = np.array([np.nanmedian(column) if any_known else 1.0 for column, any_known in zip(np.array(rows).T, known)])
+    middle = np.array(
+        [np.nanmedian(column) if any_known else 1.0 for column, any_known in zip(np.array(rows).T, known, strict=True)]
+    )
     return np.minimum(middle, JUMP)
 
 
@@ -196,7 +200,7 @@ def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.n
 
 
 def _pairs(sightings: Sequence[Sighting]) -> list[_Pair]:
-    near = _nearest_point(sightings)
+    near = nearest_point(sightings)
     found = []
     for one, other in combinations(range(len(sightings)), 2):
         start, end = sightings[one].pose[:, 3], sightings[other].pose[:, 3]
@@ -215,7 +219,7 @@ def _pairs(sightings: Sequence[Sighting]) -> list[_Pair]:
     return found
 
 
-def _nearest_point(sightings: Sequence[Sighting]) -> np.ndarray:
+def nearest_point(sightings: Sequence[Sighting]) -> np.ndarray:
     """The point that lies nearest to the rays through all outlines' middles (3,), by least squares."""
     matrix, target = 1e-12 * np.eye(3), np.zeros(3)
     for sighting in sightings:
@@ -247,9 +251,7 @@ def _angles(sighting: Sighting, frame: np.ndarray) -> tuple[np.ndarray, float]:
     return found, sighting.focal * float(np.median(sharpness)) if sharpness else 1e-12
 
 
-def _cost(
-    pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float
-) -> tuple[float, float]:
+def _cost(pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float) -> tuple[float, float]:
     """Mean squared difference of a pair, in units of the largest that is a match, each at most CAP, and its median.
 
     Frames that only one of the two has count as a match that is just not one: little overlap proves little.

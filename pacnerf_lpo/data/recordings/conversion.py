@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.index import NAME
+from pacnerf_lpo.data.recordings.agreement import check_different, check_in_front
 from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.questions import asked, timed
-from pacnerf_lpo.data.recordings.recording import Recording
+from pacnerf_lpo.data.recordings.recording import Recording, check_recording
 from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
 from pacnerf_lpo.errors import UserInputError
@@ -54,6 +55,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
+    check_recording(recording)
     recording, stamps = timed(recording)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as work:
@@ -62,6 +64,9 @@ def convert(recording: Recording, folder: Path) -> Scene:
         mattes = [Mattes(camera) for camera in recording.cameras]
         size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
         shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
+        if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
+            check_different([shot.images for shot in shots], recording)
+        check_in_front([shot.sighting for shot in shots], recording)
         shots, clocks = synchronised(shots)
         corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
         timeline = common_times(recording, corrected)

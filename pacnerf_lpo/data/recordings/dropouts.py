@@ -37,7 +37,9 @@ def mend_dropouts(centres: np.ndarray, changes: np.ndarray, times: np.ndarray) -
     for frame in range(2, len(times) - 2):
         before, now, after, later = (np.diff(centres[frame - 2 : frame + 3], axis=0)[k] for k in range(4))
         expected = float(np.linalg.norm(0.5 * (before + after)))
-        still = np.linalg.norm(now) < FROZEN * expected and changes[frame] < FROZEN * min(changes[[frame - 1, frame + 1]])
+        still = np.linalg.norm(now) < FROZEN * expected and changes[frame] < FROZEN * min(
+            changes[[frame - 1, frame + 1]]
+        )
         if expected > LEAST and still:
             kept.remove(frame)
             inserted = np.linalg.norm(after) < 1.5 * 0.5 * (np.linalg.norm(before) + np.linalg.norm(later))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording
 from pacnerf_lpo.data.recordings.timeline import stated_times
-from pacnerf_lpo.errors import UserInputError, Unmeasured
+from pacnerf_lpo.errors import Unmeasured, UserInputError
 
 T = TypeVar("T")
 
@@ -56,7 +56,7 @@ def _ask(recording: Recording, gap: Unmeasured) -> Recording:
             raise gap
         try:
             return question.answered(recording, answer.strip() or default)
-        except (UserInputError, KeyError, ValueError):
+        except (UserInputError, ValueError):
             print(f"'{answer.strip()}' is no answer to that", file=sys.stderr)
 
 
@@ -70,7 +70,7 @@ QUESTIONS = {
     "up": Question(
         f"Which axis of the calibration points up: {', '.join(AXES)}?",
         _usual_up,
-        lambda recording, answer: replace(recording, up=AXES[answer]),
+        lambda recording, answer: recording.with_up(answer),
     ),
     "unit": Question(
         f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",

@@ -26,6 +26,10 @@ AXES: dict[str, tuple[float, float, float]] = {
     "-y": (0, -1, 0),
     "-z": (0, 0, -1),
 }
+RADIAL = ((0, 1, 4), (5, 6, 7))
+"""Places of the radial coefficients k1 k2 k3 and k4 k5 k6 of OpenCV's rational model."""
+REACH = 10.0
+"""Undistorted directions are tried up to so many times the corner of the image."""
 OFF_CENTRE = 0.25
 """A principal point farther from the centre than this part of the image was calibrated for another size."""
 
@@ -116,6 +120,26 @@ class Recording:
         if not (metres > 0 and np.isfinite(metres)):
             raise UserInputError(f"--unit {unit}: give {', '.join(UNITS)}, or how many metres one unit is")
         return replace(self, unit=metres)
+
+    def with_up(self, up: str) -> Recording:
+        """The same recording with an up direction: an axis, three numbers, or ``fall`` for the direction of free fall.
+
+        Raises:
+            UserInputError: it is none of these.
+        """
+        if up == "fall":
+            return replace(self, up=None)
+        try:
+            vector = np.array(AXES[up] if up in AXES else [float(part) for part in up.strip("[]() ").split(",")])
+        except ValueError:
+            vector = np.zeros(0)
+        length = float(np.linalg.norm(vector))
+        if vector.shape != (3,) or not (length > 0 and np.isfinite(length)):
+            raise UserInputError(
+                f"--up {up}: give an axis ({', '.join(AXES)}), three numbers such as [0,0.17,0.98], or fall"
+            )
+        x, y, z = (vector / length).tolist()
+        return replace(self, up=(x, y, z))
 
     def with_ground(self, height: float | None, normal: Sequence[float] | None) -> Recording:
         """The same recording with a ground stated. Raises UserInputError where the normal is none."""
@@ -215,4 +239,28 @@ def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
         raise UserInputError(
             f"{where}: {size[0]} x {size[1]} pixels do not fit the intrinsics of camera {camera.name}, whose principal "
             f"point is ({centre[0]:.4g}, {centre[1]:.4g}); {mend}"
+        )
+
+
+def check_lens(where: str, camera: Camera, size: tuple[int, int]) -> None:
+    """The lens maps directions to an image of this width and height [pixels] one to one, up to its corners.
+
+    Raises:
+        UserInputError: its radial coefficients fold the image.
+    """
+    corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - camera.intrinsic[:2, 2]
+    farthest = float(np.linalg.norm(corners / camera.intrinsic[[0, 1], [0, 1]], axis=1).max())
+    k = np.array([*camera.lens.coefficients, *(0.0,) * 8][:8])
+    if camera.lens.model == "fisheye":
+        angle = np.linspace(0.0, np.pi, 2000)
+        reached = angle * (1.0 + np.polyval([*k[3::-1], 0.0], angle**2))
+    else:
+        r = np.linspace(0.0, REACH * farthest, 2000)
+        above, below = (1.0 + np.polyval([k[third], k[second], k[first], 0.0], r**2) for first, second, third in RADIAL)
+        reached = r * above / below
+    folds = np.flatnonzero(np.diff(reached) <= 0.0)
+    if camera.lens.distorts and reached[: folds[0] + 1 if len(folds) else None].max() < farthest:
+        raise UserInputError(
+            f"{where}: the distortion coefficients of camera {camera.name} fold the image before its corners; their "
+            "order is k1 k2 p1 p2 k3 (fisheye: k1 k2 k3 k4), their sign that of OpenCV; calibrate again"
         )

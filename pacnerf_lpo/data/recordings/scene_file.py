@@ -102,7 +102,8 @@ def _velocity(scene: Scene) -> str:
     """The body's velocity at frame 0, where cameras that are out of step see it at different places."""
     if not scene.offsets.any():
         return ""
-    return f"  velocity: {_corner(scene.findings.velocity)} # m/s; free fall of the outlines, lines the cameras up at frame 0\n"
+    velocity = _corner(scene.findings.velocity)
+    return f"  velocity: {velocity} # m/s, from free fall; lines the cameras up at frame 0\n"
 
 
 def _corner(corner: np.ndarray) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.data.recordings.recording import Camera, Recording
-from pacnerf_lpo.errors import UserInputError, Unmeasured
+from pacnerf_lpo.errors import Unmeasured, UserInputError
 
 AS_TAKEN = 0.05
 """Frames this near to their time, relative to a step, are used as they are: a body moves some 0.3 pixels until then."""

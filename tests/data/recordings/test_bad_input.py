@@ -11,7 +11,7 @@ import yaml
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.recordings.layouts import read_recording
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS, write_json
+from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, raw, save
 
 

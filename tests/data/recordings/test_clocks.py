@@ -77,7 +77,9 @@ def imported(source: Path, *options: str) -> tuple[Path, dict, str]:
 def test_resampling_is_exact_for_parabolas():
     stamps, times = np.array([0.0, 0.1, 0.25, 0.3, 0.5]), np.array([-0.05, 0.0, 0.17, 0.3, 0.41, 0.55])
     curve = [1.0, -2.0, 3.0]
-    np.testing.assert_allclose(resampled(np.polyval(curve, stamps), stamps, times), np.polyval(curve, times), atol=1e-12)
+    np.testing.assert_allclose(
+        resampled(np.polyval(curve, stamps), stamps, times), np.polyval(curve, times), atol=1e-12
+    )
     holes = np.polyval(curve, stamps)
     holes[0] = np.nan
     found = resampled(holes, stamps, times)
@@ -132,7 +134,9 @@ def test_a_camera_a_second_late_is_aligned_by_whole_frames(tmp_path):
     """One of six was started three frames later than the others, and counts from zero."""
     moments = [np.arange(FRAMES) if view != 4 else np.arange(3, FRAMES + 3) for view in range(VIEWS)]
     scene, config, text = imported(record(tmp_path / "case", moments))
-    assert "4 +3.0" in text and len({e["time"] for e in json.loads((scene / "all_data.json").read_text())}) == FRAMES - 3
+    assert (
+        "4 +3.0" in text and len({e["time"] for e in json.loads((scene / "all_data.json").read_text())}) == FRAMES - 3
+    )
     assert config["phases"]["velocity"]["init_args"]["hit_frame"] == CONTACT - 3
     assert "velocity" not in config["data"], "in whole frames no camera is out of step any more"
 
