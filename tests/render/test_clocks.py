@@ -21,8 +21,8 @@ OFFSET = 0.3 * STEP
 
 
 def falling(times: torch.Tensor) -> torch.Tensor:
-    """One particle in free fall [m, (F, 1, 3)]."""
-    t = times.double()[:, None]
+    """One particle in free fall from frame 0 on [m, (F, 1, 3)]."""
+    t = (times - filmed().video.times[0]).double()[:, None]
     return (t * VELOCITY + 0.5 * t**2 * GRAVITY)[:, None]
 
 

@@ -168,11 +168,9 @@ def _frame_costs(
         shown = resampled(pair.angles[1 - own].T, sightings[other].times + clocks.offsets[other], times).T
         match = 2.0 * NOISE + MATCH * pair.width
         rows += list((pair.sharpness * (pair.angles[own] - shown) / match) ** 2)
-    known = np.isfinite(rows).any(axis=0)
-    middle = np.array(
-        [np.nanmedian(column) if any_known else 1.0 for column, any_known in zip(np.array(rows).T, known, strict=True)]
-    )
-    return np.minimum(middle, JUMP)
+    table = np.array(rows)
+    table[:, np.isnan(table).all(axis=0)] = 1.0
+    return np.minimum(np.nanmedian(table, axis=0), JUMP)
 
 
 def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -283,8 +283,8 @@ def _compare_grounds(recording: Recording, measured: float, size: float) -> None
     off = (measured - (recording.ground or 0.0)) / size
     side = "above" if off > 0 else "below"
     said = (
-        f"the body comes to rest {100 * abs(off):.0f} % of its size {side} the stated ground, at {measured:.4g} units of "
-        "the calibration; check --ground and --ground_normal"
+        f"the body comes to rest {100 * abs(off):.0f} % of its size {side} the stated ground, at {measured:.4g} units "
+        "of the calibration; check --ground and --ground_normal"
     )
     if abs(off) > ELSEWHERE:
         raise UserInputError(f"{recording.source}: {said}")

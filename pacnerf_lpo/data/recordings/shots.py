@@ -68,7 +68,8 @@ def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple
     Raises:
         UserInputError: there is no object in any frame.
     """
-    camera, images, outlines, centres, areas, changes = mattes.camera, [], [], [], [], [0.0]
+    camera, outlines, centres, areas, changes = mattes.camera, [], [], [], [0.0]
+    images: list[Path] = []
     last: np.ndarray | None = None
     for pixels in tqdm(mattes, total=len(camera.frames), desc=f"camera {camera.name}", delay=2.0, leave=False):
         images.append(folder / f"own_{view}_{len(images)}.png")
