@@ -50,8 +50,8 @@ DESCRIPTION = """Identify geometry and material from a multi-view video.
 usage: pacnerf-lpo fit SCENE [--preset auto|quick|cpu|paper] [options]
        pacnerf-lpo fit --config FILE_OR_NAME [--config ...] [options]
 
-SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run; the same command goes on with it. Of two
-options, and of two configurations, the later one counts.
+SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run; the same command goes on with it.
+Of two options, and of two configurations, the later one counts.
 
 examples:
   pacnerf-lpo fit scenes/drop
@@ -189,9 +189,8 @@ class PhaseCLI(LightningCLI):
 
     def _announce(self) -> None:
         """Say what overlays changed, and what the run will take."""
-        todo = self.outer_loop.remaining()
-        phases = {role: copy.deepcopy(phase) for role, phase in self.phases.items()}
-        for line in [*self.remarks, *estimate(todo, phases, self.datamodule, self.physics)]:
+        todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
+        for line in [*self.remarks, *estimate(todo, self.phases.get("static"), self.datamodule, self.physics)]:
             print(line, flush=True)
 
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:

@@ -52,7 +52,9 @@ def scene_changes(files: Sequence[Path]) -> list[str]:
         for key in (key for key in values if key in settled):
             value, source = settled[key]
             if _differ(key, values[key], value):
-                found.append(f"{shown(path)} changes {key.removesuffix(CLASS)} from {value} ({source}) to {values[key]}")
+                found.append(
+                    f"{shown(path)} changes {key.removesuffix(CLASS)} from {value} ({source}) to {values[key]}"
+                )
                 if key.endswith(CLASS):  # its arguments go with the class
                     settled = {k: v for k, v in settled.items() if not k.startswith(_arguments(key))}
         if any(key in SCENE_KEYS for key in values):

@@ -72,7 +72,8 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
     """
     file = find_scene_file(folder)
     given, rest = _take(words, "--preset")
-    run_dir = Path(_take(words, "--outer_loop.run_dir")[0] or folder / RUN)
+    own_dir, rest = _take(rest, "--outer_loop.run_dir")
+    run_dir = Path(own_dir or folder / RUN)
     name, remarks = _choose(given or "auto", run_dir)
     preset = PRESETS[name]
     values = flat(read_yaml(file))
@@ -85,8 +86,8 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
         remarks += [f"preset {name} changes {remark}"]
     if torch.cuda.is_available():
         begin += ["--trainer.accelerator=gpu"]
-    where = [] if "--outer_loop.run_dir" in " ".join(rest) else ["--outer_loop.run_dir", str(run_dir)]
-    return Stack([*begin, *_by_size(folder, values, preset), *end, "--preset", name, *where, *rest], remarks)
+    end += ["--preset", name, "--outer_loop.run_dir", str(run_dir), *rest]
+    return Stack([*begin, *_by_size(folder, values, preset), *end], remarks)
 
 
 def _choose(given: str, run_dir: Path) -> tuple[str, list[str]]:

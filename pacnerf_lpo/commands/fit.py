@@ -33,7 +33,7 @@ def finish(run_dir: Path, truth: str | None) -> None:
     from pacnerf_lpo.report.tensorboard_images import log_evaluation
 
     run = Run(run_dir)
-    if run.config.get("intervals"):
+    if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
         from pacnerf_lpo.diagnosis.posterior import keep_intervals
 
         with StopRequest(), processes(None):

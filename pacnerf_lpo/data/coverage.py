@@ -24,8 +24,8 @@ OUTSIDE_WARNING = 0.01
 OUTSIDE_ERROR = 0.99
 """Fraction beyond which the object counts as missed."""
 AXES_AND_UNITS = (
-    "most likely axes or units differ: y must point up, cameras have OpenGL axes (x right, y up, looking along -z), and "
-    "poses and box are in metres, not millimetres; if they do agree, move the box to the object"
+    "most likely axes or units differ: y must point up, cameras have OpenGL axes (x right, y up, looking along -z), "
+    "and poses and box are in metres, not millimetres; if they do agree, move the box to the object"
 )
 """What is wrong where every view misses the box: one wrong number of a box rarely does that."""
 
@@ -72,7 +72,8 @@ def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     blind = ", ".join(str(view) for view, inside in seen.items() if not inside.any())
     if not any(inside.any() for inside in seen.values()):
         raise UserInputError(
-            f"{video.source}: no training view sees the box data.box_lower, data.box_upper = {corners}; {AXES_AND_UNITS}"
+            f"{video.source}: no training view sees the box data.box_lower, data.box_upper = {corners}; "
+            f"{AXES_AND_UNITS}"
         )
     if blind:
         raise UserInputError(

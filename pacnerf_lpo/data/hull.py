@@ -32,7 +32,7 @@ def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
 
 
 def hull_volume(video: Video, box: Box, views: Sequence[int]) -> float:
-    """Volume of the visual hull of the given views (indices) in ``box`` at frame 0 [m^3]. Raises as :func:`hull_box`."""
+    """Volume of the hull of the given views (indices) in ``box`` at frame 0 [m^3]; raises as :func:`hull_box`."""
     points, cell = _hull(video, box, views)
     return len(points) * cell**3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import torch
@@ -25,18 +25,17 @@ from pacnerf_lpo.types import FEATURES, Rays
 if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
     from pacnerf_lpo.mpm.physics import Physics
-    from pacnerf_lpo.outer_loop import PhaseStep
 
 SAMPLE = 4000
 """Particles of the timed simulation at most, and rays of the timed image; larger bodies cost in proportion."""
 PER_CELL = 8
 PARTICLE_NUMBERS = 60
-"""Numbers kept per particle in every frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
+"""Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
 
 
 def estimate(
-    steps: list[PhaseStep], phases: Mapping[str, AbstractPhase], data: VideoData, physics: Physics
+    todo: Sequence[AbstractPhase], static: AbstractPhase | None, data: VideoData, physics: Physics
 ) -> list[str]:
     """One line: how many particles, how much memory, and about how many minutes on this machine as busy as it is.
 
@@ -44,23 +43,22 @@ def estimate(
     takes some seconds. Nothing where the static phase is of another kind.
 
     Args:
-        steps: the phases that are still to run.
-        phases: templates by role.
+        todo: templates of the phases that are still to run, each as often as it will.
+        static: template of the static phase, which says how large a voxel is.
         data: prepared video.
         physics: of the run.
     """
-    static = phases.get("static")
     if not isinstance(static, StaticGridModule):
         return []
     spacing = static.base_spacing / 2**static.length.halvings
     particles = max(1, round(PER_CELL * hull_volume(data.video, data.box, data.train) / spacing**3))
     line = f"about {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
-    todo = Work()
-    for step in steps:
-        phases[step.template].attach(data, physics)
-        todo += phases[step.template].work(particles)
+    work = Work()
+    for phase in todo:
+        phase.attach(data, physics)
+        work += phase.work(particles)
     try:
-        seconds = _seconds(todo, data, physics, spacing, static.base_spacing, particles)
+        seconds = _seconds(work, data, physics, spacing, static.base_spacing, particles)
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
@@ -78,14 +76,14 @@ def memory(data: VideoData, spacing: float, particles: int) -> float:
 
 
 def _seconds(
-    todo: Work, data: VideoData, physics: Physics, spacing: float, base_spacing: float, particles: int
+    work: Work, data: VideoData, physics: Physics, spacing: float, base_spacing: float, particles: int
 ) -> float:
     """The work by the clock."""
     found = 0.0
-    if todo.frames:
+    if work.frames:
         count = min(particles, SAMPLE)
-        found += todo.frames * _timed(_simulation(physics, spacing, count)) * particles / count
-    rays = todo.rays + todo.images * _rays_per_image(data)
+        found += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
+    rays = work.rays + work.images * _rays_per_image(data)
     if rays:
         found += rays * _timed(_image(data, spacing, base_spacing)) / SAMPLE
     return found

@@ -11,8 +11,8 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
-from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState

@@ -87,8 +87,8 @@ class PaperAdam(IdentificationMethod):
     """Adam on one random training view per frame, gradients through the whole rollout (PAC-NeRF).
 
     Args:
-        learning_rates: rate of each parameter's free coordinate by name; where not named 0.01 for nu, which lies between
-            -1 and 0.5, and 0.1 for the others, as in the paper.
+        learning_rates: rate of each parameter's free coordinate by name; where not named 0.01 for nu, which lies
+            between -1 and 0.5, and 0.1 for the others, as in the paper.
         warm_up_iterations, main_iterations: 50 and 100 in the paper.
     """
 
@@ -115,7 +115,10 @@ class PaperAdam(IdentificationMethod):
         return early + compared(module.frame_count, 1, gradients=True) * self.main_iterations
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
-        groups = [{"params": [free], "lr": self.learning_rates.get(name, RATES.get(name, 0.1))} for name, free in module.free.items()]
+        groups = [
+            {"params": [free], "lr": self.learning_rates.get(name, RATES.get(name, 0.1))}
+            for name, free in module.free.items()
+        ]
         return torch.optim.Adam(groups)
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
@@ -173,7 +176,7 @@ class GaussNewton(IdentificationMethod):
         """Nothing: it treats every parameter alike."""
 
     def work(self, module: PhysicsIDModule, particles: int) -> Work:
-        """Every iteration simulates each unknown and one or two trials; every scan its lattice, and those left again."""
+        """Every iteration simulates each unknown and some trials; every scan its lattice, and those left again."""
         names, views = module.physics.free_names, len(module.fixed_views(1, self.views_per_frame)[0])
         early, late = (compared(count, views, gradients=False) for count in (module.warm_up_length, module.frame_count))
         once = len(names) + (3 if self.fits_velocity else 0) + TRIALS

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import finite_loss
-from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
