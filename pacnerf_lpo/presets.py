@@ -84,7 +84,7 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
     if method:
         end += [f"--{METHOD}={json.dumps(method)}"]
         remarks += [f"preset {name} changes {remark}"]
-    if torch.cuda.is_available():
+    if name == "paper" and torch.cuda.is_available():
         begin += ["--trainer.accelerator=gpu"]
     end += ["--preset", name, "--outer_loop.run_dir", str(run_dir), *rest]
     return Stack([*begin, *_by_size(folder, values, preset), *end], remarks)
