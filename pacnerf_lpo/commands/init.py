@@ -58,10 +58,4 @@ def run(
     print("\n".join((f"clocks: {written.clocks}", *written.mended)))
     print(f"up: {found.up_why}\nscale: {found.scale:.6g} m per unit, {found.scale_why}\nground: {found.ground.why}")
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
-    print(f"{path}: every value with where it comes from; look through it, then\n{_next(path)}")
-
-
-def _next(path: Path) -> str:
-    run_dir = Path("runs", path.parent.resolve().name)
-    configs = " ".join(f"--config {name}" for name in ("fit", "cpu", path))
-    return f"pacnerf-lpo fit {configs} --outer_loop.run_dir {run_dir}"
+    print(f"{path}: every value with where it comes from; look through it, then\npacnerf-lpo fit {scene}")
