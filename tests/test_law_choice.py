@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,8 @@ def test_a_run_that_stopped_after_the_choice_goes_on_with_it(tmp_path):
         stems = [Path(record["state"]).stem for record in manifest["phases"]]
         assert stems == ["00_static", "01_velocity", "02_law", "03_r1_physics", "04_r1_correction"]
         manifest["phases"] = manifest["phases"][:3]
+        for name in stems[3:]:
+            shutil.rmtree(cut / "checkpoints" / name)
         (cut / "manifest.json").write_text(json.dumps(manifest))
 
 

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.levenberg_marquardt import LevenbergMarquardt, NormalEquations
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.render.camera_faults.base import faults_of
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well ab
 LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
+TRIALS = 2.5
+"""Simulations of an iteration that are no sensitivity: where it stands, and the steps that it tries."""
 UNSEEN = 1e-5
 """No image shows that particles lie so little elsewhere [m]: a fall before contact, with another stiffness."""
 
@@ -57,6 +60,10 @@ class IdentificationMethod(ABC):
     @abstractmethod
     def check(self, names: Sequence[str]) -> None:
         """Raise UserInputError when the settings do not fit the parameters that are identified."""
+
+    @abstractmethod
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """How much it will compute for a body of so many particles, about."""
 
     @abstractmethod
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
@@ -100,6 +107,10 @@ class PaperAdam(IdentificationMethod):
                 f"phases.physics.method: learning_rates names {', '.join(unknown)}, which is not identified here; name "
                 f"only {', '.join(names)}"
             )
+
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        early = compared(module.warm_up_length, 1, gradients=True) * self.warm_up_iterations
+        return early + compared(module.frame_count, 1, gradients=True) * self.main_iterations
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         rates = {name: self.learning_rates.get(name, module.physics.parameters[name].rate) for name in module.free}
@@ -159,6 +170,14 @@ class GaussNewton(IdentificationMethod):
 
     def check(self, names: Sequence[str]) -> None:
         """Nothing: it treats every parameter alike."""
+
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """Every iteration simulates each unknown and some trials; every scan its lattice, and those left again."""
+        names, views = module.physics.free_names, len(module.fixed_views(1, self.views_per_frame)[0])
+        early, late = (compared(count, views, gradients=False) for count in (module.warm_up_length, module.frame_count))
+        once = len(names) + (3 if self.fits_velocity else 0) + TRIALS
+        scans = (2 * self.scan_decades + 1) * len(names) * (len(names) + 1) / 2 if self.scan_decades > 0 else 0
+        return early * (scans + once * self.warm_up_iterations) + late * (once * self.main_iterations)
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
@@ -251,7 +270,8 @@ class GaussNewton(IdentificationMethod):
 def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], frame: int) -> bool:
     """Whether two motions (as :meth:`DynamicPhase.watch` gives them) look the same to all cameras in a frame."""
     (path, observer), (reference, believed) = one, other
-    return observer is believed and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
+    as_before = observer is believed or not (observer.names or believed.names)
+    return as_before and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
 
 
 def set_free(parameter: torch.nn.Parameter, value: float) -> None:

@@ -13,12 +13,16 @@ from tqdm import tqdm
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.laws import PARTICLES, Competition
-from pacnerf_lpo.identification.problem import StateProblem
+from pacnerf_lpo.identification.problem import COARSER, StateProblem
 from pacnerf_lpo.identification.processes import check_jobs, processes
 from pacnerf_lpo.identification.split import Split
+from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
 
+SEARCHED, FITTED, NOISE = 60, 40, 80
+"""Rollouts of a search and of a fit of one law, and of what the best law may leave; about, as counted on a droplet."""
 HELD_SHARE = 3
 """One of so many training views is held out, and one of so many frames that remain after contact."""
 
@@ -59,6 +63,14 @@ class LawChoice(DynamicPhase):
             )
         self.competition = Competition(problem)
         self.steps = self.competition.steps
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`: half of the laws are left after their searches."""
+        laws = len(self.physics.material.laws) if isinstance(self.physics.material, Auto) else 0
+        fine = (self.particles / particles) ** (4 / 3)  # half the spacing is half the step
+        coarse = fine / COARSER**4
+        rollouts = laws * (SEARCHED * coarse + FITTED / 2 * fine) + NOISE * coarse
+        return Work(frames=rollouts * len(self.data.video.times))
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """One that changes nothing: the steps are those of the competition."""
