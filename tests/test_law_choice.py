@@ -135,8 +135,8 @@ def test_the_phase_gives_the_state_the_parameters_of_the_law(data, state, monkey
     def path(model: Model, free: np.ndarray) -> torch.Tensor:
         c = model.physical(free)
         times = torch.arange(FRAMES)[:, None, None] / 24
-        softer = 0.3 * (6 - np.log10(c.get("E", c.get("kappa"))))
-        fallen = torch.tensor([c["v_x"], c["v_y"], c["v_z"]]) * times
+        softer = 0.3 * (6 - float(np.log10(c.get("E", c.get("kappa")))))
+        fallen = torch.tensor([c["v_x"], c["v_y"], c["v_z"]], dtype=torch.float32) * times
         return model.body.positions + fallen + torch.tensor([0.0, -4.9 + softer, 0.0]) * times**2
 
     monkeypatch.setattr(Model, "path", path)

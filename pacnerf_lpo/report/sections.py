@@ -126,7 +126,7 @@ def law_table(results: Mapping[str, Any]) -> str:
             held, odds = trial["held_out"], trial["log_odds"] / math.log(10.0)
             cells = f"<td class={'strong' if chosen else 'muted'}>{_percent(trial['probability'])}</td>"
             cells += f"<td>{'' if odds == 0 else f'{odds:.1f}'.replace('-', chr(0x2212))}</td><td>{held:.2f}</td>"
-            cells += f"<td>{html.escape(_of_law(trial))}</td>"
+            cells += f"<td>{_of_law(trial)}</td>"
         rows.append(f"<tr><td class=name>{name}</td>{cells}</tr>")
     said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in found["sentences"])
     head = ("law", "probability", "log10 of the odds", "held-out error / noise", "found on a coarse body")
@@ -137,7 +137,8 @@ def law_table(results: Mapping[str, Any]) -> str:
 
 def _of_law(trial: Mapping[str, Any]) -> str:
     """``E = 103 kPa, ν = 0.296``: the parameters of a law."""
-    return ", ".join(f"{symbol(name)} = {quantity(p['value'], p['unit'])}" for name, p in trial["parameters"].items())
+    shown = ((name, quantity(p["value"], p["unit"])) for name, p in trial["parameters"].items())
+    return ", ".join(f"<i>{_symbol_html(name)}</i> = {html.escape(value)}" for name, value in shown)
 
 
 def _percent(share: float) -> str:
