@@ -32,10 +32,16 @@ PER_CELL = 8
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
+INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 100, 4000
+"""What intervals take: null replicates on finer grids, errors of shape and force, and some iterations of a fit."""
 
 
 def estimate(
-    todo: Sequence[AbstractPhase], static: AbstractPhase | None, data: VideoData, physics: Physics
+    todo: Sequence[AbstractPhase],
+    static: AbstractPhase | None,
+    data: VideoData,
+    physics: Physics,
+    intervals: bool = False,
 ) -> list[str]:
     """One line: how many particles, how much memory, and about how many minutes on this machine as busy as it is.
 
@@ -47,6 +53,7 @@ def estimate(
         static: template of the static phase, which says how large a voxel is.
         data: prepared video.
         physics: of the run.
+        intervals: they are added at the end.
     """
     if not isinstance(static, StaticGridModule):
         return []
@@ -57,6 +64,9 @@ def estimate(
     for phase in todo:
         phase.attach(data, physics)
         work += phase.work(particles)
+    if intervals:
+        smaller = (INTERVAL_PARTICLES / particles) ** (4 / 3)  # half the spacing is half the time step
+        work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
     try:
         seconds = _seconds(work, data, physics, spacing, static.base_spacing, particles)
     except SimulationError:
