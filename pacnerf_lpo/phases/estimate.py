@@ -12,7 +12,7 @@ from torch.nn.functional import mse_loss
 
 from pacnerf_lpo.data.cameras import hits_box
 from pacnerf_lpo.data.hull import hull_volume
-from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.static_grid import StaticGridModule
@@ -58,8 +58,9 @@ def estimate(
     if not isinstance(static, StaticGridModule):
         return []
     spacing = static.base_spacing / 2**static.length.halvings
-    particles = max(1, round(PER_CELL * hull_volume(data.video, data.box, data.train) / spacing**3))
-    line = f"about {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
+    volume, word = _volume(data)
+    particles = max(1, round(PER_CELL * volume / spacing**3))
+    line = f"{word} {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
     work = Work()
     for phase in todo:
         phase.attach(data, physics)
@@ -72,6 +73,15 @@ def estimate(
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
+
+
+def _volume(data: VideoData) -> tuple[float, str]:
+    """Of the body [m^3], and a word for how exact that is: that of the box where mattes have nothing in common."""
+    try:
+        return hull_volume(data.video, data.box, data.train), "about"
+    except UserInputError:
+        edges = torch.tensor(data.box.upper) - torch.tensor(data.box.lower)
+        return float(edges.prod()), "at most"
 
 
 def memory(data: VideoData, spacing: float, particles: int) -> float:
