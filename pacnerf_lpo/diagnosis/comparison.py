@@ -248,8 +248,8 @@ def noise_of(
     """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)], the sensor noise in
     them [(R, F, 11)] and, where there are any, errors that are known beforehand [(D, M)].
     """
-    found = np.nan_to_num(residuals[:, mask])
-    return NoiseModel.from_replicates(found, sensor[mask], problem.layout(mask), known)
+    found, (own, shared) = np.nan_to_num(residuals[:, mask]), problem.noise_parts(sensor)
+    return NoiseModel.from_replicates(found, own[mask], problem.layout(mask), known, shared[mask])
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
