@@ -9,6 +9,8 @@ from pathlib import Path
 from pacnerf_lpo import cli
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.presets import stack
@@ -27,17 +29,13 @@ def run(args: Sequence[str]) -> int:
 def finish(run_dir: Path, truth: str | None) -> None:
     """Evaluate a complete run, show the evaluation in TensorBoard, and write the report."""
     from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
-    from pacnerf_lpo.evaluation.run_directory import Run
     from pacnerf_lpo.evaluation.tables import markdown_table
     from pacnerf_lpo.report.html import is_evaluated, write_report
     from pacnerf_lpo.report.tensorboard_images import log_evaluation
 
     run = Run(run_dir)
     if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
-        from pacnerf_lpo.diagnosis.posterior import keep_intervals
-
-        with StopRequest(), processes(None):
-            keep_intervals(run, lambda text: print(f"intervals: {text}", flush=True))
+        _add_intervals(run)
     if truth is None and is_evaluated(run):
         results = json.loads((run_dir / RESULTS_FILE).read_text())
     else:
@@ -45,3 +43,17 @@ def finish(run_dir: Path, truth: str | None) -> None:
         log_evaluation(run, results)
     print(markdown_table(results))
     print(f"report: {write_report(run_dir)}")
+
+
+def _add_intervals(run: Run) -> None:
+    """Intervals of what was identified, or a line that says why there are none."""
+    from pacnerf_lpo.diagnosis.posterior import keep_intervals
+
+    def tell(text: str) -> None:
+        print(f"intervals: {text}", flush=True)
+
+    try:
+        with StopRequest(), processes(None):
+            keep_intervals(run, tell)
+    except (UserInputError, SimulationError) as error:
+        tell(f"none, {error}")
