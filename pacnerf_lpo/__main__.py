@@ -10,6 +10,7 @@ from importlib import import_module
 from pacnerf_lpo import __version__
 from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.heartbeat import heartbeat
 
 # command: (what it does, module with the function run)
 COMMANDS = {
@@ -67,10 +68,11 @@ def _dispatch(words: list[str]) -> int:
         near = get_close_matches(words[0], COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
         raise UserInputError(f"there is no command {words[0]}; {hint}")
-    module = import_module(COMMANDS[words[0]][1])
-    if words[0] not in READING:
-        return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
-    return module.run(words[1:])
+    with heartbeat("loading the program"):
+        module = import_module(COMMANDS[words[0]][1])
+        if words[0] not in READING:
+            return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
+        return module.run(words[1:])
 
 
 def _help() -> str:

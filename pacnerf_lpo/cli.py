@@ -29,6 +29,7 @@ from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
@@ -105,10 +106,15 @@ class PhaseCLI(LightningCLI):
         self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
         self.trainer_config = vars(made.trainer)
 
-    def run(self) -> Path:
-        """Run all phases that are not done yet; returns the run directory."""
+    def run(self, doubt: Callable[..., None]) -> Path:
+        """Run all phases that are not done yet; returns the run directory.
+
+        Args:
+            doubt: called after each phase, as :func:`pacnerf_lpo.commands.fit.doubt`.
+        """
         check_truth(self.config.truth)
         self._choose_device()
+        doing("reading the video")
         self.datamodule.prepare()
         for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
@@ -122,8 +128,10 @@ class PhaseCLI(LightningCLI):
             loop.resume(correction)
         with StopRequest() as stop:
             try:
+                self._look_back(doubt)
                 while (step := loop.next_phase()) is not None:
                     self._run_phase(step, stop)
+                    self._look_back(doubt)
             except Interrupted:
                 loop.abandon("interrupted")
                 raise Interrupted(f"interrupted; go on with `{resume_command(loop.run_dir)}`") from None
@@ -136,6 +144,7 @@ class PhaseCLI(LightningCLI):
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop
         loop.begin(step)
+        doing(f"preparing {step.role}")
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
         module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
@@ -152,6 +161,14 @@ class PhaseCLI(LightningCLI):
             options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _look_back(self, doubt: Callable[..., None]) -> None:
+        """Say what is doubtful about the last finished phase."""
+        record = self.outer_loop.last_done
+        if record is not None:
+            doing(f"looking back at {record.phase}")
+            template = self.phases[self.outer_loop.steps[record.index].template]
+            doubt(self.outer_loop.manifest, self.datamodule, self.physics, template, self.outer_loop.compare_methods)
 
     def _choose_device(self) -> None:
         """Simulate and render where the trainer computes."""
@@ -187,6 +204,7 @@ def fit(
     args: Sequence[str],
     datamodule_class: type[pl.LightningDataModule],
     physics_class: type,
+    doubt: Callable[..., None],
     finish: Callable[[Path, str | None], None],
 ) -> int:
     """The command ``fit``; returns its exit status.
@@ -194,15 +212,20 @@ def fit(
     Args:
         args: command line after ``fit``.
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
+        doubt: as for :meth:`PhaseCLI.run`.
         finish: called with the run directory and the truth to compare with, once all phases are done.
     """
     quieten_lightning()
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
-    run_dir = phases.run()
+    run_dir = phases.run(doubt)
+    again = f"repeat it with `{resume_command(run_dir)}`"
     try:
-        finish(run_dir, phases.config.truth)
+        doing("evaluating the run")
+        with StopRequest():
+            finish(run_dir, phases.config.truth)
+    except Interrupted:
+        raise Interrupted(f"the fit is complete but its evaluation was interrupted; {again}") from None
     except Exception as error:
-        again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
 

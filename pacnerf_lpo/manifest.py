@@ -10,6 +10,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
 
@@ -44,6 +45,8 @@ class PhaseRecord:
     error: one line, when it failed.
     copied_from: the run that computed it, when this one started from a copy of its phases.
     held_out_error: after a correction that some training images were kept back from, the error in these.
+    course: how the phase went, as its :meth:`AbstractPhase.course` says.
+    methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
     """
 
     index: int
@@ -57,6 +60,8 @@ class PhaseRecord:
     error: str | None = None
     copied_from: str | None = None
     held_out_error: float | None = None
+    course: dict[str, Any] = field(default_factory=dict)
+    methods: dict[str, Any] | None = None
 
 
 @dataclass
