@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a request that a phase honours at the end of its optimiser step, or before if that takes long."""
+"""SIGINT and SIGTERM as a request that a phase honours at the end of its optimiser step, or within seconds."""
 
 from __future__ import annotations
 

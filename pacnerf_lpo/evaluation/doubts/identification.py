@@ -51,9 +51,8 @@ def doubts_about_velocity(course: Mapping[str, Any], state: ParticleState, pixel
         Doubt(
             "velocity_moving",
             "phases.velocity",
-            f"the velocity, {speed:.3g} m/s, still moved by {moved:.2g} m/s in its last iteration, {1000 * moved * "
-            f"seconds:.0f} "
-            "mm at the contact",
+            f"the velocity, {speed:.3g} m/s, still moved by {moved:.2g} m/s in its last iteration, "
+            f"{1000 * moved * seconds:.0f} mm at the contact",
             "too few iterations, a hit_frame after the contact, or frames at another rate than physics.frame_rate",
             "raise phases.velocity.init_args.max_iterations, or check hit_frame and frame rate",
         )
