@@ -6,6 +6,7 @@ import contextlib
 import copy
 import errno
 import logging
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import cast
 
 import pytorch_lightning as pl
 import torch
+import yaml
 from jsonargparse import ArgumentError
 from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
@@ -35,6 +37,7 @@ from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.reuse import reusable
 
 CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
@@ -122,8 +125,7 @@ class PhaseCLI(LightningCLI):
         correction = "correction" in self.phases
         loop.check(self.datamodule, correction)
         if self.config.resume is None:
-            loop.start(correction)
-            write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
+            self._start(correction)
         else:
             loop.resume(correction)
         with StopRequest() as stop:
@@ -161,6 +163,17 @@ class PhaseCLI(LightningCLI):
             options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _start(self, correction: bool) -> None:
+        """Begin a run, with phases of another one where that is wanted; what cannot be is found before."""
+        loop: OuterLoop = self.outer_loop
+        config, video = self.dump(), self.datamodule.fingerprint
+        found = None if loop.reuse is None else reusable(loop.reuse, yaml.safe_load(config), video)
+        loop.start(correction, video)
+        write_atomically(loop.run_dir / CONFIG_FILE, config.encode())
+        if found is not None:
+            loop.state = found.copy(loop.manifest, self.physics.guess)
+            print(found, file=sys.stderr)
 
     def _look_back(self, doubt: Callable[..., None]) -> None:
         """Say what is doubtful about the last finished phase."""

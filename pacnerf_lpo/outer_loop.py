@@ -111,15 +111,15 @@ class OuterLoop(pl.Callback):
                 "data.train_views has one view only; add a view, or set outer_loop.stop_when to never"
             )
 
-    def start(self, correction: bool) -> None:
-        """Begin a run: make its directory and its manifest."""
+    def start(self, correction: bool, video: str) -> None:
+        """Begin a run on a video with this fingerprint: make its directory and its manifest."""
         if self.run_dir.exists() and (not self.run_dir.is_dir() or any(self.run_dir.iterdir())):
             raise UserInputError(
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
                 "or choose another folder with --outer_loop.run_dir"
             )
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
-        self.manifest = Manifest(self.run_dir)
+        self.manifest = Manifest(self.run_dir, video=video)
         self.manifest.save()
 
     def resume(self, correction: bool) -> None:

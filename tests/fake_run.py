@@ -25,12 +25,17 @@ class FakeMaterial:
 class FakePhysics:
     def __init__(self, material: FakeMaterial, rho: float = 1000.0):
         self.material = material
+        self.guess = {"E": material.E, "nu": material.nu}
 
 
 class FakeData(pl.LightningDataModule):
     def __init__(self, root: str):
         super().__init__()
         self.root = root
+
+    @property
+    def fingerprint(self) -> str:
+        return self.root
 
     def prepare(self) -> None:
         if self.root == "missing":

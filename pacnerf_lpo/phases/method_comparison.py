@@ -22,7 +22,7 @@ from tqdm import tqdm
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, Residual, fit
+from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Fit, Residual, fit
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.phases.misfit import VideoMisfit
 from pacnerf_lpo.phases.outline_method import HALVINGS, Misfit
@@ -38,9 +38,9 @@ LONGEST = 32
 """Pixels along the longer side of the images that are compared: a displacement of a few of the body's cells is seen."""
 VIEWS = 4
 """Views in which each frame is compared by images, at most."""
-OFFSETS = (-1.0, -0.5, 0.5, 1.0)
+OFFSETS = (-0.5, 0.5)
 """Decades at which a modulus is tried, apart from the value identified: another minimum is about half a decade away."""
-ITERATIONS = 3
+ITERATIONS = 4
 NEIGHBOURS = 8
 """Coarse particles that a particle of the state follows, weighted by inverse distance: those of one cell."""
 
@@ -77,7 +77,7 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
         by_images, by_outlines = counted(images.residual), counted(outlines.residual)
         starts = _starts(model, by_images, by_outlines)
         found = [
-            fit(residual, start, model.scales, model.bounds, ITERATIONS, confirm=False)
+            fit(residual, start, model.scales, model.bounds, ITERATIONS)
             for residual, start in zip((by_images, by_outlines), starts, strict=True)
         ]
         found = [_continued(one, other, model) for one, other in (found, found[::-1])]
@@ -116,9 +116,9 @@ def _cost(residual: Residual, free: np.ndarray) -> float:
 def _continued(own: Fit, other: Fit, model: Model) -> Fit:
     """A method's own answer, or where it leads from the answer of the other one, if that is better."""
     assert own.of is not None
-    if _cost(own.of, other.free) >= own.cost:
+    if _cost(own.of, other.free) >= (1 - ROUGH_GAIN) * own.cost:
         return own
-    return fit(own.of, other.free, model.scales, model.bounds, ITERATIONS, confirm=False)
+    return fit(own.of, other.free, model.scales, model.bounds, ITERATIONS)
 
 
 def _excess(own: Fit, other: Fit) -> float:
