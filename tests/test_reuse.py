@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.reuse import difference, reusable
@@ -34,26 +33,12 @@ def test_another_material_keeps_reconstruction_and_velocity(
 ):
     run, trained = tmp_path / "run", []
     step = fake_run.FakePhase.training_step
-    monkeypatch.setattr(fake_run.FakePhase, "training_step", lambda s, batch: (trained.append(batch), step(s, batch))[1])
-    words = [*fake_run.arguments(run, velocity="steps=7"), "--physics.material.E=3e5", f"--outer_loop.reuse={source}"]
-    assert fake_run.main(words) == 0
-    assert f"reconstruction and velocity are those of {source}" in capsys.readouterr().err
-    assert len(trained) == 12  # identification and correction only
-    phases = json.loads((run / "manifest.json").read_text())["phases"]
-    assert [phase["copied_from"] for phase in phases] == ["first", "first", None, None]
-    assert (run / "states" / "00_static.pt").read_bytes() == (source / "states" / "00_static.pt").read_bytes()
-    velocity, before = states(run, "01_velocity"), states(source, "01_velocity")
-    assert torch.equal(velocity.positions, before.positions) and torch.equal(velocity.velocity, before.velocity)
-    assert velocity.physics == {"E": 3e5, "nu": 0.3}  # the guess of this run, not of the other one
-    events = EventAccumulator(str(run / "tensorboard")).Reload()
-    assert [event.step for event in events.Scalars("velocity/loss")] == list(range(6, 13))
-    assert [event.step for event in events.Scalars("physics/loss")] == list(range(13, 19))  # its own only
 
+    def counted(phase: fake_run.FakePhase, batch: int) -> torch.Tensor:
+        trained.append(batch)
+        return step(phase, batch)
 
-def test_another_velocity_phase_keeps_the_reconstruction(
-    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
-):
-    run = tmp_path / "run"
+    monkeypatch.setattr(fake_run.FakePhase, "training_step", counted)
     words = [*fake_run.arguments(run, velocity="steps=9"), f"--outer_loop.reuse={source}"]
     assert fake_run.main(words) == 0
     said = capsys.readouterr().err
