@@ -6,8 +6,10 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from pacnerf_lpo import __version__
+from pacnerf_lpo.callbacks.stop_request import INTERRUPTED, end_at_once
 from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
 from pacnerf_lpo.heartbeat import heartbeat
@@ -52,7 +54,7 @@ def guarded(command: Callable[[], int]) -> int:
     except OSError as error:  # a full disk, a folder that may not be written
         return _complain(error, 1)
     except (Interrupted, KeyboardInterrupt) as error:
-        return _complain(error, 130)
+        return _complain(error, INTERRUPTED)
 
 
 def _dispatch(words: list[str]) -> int:
@@ -94,5 +96,17 @@ def _complain(error: BaseException, status: int) -> int:
     return status
 
 
+def run() -> NoReturn:
+    """Run the command of the process's command line, and end the process."""
+    leave(main())
+
+
+def leave(status: int) -> NoReturn:
+    """End the process with a status; one that was interrupted at once."""
+    if status == INTERRUPTED:
+        end_at_once()
+    sys.exit(status)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

@@ -42,7 +42,8 @@ def start(words: list[str]) -> subprocess.Popen:
     command = [
         sys.executable,
         "-c",
-        "import sys; from tests import fake_run; sys.exit(fake_run.main(sys.argv[1:]))",
+        "import sys; from pacnerf_lpo.__main__ import leave; from tests import fake_run as run; "
+        "leave(run.main(sys.argv[1:]))",
         *words,
     ]
     return subprocess.Popen(command, cwd=root, env=environment, stderr=subprocess.PIPE, text=True)
@@ -199,6 +200,7 @@ with StopRequest():
     command = [sys.executable, "-c", program]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline() == "busy\n"
+    time.sleep(1.0)
     process.send_signal(signal.SIGINT)
     sent = time.monotonic()
     message = process.communicate(timeout=60)[1]
