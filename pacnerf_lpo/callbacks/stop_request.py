@@ -93,7 +93,7 @@ class StopRequest:
 
 
 def end_at_once() -> NoReturn:
-    """End the process, and the processes that it started, with status 130, without waiting for what libraries do then."""
+    """End the process and those that it started, with status 130, without waiting for what libraries do then."""
     for child in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.NoSuchProcess):
             child.kill()

@@ -17,7 +17,7 @@ def run(run_dir: str) -> None:
     example: pacnerf-lpo report runs/demo
 
     Args:
-        run_dir: folder that fit wrote.
+        run_dir: folder that fit wrote, or the scene with it.
     """
     pages = [write_report(run_dir)]
     folder = Path(run_dir) / "diagnosis"
