@@ -1,0 +1,273 @@
+"""What a careful colleague would say about a recording before it is fitted: what is doubtful, where, and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.agreement import ENOUGH, GAP, largest_gap, odd_one_out
+from pacnerf_lpo.data.recordings.findings import GRAVITY, SCALE_ERROR
+from pacnerf_lpo.data.recordings.look import Look
+from pacnerf_lpo.data.recordings.scene_file import SPACING
+from pacnerf_lpo.data.recordings.sharpness import blur
+from pacnerf_lpo.data.recordings.sightings import Sighting
+from pacnerf_lpo.data.recordings.tangents import bounds
+
+DISAGREES = 0.5 * GAP
+"""Gap between views from which on it is reported: half of what is refused, and twice that of right recordings."""
+FEW_VIEWS = 3
+"""Two outlines allow everything along their lines of sight; each further view cuts that."""
+ONE_SIDE = 45.0
+"""Views within this angle [degrees] see a body from one side: a hull is 1 / tan(22.5 degrees) = 2.4 times too deep."""
+FINEST = SPACING / 4
+"""Finest voxel that ``init`` chooses, relative to the longest edge of the body."""
+PIXELS = 2 / FINEST
+"""Pixels along the body: two for each of the finest voxels, as sampling needs."""
+BLURRED = 0.5 * FINEST
+"""Blur relative to the object: half of the finest voxel; by that much the outline is uncertain."""
+LEAST_BLUR = 1.5
+"""Blur that resampling of pixels alone can bring about [pixels]."""
+EXPOSURE = 1.2
+"""Blur cannot be longer than the motion from frame to frame, up to what its measurement leaves open."""
+LOOSE, HAZY = 0.05, 0.05
+"""Parts of a matte off its largest piece, or half transparent: as volume five per cent weigh less than a fit can see."""
+JUMP = np.log(1.25)
+"""An outline's area, relative to the frames before and after, does not change by a quarter and back in motion."""
+AFTER = 5
+"""Frames from contact on: of a soft body at usual frame rates, compression, its turning point and a begin of rebound."""
+LATEST = 0.8
+"""Contact after this part of a video leaves little of it to the material."""
+OFF_GRAVITY = 0.1
+"""Departure of the measured fall from the stated gravity that is said; air drags soft bodies by less."""
+OUTSIDE = 0.02
+"""Part of the body's size by which outlines may exceed the box: their own uncertainty."""
+
+
+@dataclass(frozen=True)
+class SceneWarning:
+    """Something doubtful.
+
+    kind: views, pixels, border, blur, matte, disagreement, contact, flight, gravity or box
+    what: a sentence without its full stop
+    remedy: what to do, as a clause
+    cameras, frames: where; empty where it is everywhere
+    """
+
+    kind: str
+    what: str
+    remedy: str
+    cameras: tuple[str, ...] = ()
+    frames: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.what}; {self.remedy}"
+
+
+def scene_warnings(look: Look) -> list[SceneWarning]:
+    """Everything doubtful about a scene, the most important first."""
+    parts = (_disagreement, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels)
+    return [warning for part in parts for warning in part(look)]
+
+
+def frame_ranges(frames: Sequence[int]) -> str:
+    """``0-2, 5``: frames as a person writes them."""
+    parts = np.split(np.array(frames), np.flatnonzero(np.diff(frames) > 1) + 1)
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+
+
+def _in_frames(frames: Sequence[int]) -> str:
+    return f"in frame{'s' * (len(frames) > 1)} {frame_ranges(frames)}"
+
+
+def _disagreement(look: Look) -> Iterator[SceneWarning]:
+    planes = [[sighting.planes for sighting in view] for view in look.sightings]
+    gap = largest_gap(planes)
+    if not gap > DISAGREES:
+        return
+    share = f"{100 * gap:.1f} % of the body's size" if np.isfinite(gap) else "so far that nothing is left of the body"
+    wrong = odd_one_out(planes, gap, DISAGREES)
+    if wrong is None:
+        names = tuple(view.name for view in look.scene.views)
+        which = "which one is wrong cannot be told" + (f" from {len(names)} views" if len(names) < ENOUGH else "")
+        yield SceneWarning(
+            "disagreement",
+            f"the outlines of the cameras contradict each other by {share}; {which}",
+            "look where the outline of the matte leaves that of the hull, then calibrate again or give masks",
+            names,
+        )
+        return
+    name = look.scene.views[wrong].name
+    yield SceneWarning(
+        "disagreement",
+        f"camera {name} disagrees with the others: with it the outlines contradict each other by {share}",
+        f"its pose, its clock or its matte is wrong: calibrate it again, give its masks, or init with --leave_out {name}",
+        (name,),
+    )
+
+
+def _views(look: Look) -> Iterator[SceneWarning]:
+    views = look.scene.views
+    names = tuple(view.name for view in views)
+    if len(views) < FEW_VIEWS:
+        yield SceneWarning(
+            "views",
+            f"only {len(views)} views: the shape along their lines of sight is a guess, and with it mass and volume",
+            "add a camera that looks from another side, best at a right angle to the others",
+            names,
+        )
+        return
+    towards = np.stack([0.5 * (look.lower + look.upper) - view.pose[:, 3] for view in views])
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    widest = float(np.degrees(np.arccos(np.clip(np.abs(towards @ towards.T).min(), 0.0, 1.0))))
+    if widest < ONE_SIDE:
+        yield SceneWarning(
+            "views",
+            f"all views look along nearly the same line, within {widest:.0f} degrees: the depth of the body is a guess",
+            "place the cameras around the object, two of them at about a right angle",
+            names,
+        )
+
+
+def _box(look: Look) -> Iterator[SceneWarning]:
+    room = OUTSIDE * look.size
+    for end, side, beyond in (
+        ("lower", "below", look.scene.lower - look.lower),
+        ("upper", "above", look.upper - look.scene.upper),
+    ):
+        for axis, excess in zip("xyz", beyond, strict=True):
+            ground = axis == "y" and end == "lower" and look.scene.lower[1] <= look.scene.ground_height + room
+            if excess > room and not ground:
+                yield SceneWarning(
+                    "box",
+                    f"the body reaches {excess:.3g} m {side} the box along {axis} at frame 0",
+                    f"change {axis} of data.box_{end} in scene.yaml",
+                    frames=(0,),
+                )
+
+
+def _contact(look: Look) -> Iterator[SceneWarning]:
+    hit, count = look.scene.hit_frame, len(look.scene.times)
+    if count - hit < AFTER:
+        left = count - hit
+        yield SceneWarning(
+            "contact",
+            f"the recording ends {left} frame{'s' * (left > 1)} after the first contact (frame {hit} of {count}): the "
+            "stiffness is hardly visible",
+            f"record longer, at least {AFTER} frames from contact on; E will be uncertain",
+            frames=tuple(range(hit, count)),
+        )
+    elif hit > LATEST * count:
+        yield SceneWarning(
+            "contact",
+            f"the contact is late, at frame {hit} of {count}: few frames show the material",
+            "record longer after the contact",
+            frames=tuple(range(hit, count)),
+        )
+
+
+def _flight(look: Look) -> Iterator[SceneWarning]:
+    error = float(np.linalg.norm(look.motion.error)) / GRAVITY
+    hit = look.scene.hit_frame
+    if hit < look.flight or error > SCALE_ERROR:
+        how = f"{hit} frame{'s' * (hit > 1)}" + (f", gravity is seen to {100 * error:.0f} %" if hit >= 3 else "")
+        yield SceneWarning(
+            "flight",
+            f"the free flight is too short to measure gravity ({how}): neither scale nor up direction can be checked",
+            "begin the recording earlier, or drop from higher; make sure that unit, up and frame rate are right",
+            frames=tuple(range(hit)),
+        )
+
+
+def _gravity(look: Look) -> Iterator[SceneWarning]:
+    error, size = float(np.linalg.norm(look.motion.error)), float(np.linalg.norm(look.motion.acceleration))
+    if look.scene.hit_frame < look.flight or error > SCALE_ERROR * GRAVITY:
+        return
+    if abs(size - GRAVITY) > OFF_GRAVITY * GRAVITY + 3.0 * error:
+        yield SceneWarning(
+            "gravity",
+            f"the body falls at {size:.3g} m/s^2 instead of {GRAVITY}, measured to {error:.2g}",
+            "check unit and frame rate (--unit, --fps); drag, wind or an early touch would do the same",
+            frames=tuple(range(look.flight)),
+        )
+
+
+def _border(look: Look) -> Iterator[SceneWarning]:
+    for view, row in zip(look.scene.views, look.sightings, strict=True):
+        cut = [number for number, one in enumerate(row) if one.cut]
+        gone = [number for number, one in enumerate(row) if not one.seen]
+        remedy = f"aim this camera at the whole motion, or init with --leave_out {view.name}"
+        if gone:
+            what = f"camera {view.name} does not see the object {_in_frames(gone)}"
+            yield SceneWarning("border", what, remedy, (view.name,), tuple(gone))
+        if cut:
+            worst = ", and box and shape come from frame 0" if cut[0] == 0 else ""
+            what = f"camera {view.name}: the object touches the image border {_in_frames(cut)}, it may be cut off{worst}"
+            yield SceneWarning("border", what, remedy, (view.name,), tuple(cut))
+
+
+def _mattes(look: Look) -> Iterator[SceneWarning]:
+    remedy = "look at data/m_*.png of this camera; give masks, or a background plate, if a part is missing or too much"
+    for view, row in zip(look.scene.views, look.sightings, strict=True):
+        doubts = {
+            "in several pieces (a shadow, something else that moves, or a gap)": [one.loose > LOOSE for one in row],
+            "half transparent in places": [one.hazy > HAZY for one in row],
+            "larger or smaller than in the frames before and after": _jumps(row),
+        }
+        for how, places in doubts.items():
+            frames = tuple(np.flatnonzero(places).tolist())
+            if frames:
+                what = f"camera {view.name}: the matte is doubtful {_in_frames(frames)}, {how}"
+                yield SceneWarning("matte", what, remedy, (view.name,), frames)
+
+
+def _jumps(row: Sequence[Sighting]) -> list[bool]:
+    """Whether the outline of a frame is of another size than its two neighbours, which are whole and of one size."""
+    found = [False] * len(row)
+    for number, (before, now, after) in enumerate(zip(row, row[1:], row[2:], strict=False), 1):
+        if all(one.seen and not one.cut for one in (before, now, after)):
+            first, area, last = (np.log(one.pixels) for one in (before, now, after))
+            found[number] = bool(abs(area - 0.5 * (first + last)) > JUMP > abs(first - last))
+    return found
+
+
+def _blur(look: Look) -> Iterator[SceneWarning]:
+    found: list[tuple[str, float, float, list[int]]] = []
+    for view, row in zip(look.scene.views, look.sightings, strict=True):
+        lengths, steps, frames = [], [], []
+        for number, (before, now) in enumerate(zip(row, row[1:], strict=False), 1):
+            step = now.centre - before.centre
+            moved = float(np.linalg.norm(step))
+            length = blur(now.widths, step) if moved > LEAST_BLUR else float("nan")
+            if not (now.cut or before.cut) and max(BLURRED * now.size, LEAST_BLUR) < length < EXPOSURE * moved:
+                lengths, steps, frames = [*lengths, length], [*steps, moved], [*frames, number]
+        if len(frames) > len(row) // 4:
+            found.append((view.name, float(np.median(lengths)), float(np.median(steps)), frames))
+    if found:
+        name, length, step, frames = max(found, key=lambda one: one[1])
+        names = tuple(one[0] for one in found)
+        more = f" (and in {len(names) - 1} other camera{'s' * (len(names) > 2)})" if len(names) > 1 else ""
+        yield SceneWarning(
+            "blur",
+            f"motion blur is possible: in camera {name}{more} edges across the motion are about {length:.1f} pixels "
+            f"wider than those along it {_in_frames(frames)}, where the object moves {step:.0f} pixels per frame",
+            "use a shorter exposure and more light; outlines are uncertain by half of that width",
+            names,
+            tuple(sorted({frame for one in found for frame in one[3]})),
+        )
+
+
+def _pixels(look: Look) -> Iterator[SceneWarning]:
+    small = [(v.name, row[0].size) for v, row in zip(look.scene.views, look.sightings, strict=True) if row[0].seen]
+    small = [(name, size) for name, size in small if size < PIXELS]
+    if small:
+        name, least = min(small, key=lambda one: one[1])
+        yield SceneWarning(
+            "pixels",
+            f"the object is small: {least:.0f} pixels long in camera {name} at frame 0, and below {PIXELS:.0f} in "
+            f"{len(small)} of {len(look.scene.views)} cameras",
+            "go nearer, zoom in or use a higher resolution; a coarser voxel (base_spacing) loses nothing then",
+            tuple(name for name, _ in small),
+            (0,),
+        )
