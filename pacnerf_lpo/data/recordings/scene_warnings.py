@@ -153,7 +153,7 @@ def _contact(look: Look) -> Iterator[SceneWarning]:
         left = count - hit
         yield SceneWarning(
             "contact",
-            f"the recording ends {left} frame{'s' * (left > 1)} after the first contact (frame {hit} of {count}): the "
+            f"the recording ends soon after the first contact: {left} frame{'s' * (left > 1)} from frame {hit} on, the "
             "stiffness is hardly visible",
             f"record longer, at least {AFTER} frames from contact on; E will be uncertain",
             frames=tuple(range(hit, count)),
@@ -161,7 +161,7 @@ def _contact(look: Look) -> Iterator[SceneWarning]:
     elif hit > LATEST * count:
         yield SceneWarning(
             "contact",
-            f"the contact is late, at frame {hit} of {count}: few frames show the material",
+            f"the contact is late: {count - hit} of {count} frames show the material",
             "record longer after the contact",
             frames=tuple(range(hit, count)),
         )
@@ -197,13 +197,15 @@ def _border(look: Look) -> Iterator[SceneWarning]:
     for view, row in zip(look.scene.views, look.sightings, strict=True):
         cut = [number for number, one in enumerate(row) if one.cut]
         gone = [number for number, one in enumerate(row) if not one.seen]
-        remedy = f"aim this camera at the whole motion, or init with --leave_out {view.name}"
+        remedy = f"aim this camera at the whole motion; if much is missing, init with --leave_out {view.name}"
         if gone:
             what = f"camera {view.name} does not see the object {_in_frames(gone)}"
             yield SceneWarning("border", what, remedy, (view.name,), tuple(gone))
         if cut:
             worst = ", and box and shape come from frame 0" if cut[0] == 0 else ""
-            what = f"camera {view.name}: the object touches the image border {_in_frames(cut)}, it may be cut off{worst}"
+            what = (
+                f"camera {view.name}: the object touches the image border {_in_frames(cut)}, it may be cut off{worst}"
+            )
             yield SceneWarning("border", what, remedy, (view.name,), tuple(cut))
 
 

@@ -20,8 +20,10 @@ from pacnerf_lpo.data.recordings.scene_file import NAME
 from pacnerf_lpo.data.recordings.scene_values import Value, annotated, header
 from pacnerf_lpo.errors import UserInputError
 
-HIDDEN = 1e-3
-"""Colours that vary less than this where an image is transparent are filling, no background [standard deviation]."""
+HIDDEN = 0.1
+"""Where an image is transparent and fewer pixels than this part differ from the others, they are filling."""
+DIFFER = 3.0 / 255.0
+"""Difference of colours that rounding cannot make."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +132,8 @@ def read_written_scene(folder: Path) -> WrittenScene:
 def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
     """What the camera saw, as far as it was kept [0..1, (h, w, 3)].
 
-    Images that were cut out by masks still have their background under the transparency; else the object is put on its
-    plate, or on white.
+    The object is put on its plate; without one, images that were cut out by masks still have their background under the
+    transparency; else it is put on white.
 
     Args:
         pixels: colour and opacity [0..1, (h, w, 4)].
@@ -139,8 +141,10 @@ def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
     """
     colour, opacity = pixels[..., :3], pixels[..., 3:]
     behind = colour[opacity[..., 0] == 0.0]
-    if len(behind) and float(behind.std(axis=0).max()) > HIDDEN:
-        return colour
+    if plate is None and len(behind):
+        differ = np.abs(behind - np.median(behind, axis=0)).max(axis=1) > DIFFER
+        if differ.mean() > HIDDEN:
+            return colour
     return opacity * colour + (1.0 - opacity) * (1.0 if plate is None else plate)
 
 

@@ -67,7 +67,8 @@ function lineChart(host, options) {
   if (options.xLabel) svgElement("text", { x: width - right, y: height - 3, "text-anchor": "end" }, svg, options.xLabel);
   if (options.truth !== null && options.truth !== undefined) {
     svgElement("line", { class: "truth", x1: left, x2: width - right, y1: toY(options.truth), y2: toY(options.truth) }, svg);
-    svgElement("text", { x: width - right, y: toY(options.truth) - 5, "text-anchor": "end" }, svg, options.truthLabel || "true");
+    const named = options.truthLabel ? { x: left + 6, "text-anchor": "start" } : { x: width - right, "text-anchor": "end" };
+    svgElement("text", { ...named, y: toY(options.truth) - 5 }, svg, options.truthLabel || "true");
   }
   const ends = [];
   for (const series of options.series) {

@@ -50,7 +50,7 @@ function space(canvas, centre, size, distance, redraw) {
   };
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    eye.distance = Math.min(Math.max(eye.distance * Math.exp(event.deltaY * 0.001), 0.6 * size), 8 * size);
+    eye.distance = Math.min(Math.max(eye.distance * Math.exp(event.deltaY * 0.001), 0.6 * size), Math.max(8 * size, 2 * distance));
     redraw();
   }, { passive: false });
   return { eye, projector, line, ground, fit };
