@@ -27,8 +27,8 @@ def run(folder: str) -> None:
         pages = [look_at(Path(folder))]
     else:
         pages = [write_report(folder)]
-    diagnosis = Path(folder) / "diagnosis"
-    if (diagnosis / RESULT_FILE).is_file():
-        pages.append(write_page(diagnosis))
+        diagnosis = Path(folder) / "diagnosis"
+        if (diagnosis / RESULT_FILE).is_file():
+            pages.append(write_page(diagnosis))
     for path in pages:
         print(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")

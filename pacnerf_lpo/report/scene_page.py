@@ -73,7 +73,7 @@ def facts_table(look: Look) -> str:
     covered = 100 * (1.0 - max(float(np.nanmax(hull.outside)) for hull in look.hulls.values()))
     seconds = scene.times[-1] - scene.times[0]
     facts = [
-        ("body", f"{x:.2g} × {y:.2g} × {z:.2g} m", "x × y × z at frame 0, from the outlines of all views"),
+        ("body", f"{x:.2g}, {y:.2g}, {z:.2g} m", "along x, y and z at frame 0, from the outlines of all views"),
         ("frames", f"{len(scene.times)} in {seconds:.3g} s", why.get("physics.frame_rate", "")),
         ("scale", "metres", scene.notes.get("scale", "as stated")),
         ("up", "y", scene.notes.get("up", "as stated")),
@@ -170,13 +170,13 @@ def fall_sentence(look: Look) -> str:
     error = float(np.linalg.norm(look.motion.error))
     if look.scene.hit_frame < look.flight:
         return (
-            f"The body touches the ground at frame {look.scene.hit_frame}, before three frames of free flight are seen: "
-            "the dashed parabola goes through frames on the ground, and gravity cannot be measured."
+            f"The body touches the ground at frame {look.scene.hit_frame}, before three frames of free flight are "
+            "seen: the dashed parabola goes through frames on the ground, and gravity cannot be measured."
         )
     rest = f"{1e3 * look.residual:.2g} mm rms" if look.flight > 3 else "not measurable from three frames"
     return (
-        f"Dashed: free fall fitted to frames 0-{look.flight - 1}; the acceleration is {speed:.3g} m/s² (to {error:.1g}; "
-        f"gravity is {GRAVITY}), the distance of the body from it {rest}. The contact is where the lowest point on its "
+        f"Dashed: free fall fitted to frames 0-{look.flight - 1}; the acceleration is {speed:.3g} m/s² (to "
+        f"{error:.1g}; gravity is {GRAVITY}), the distance of the body from it {rest}. The contact is where the lowest point on its "
         "parabola reaches the ground."
     )
 

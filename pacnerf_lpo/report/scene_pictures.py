@@ -93,7 +93,8 @@ def _drawn(look: Look, number: int, frame: int, image: str) -> str:
         x, y = np.clip(end, 0.9 * size, (width - 0.9 * size, height - 0.5 * size))
         layers.append(
             f'<g class="axes {name}"><path class="casing" d="{data}"/><path d="{data}"/>'
-            f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{size:.1f}px;stroke-width:{0.22 * size:.2f}px">{name}</text></g>'
+            f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{size:.1f}px;stroke-width:{0.22 * size:.2f}px">'
+            f"{name}</text></g>"
         )
     title = html.escape(f"camera {view.name}, frame {frame}")
     return (

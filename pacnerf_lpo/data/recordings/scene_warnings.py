@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.scene_file import SPACING
 from pacnerf_lpo.data.recordings.sharpness import blur
 from pacnerf_lpo.data.recordings.sightings import Sighting
-from pacnerf_lpo.data.recordings.tangents import bounds
 
 DISAGREES = 0.5 * GAP
 """Gap between views from which on it is reported: half of what is refused, and twice that of right recordings."""
@@ -32,11 +32,11 @@ LEAST_BLUR = 1.5
 EXPOSURE = 1.2
 """Blur cannot be longer than the motion from frame to frame, up to what its measurement leaves open."""
 LOOSE, HAZY = 0.05, 0.05
-"""Parts of a matte off its largest piece, or half transparent: as volume five per cent weigh less than a fit can see."""
+"""Parts of a matte off its largest piece, or half transparent: five per cent of the volume are hardly seen in a fit."""
 JUMP = np.log(1.25)
 """An outline's area, relative to the frames before and after, does not change by a quarter and back in motion."""
 AFTER = 5
-"""Frames from contact on: of a soft body at usual frame rates, compression, its turning point and a begin of rebound."""
+"""Frames from contact on: of a soft body at usual frame rates, compression, its turning point and some rebound."""
 LATEST = 0.8
 """Contact after this part of a video leaves little of it to the material."""
 OFF_GRAVITY = 0.1
@@ -102,7 +102,8 @@ def _disagreement(look: Look) -> Iterator[SceneWarning]:
     yield SceneWarning(
         "disagreement",
         f"camera {name} disagrees with the others: with it the outlines contradict each other by {share}",
-        f"its pose, its clock or its matte is wrong: calibrate it again, give its masks, or init with --leave_out {name}",
+        "its pose, its clock or its matte is wrong: calibrate it again, give its masks, or init with "
+        f"--leave_out {name}",
         (name,),
     )
 
@@ -235,29 +236,35 @@ def _jumps(row: Sequence[Sighting]) -> list[bool]:
 
 
 def _blur(look: Look) -> Iterator[SceneWarning]:
-    found: list[tuple[str, float, float, list[int]]] = []
-    for view, row in zip(look.scene.views, look.sightings, strict=True):
-        lengths, steps, frames = [], [], []
-        for number, (before, now) in enumerate(zip(row, row[1:], strict=False), 1):
-            step = now.centre - before.centre
-            moved = float(np.linalg.norm(step))
-            length = blur(now.widths, step) if moved > LEAST_BLUR else float("nan")
-            if not (now.cut or before.cut) and max(BLURRED * now.size, LEAST_BLUR) < length < EXPOSURE * moved:
-                lengths, steps, frames = [*lengths, length], [*steps, moved], [*frames, number]
-        if len(frames) > len(row) // 4:
-            found.append((view.name, float(np.median(lengths)), float(np.median(steps)), frames))
-    if found:
-        name, length, step, frames = max(found, key=lambda one: one[1])
-        names = tuple(one[0] for one in found)
-        more = f" (and in {len(names) - 1} other camera{'s' * (len(names) > 2)})" if len(names) > 1 else ""
-        yield SceneWarning(
-            "blur",
-            f"motion blur is possible: in camera {name}{more} edges across the motion are about {length:.1f} pixels "
-            f"wider than those along it {_in_frames(frames)}, where the object moves {step:.0f} pixels per frame",
-            "use a shorter exposure and more light; outlines are uncertain by half of that width",
-            names,
-            tuple(sorted({frame for one in found for frame in one[3]})),
-        )
+    found = [(view.name, _blurred(row)) for view, row in zip(look.scene.views, look.sightings, strict=True)]
+    found = [(name, seen) for name, seen in found if len(seen) > len(look.scene.times) // 4]
+    if not found:
+        return
+    name, seen = max(found, key=lambda one: float(np.median([length for _, length, _ in one[1]])))
+    frames, lengths, steps = (list(part) for part in zip(*seen, strict=True))
+    more = f" (and in {len(found) - 1} other camera{'s' * (len(found) > 2)})" if len(found) > 1 else ""
+    yield SceneWarning(
+        "blur",
+        f"motion blur is possible: in camera {name}{more} edges across the motion are about {np.median(lengths):.1f} "
+        f"pixels wider than those along it {_in_frames(frames)}, where the object moves {np.median(steps):.0f} pixels "
+        "per frame",
+        "use a shorter exposure and more light; outlines are uncertain by half of that width",
+        tuple(name for name, _ in found),
+        tuple(sorted({frame for _, seen in found for frame, _, _ in seen})),
+    )
+
+
+def _blurred(row: Sequence[Sighting]) -> list[tuple[int, float, float]]:
+    """Frames of a camera with blur, its length there and the motion since the frame before [pixels]."""
+    found = []
+    for number, (before, now) in enumerate(pairwise(row), 1):
+        step = now.centre - before.centre
+        moved = float(np.linalg.norm(step))
+        if moved > LEAST_BLUR and not (now.cut or before.cut):
+            length = blur(now.widths, step)
+            if max(BLURRED * now.size, LEAST_BLUR) < length < EXPOSURE * moved:
+                found.append((number, length, moved))
+    return found
 
 
 def _pixels(look: Look) -> Iterator[SceneWarning]:

@@ -18,7 +18,7 @@ RASTER = 1.5
 
 
 def projected(points: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel coordinates [(N, 2)] and depth [m, (N,)] of points [m, (N, 3)], as :func:`pacnerf_lpo.data.cameras.project`."""
+    """Pixel coordinates [(N, 2)] and depth [m, (N,)] of points [m, (N, 3)]; see :func:`project`."""
     pixels, depth = project(*(torch.from_numpy(part) for part in (points, view.intrinsic, view.pose)))
     return pixels.numpy(), depth.numpy()
 
