@@ -139,7 +139,7 @@ def camera_figures(look: Look, warnings: Sequence[SceneWarning]) -> str:
 def _covered(outside: float) -> str:
     if not np.isfinite(outside):
         return "object not seen"
-    inside = f"{100 * (1.0 - outside):.1f} % of the matte is in the hull"
+    inside = f"{100 * (1.0 - outside):.1f} % of the matte in the hull"
     return inside if 1.0 - outside >= INSIDE else f"<em>{inside}</em>"
 
 
@@ -176,8 +176,8 @@ def fall_sentence(look: Look) -> str:
     rest = f"{1e3 * look.residual:.2g} mm rms" if look.flight > 3 else "not measurable from three frames"
     return (
         f"Dashed: free fall fitted to frames 0-{look.flight - 1}; the acceleration is {speed:.3g} m/s² (to "
-        f"{error:.1g}; gravity is {GRAVITY}), the distance of the body from it {rest}. The contact is where the lowest point on its "
-        "parabola reaches the ground."
+        f"{error:.1g}; gravity is {GRAVITY}), the distance of the body from it {rest}. The contact is where the lowest "
+        "point on its parabola reaches the ground."
     )
 
 

@@ -88,7 +88,7 @@ def _drawn(look: Look, number: int, frame: int, image: str) -> str:
     ]
     origin = 0.5 * (scene.lower + scene.upper)
     origin[1] = scene.ground_height
-    size = 0.045 * max(height, width)
+    size = 0.055 * max(height, width)
     for name, data, end in overlay.axes(origin, _axis_length(look), view):
         x, y = np.clip(end, 0.9 * size, (width - 0.9 * size, height - 0.5 * size))
         layers.append(

@@ -119,7 +119,7 @@ def _views(look: Look) -> Iterator[SceneWarning]:
             names,
         )
         return
-    towards = np.stack([0.5 * (look.lower + look.upper) - view.pose[:, 3] for view in views])
+    towards = np.stack([0.5 * (look.scene.lower + look.scene.upper) - view.pose[:, 3] for view in views])
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     widest = float(np.degrees(np.arccos(np.clip(np.abs(towards @ towards.T).min(), 0.0, 1.0))))
     if widest < ONE_SIDE:

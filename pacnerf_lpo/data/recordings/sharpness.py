@@ -1,8 +1,9 @@
 """How wide the edge of an object is in an image, by the side of the object: motion blurs those it moves across.
 
-An edge of contrast C that rises over a width w has the slope C / w at its steepest place. A motion by b pixels during
-the exposure widens the two edges across it, the leading and the trailing one, and leaves those along it as they are:
-b^2 = w_across^2 - w_along^2. A soft shadow, shading or a wrong focus widens only one side, or all of them.
+The profile of a side, from 0 outside to 1 inside, is the mean over its outline, in which texture cancels; its width is
+one over its steepest slope. A motion by b pixels during the exposure widens the two edges across it, the leading and
+the trailing one, and leaves those along it as they are: b^2 = w_across^2 - w_along^2. A soft shadow, shading or a wrong
+focus widens only one side, or all of them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ SIDES = 8
 LEAST_CONTRAST = 0.1
 """Differences of colour [0..1] below which noise decides where an edge is steepest."""
 FEWEST = 5
-"""Places on a side that its width needs at least; it is their median."""
+"""Places on a side that its profile needs at least."""
 STEP = 0.5
 """Distance of the samples across an edge [pixels]."""
+ENDS = 0.25
+"""Part of the samples at each end of a profile that say what is inside and outside."""
 SMOOTHING = 1.5
 """Standard deviation of the filter after which an outline of pixels has normals [pixels]."""
 
@@ -43,8 +46,11 @@ def edge_widths(picture: np.ndarray, opacity: np.ndarray, reach: float) -> np.nd
     offsets = np.arange(-reach, reach + STEP / 2, STEP)
     places = points[:, None] + offsets[None, :, None] * normals[:, None]
     colours = np.stack([_at(picture[..., band], places) for band in range(3)], axis=-1)
-    contrast = np.linalg.norm(colours[:, -1] - colours[:, 0], axis=-1)
-    steepest = np.linalg.norm(np.diff(colours, axis=1), axis=-1).max(axis=1) / STEP
+    end = max(1, int(ENDS * len(offsets)))
+    inside, outside = colours[:, :end].mean(axis=1), colours[:, -end:].mean(axis=1)
+    step = inside - outside
+    contrast = np.linalg.norm(step, axis=-1)
+    profiles = np.einsum("ptc,pc->pt", colours - outside[:, None], step / np.maximum(contrast, 1e-6)[:, None] ** 2)
     height, width = opacity.shape
     whole = np.all((places > 0) & (places < (width - 1, height - 1)), axis=(1, 2)) & (contrast > LEAST_CONTRAST)
     angle = np.arctan2(normals[:, 1], normals[:, 0])
@@ -53,7 +59,7 @@ def edge_widths(picture: np.ndarray, opacity: np.ndarray, reach: float) -> np.nd
     for number in range(SIDES):
         own = whole & (side == number)
         if own.sum() >= FEWEST:
-            found[number] = np.median(contrast[own] / steepest[own])
+            found[number] = STEP / np.abs(np.diff(profiles[own].mean(axis=0))).max()
     return found
 
 
