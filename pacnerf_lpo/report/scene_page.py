@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.data.recordings.findings import GRAVITY
 from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.scene_warnings import SceneWarning
 from pacnerf_lpo.manifest import write_atomically
@@ -85,6 +84,7 @@ def facts_table(look: Look) -> str:
             f"{scene.notes.get('mattes', 'as given')}; the worst of all pictures",
         ),
         ("cameras", str(len(scene.views)), ", ".join(view.name for view in scene.views)),
+        *([("clocks", "", scene.notes["clocks"])] if "clocks" in scene.notes else []),
     ]
     rows = [
         f'<tr><td class="muted">{name}</td><td><b>{html.escape(value)}</b></td><td>{said(how)}</td></tr>'
@@ -174,10 +174,11 @@ def fall_sentence(look: Look) -> str:
             "seen: the dashed parabola goes through frames on the ground, and gravity cannot be measured."
         )
     rest = f"{1e3 * look.residual:.2g} mm rms" if look.flight > 3 else "not measurable from three frames"
+    gravity = float(np.linalg.norm(look.scene.gravity))
     return (
-        f"Dashed: free fall fitted to frames 0-{look.flight - 1}; the acceleration is {speed:.3g} m/s² (to "
-        f"{error:.1g}; gravity is {GRAVITY}), the distance of the body from it {rest}. The contact is where the lowest "
-        "point on its parabola reaches the ground."
+        f"Dashed: free fall fitted to frames 0-{look.flight - 1}. The acceleration is {speed:.3g} m/s² (to "
+        f"{error:.1g}; gravity in scene.yaml is {gravity:.3g}), the distance of the body from the parabola {rest}. "
+        "The contact is where the lowest point on its parabola reaches the ground."
     )
 
 

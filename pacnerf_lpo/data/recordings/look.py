@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from pacnerf_lpo.data.recordings.appearances import Appearance, appearance
 from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
-from pacnerf_lpo.data.recordings.sightings import Sighting, sighting
 from pacnerf_lpo.data.recordings.tangents import Planes, bounds
 from pacnerf_lpo.data.recordings.voxel_hull import outside_share, visual_hull
 from pacnerf_lpo.data.recordings.written_scene import WrittenScene, read_written_scene
@@ -40,7 +40,7 @@ class Hull:
 class Look:
     """A scene and what its images say.
 
-    sightings: of every view and frame
+    appearances: of every view and frame
     lower, upper: box that the outlines allow at frame 0 [m, (3,) each]; NaN where nothing is
     motion: parabola of the frames before contact, of three where contact is earlier
     flight: number of these frames
@@ -50,7 +50,7 @@ class Look:
     """
 
     scene: WrittenScene
-    sightings: tuple[tuple[Sighting, ...], ...]
+    appearances: tuple[tuple[Appearance, ...], ...]
     lower: np.ndarray
     upper: np.ndarray
     motion: Ballistic
@@ -80,8 +80,8 @@ def examine(folder: Path) -> Look:
         UserInputError: a file is missing or damaged, or too little is seen.
     """
     scene = read_written_scene(folder)
-    sightings, mattes = _sightings(scene)
-    frames = [Planes.of([view[frame].planes for view in sightings]) for frame in range(len(scene.times))]
+    appearances, mattes = _appearances(scene)
+    frames = [Planes.of([view[frame].planes for view in appearances]) for frame in range(len(scene.times))]
     flight = min(max(scene.hit_frame, FEWEST), len(frames))
     if any(len(planes.offsets) == 0 for planes in frames[:flight]) or flight < FEWEST:
         raise UserInputError(f"{folder}: the object is not seen in the first {FEWEST} frames; look at the images m_*")
@@ -91,7 +91,7 @@ def examine(folder: Path) -> Look:
     lower, upper = bounds(frames[0])
     return Look(
         scene,
-        sightings,
+        appearances,
         lower,
         upper,
         motion,
@@ -103,16 +103,16 @@ def examine(folder: Path) -> Look:
     )
 
 
-def _sightings(scene: WrittenScene) -> tuple[tuple[tuple[Sighting, ...], ...], dict[int, list[np.ndarray]]]:
+def _appearances(scene: WrittenScene) -> tuple[tuple[tuple[Appearance, ...], ...], dict[int, list[np.ndarray]]]:
     """What every image shows, by view and frame, and where the object is in the first and the contact frame."""
     mattes: dict[int, list[np.ndarray]] = {0: [], scene.hit_frame: []}
-    found: list[tuple[Sighting, ...]] = []
+    found: list[tuple[Appearance, ...]] = []
     with tqdm(total=len(scene.views) * len(scene.times), desc="looking at the scene", delay=2.0, leave=False) as bar:
         for view in scene.views:
             row = []
             for frame in range(len(scene.times)):
                 pixels = scene.pixels(view, frame)
-                row.append(sighting(pixels, view))
+                row.append(appearance(pixels, view))
                 if frame in mattes:
                     mattes[frame].append((pixels[..., 3] > 0.5) & view.valid)
                 bar.update()

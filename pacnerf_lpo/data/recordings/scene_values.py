@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import yaml
 
-HEADER = re.compile(r"# ([a-z ]+): (.+)")
+HEADER = re.compile(r"# ([a-z]+): (.+)")
 """A line at the top of the file about something that is no value, such as the cameras."""
+MORE = "#   "
+"""A line that goes on with the one before."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +25,14 @@ class Value:
 
 def header(text: str) -> dict[str, str]:
     """What the comments at the top of the file say, by their first words."""
-    found = {}
+    found: dict[str, str] = {}
     for line in text.splitlines():
         if not line.startswith("#"):
             break
         if match := HEADER.fullmatch(line):
             found[match[1]] = match[2]
+        elif line.startswith(MORE) and found:
+            found[list(found)[-1]] += f"; {line.removeprefix(MORE)}"
     return found
 
 

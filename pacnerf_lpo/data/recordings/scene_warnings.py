@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from pacnerf_lpo.data.recordings.agreement import ENOUGH, GAP, largest_gap, odd_one_out
-from pacnerf_lpo.data.recordings.findings import GRAVITY, SCALE_ERROR
+from pacnerf_lpo.data.recordings.appearances import Appearance
+from pacnerf_lpo.data.recordings.findings import SCALE_ERROR
 from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.scene_file import SPACING
 from pacnerf_lpo.data.recordings.sharpness import blur
-from pacnerf_lpo.data.recordings.sightings import Sighting
 
 DISAGREES = 0.5 * GAP
 """Gap between views from which on it is reported: half of what is refused, and twice that of right recordings."""
@@ -33,14 +33,15 @@ EXPOSURE = 1.2
 """Blur cannot be longer than the motion from frame to frame, up to what its measurement leaves open."""
 LOOSE, HAZY = 0.05, 0.05
 """Parts of a matte off its largest piece, or half transparent: five per cent of the volume are hardly seen in a fit."""
-JUMP = np.log(1.25)
-"""An outline's area, relative to the frames before and after, does not change by a quarter and back in motion."""
+JUMP = np.log(4 / 3)
+"""An outline's area, relative to the frames before and after, does not change by a third in one view alone: at impact
+views of seven bodies differ by a fifth."""
 AFTER = 5
 """Frames from contact on: of a soft body at usual frame rates, compression, its turning point and some rebound."""
 LATEST = 0.8
 """Contact after this part of a video leaves little of it to the material."""
 OFF_GRAVITY = 0.1
-"""Departure of the measured fall from the stated gravity that is said; air drags soft bodies by less."""
+"""Difference between measured and stated gravity that is said, relative to it; air drags most bodies by less."""
 OUTSIDE = 0.02
 """Part of the body's size by which outlines may exceed the box: their own uncertainty."""
 
@@ -82,7 +83,7 @@ def _in_frames(frames: Sequence[int]) -> str:
 
 
 def _disagreement(look: Look) -> Iterator[SceneWarning]:
-    planes = [[sighting.planes for sighting in view] for view in look.sightings]
+    planes = [[appearance.planes for appearance in view] for view in look.appearances]
     gap = largest_gap(planes)
     if not gap > DISAGREES:
         return
@@ -169,8 +170,7 @@ def _contact(look: Look) -> Iterator[SceneWarning]:
 
 
 def _flight(look: Look) -> Iterator[SceneWarning]:
-    error = float(np.linalg.norm(look.motion.error)) / GRAVITY
-    hit = look.scene.hit_frame
+    hit, error = look.scene.hit_frame, _gravity_error(look)
     if hit < look.flight or error > SCALE_ERROR:
         how = f"{hit} frame{'s' * (hit > 1)}" + (f", gravity is seen to {100 * error:.0f} %" if hit >= 3 else "")
         yield SceneWarning(
@@ -182,20 +182,29 @@ def _flight(look: Look) -> Iterator[SceneWarning]:
 
 
 def _gravity(look: Look) -> Iterator[SceneWarning]:
-    error, size = float(np.linalg.norm(look.motion.error)), float(np.linalg.norm(look.motion.acceleration))
-    if look.scene.hit_frame < look.flight or error > SCALE_ERROR * GRAVITY:
+    stated, found = look.scene.gravity, look.motion.acceleration
+    strength, error = float(np.linalg.norm(stated)), _gravity_error(look)
+    if strength == 0.0 or look.scene.hit_frame < look.flight or error > SCALE_ERROR:
         return
-    if abs(size - GRAVITY) > OFF_GRAVITY * GRAVITY + 3.0 * error:
+    if float(np.linalg.norm(found - stated)) > (OFF_GRAVITY + 3.0 * error) * strength:
+        speed = float(np.linalg.norm(found))
+        angle = np.degrees(np.arccos(np.clip(found @ stated / (speed * strength), -1.0, 1.0)))
         yield SceneWarning(
             "gravity",
-            f"the body falls at {size:.3g} m/s^2 instead of {GRAVITY}, measured to {error:.2g}",
-            "check unit and frame rate (--unit, --fps); drag, wind or an early touch would do the same",
+            f"the body falls at {speed:.3g} m/s^2, {angle:.0f} degrees off the stated gravity of {strength:.3g} m/s^2",
+            "check unit, frame rate and up direction (--unit, --fps, --up); drag, wind or an early touch do the same",
             frames=tuple(range(look.flight)),
         )
 
 
+def _gravity_error(look: Look) -> float:
+    """Standard error of the measured acceleration, relative to gravity; 0 without gravity, which nothing measures."""
+    strength = float(np.linalg.norm(look.scene.gravity))
+    return float(np.linalg.norm(look.motion.error)) / strength if strength > 0.0 else 0.0
+
+
 def _border(look: Look) -> Iterator[SceneWarning]:
-    for view, row in zip(look.scene.views, look.sightings, strict=True):
+    for view, row in zip(look.scene.views, look.appearances, strict=True):
         cut = [number for number, one in enumerate(row) if one.cut]
         gone = [number for number, one in enumerate(row) if not one.seen]
         remedy = f"aim this camera at the whole motion; if much is missing, init with --leave_out {view.name}"
@@ -212,11 +221,13 @@ def _border(look: Look) -> Iterator[SceneWarning]:
 
 def _mattes(look: Look) -> Iterator[SceneWarning]:
     remedy = "look at data/m_*.png of this camera; give masks, or a background plate, if a part is missing or too much"
-    for view, row in zip(look.scene.views, look.sightings, strict=True):
+    jumps = np.stack([_jumps(row) for row in look.appearances])
+    for number, (view, row) in enumerate(zip(look.scene.views, look.appearances, strict=True)):
+        alone = np.abs(jumps[number] - np.median(np.delete(jumps, number, axis=0), axis=0)) > JUMP
         doubts = {
             "in several pieces (a shadow, something else that moves, or a gap)": [one.loose > LOOSE for one in row],
             "half transparent in places": [one.hazy > HAZY for one in row],
-            "larger or smaller than in the frames before and after": _jumps(row),
+            "larger or smaller than in the frames before and after, in this view alone": alone.tolist(),
         }
         for how, places in doubts.items():
             frames = tuple(np.flatnonzero(places).tolist())
@@ -225,18 +236,18 @@ def _mattes(look: Look) -> Iterator[SceneWarning]:
                 yield SceneWarning("matte", what, remedy, (view.name,), frames)
 
 
-def _jumps(row: Sequence[Sighting]) -> list[bool]:
-    """Whether the outline of a frame is of another size than its two neighbours, which are whole and of one size."""
-    found = [False] * len(row)
-    for number, (before, now, after) in enumerate(zip(row, row[1:], row[2:], strict=False), 1):
-        if all(one.seen and not one.cut for one in (before, now, after)):
-            first, area, last = (np.log(one.pixels) for one in (before, now, after))
-            found[number] = bool(abs(area - 0.5 * (first + last)) > JUMP > abs(first - last))
+def _jumps(row: Sequence[Appearance]) -> np.ndarray:
+    """Logarithm of the outline's area less the mean of the frames before and after; 0 where it is not wholly seen."""
+    found = np.zeros(len(row))
+    for number, around in enumerate(zip(row, row[1:], row[2:], strict=False), 1):
+        if all(one.seen and not one.cut for one in around):
+            before, now, after = (np.log(one.pixels) for one in around)
+            found[number] = now - 0.5 * (before + after)
     return found
 
 
 def _blur(look: Look) -> Iterator[SceneWarning]:
-    found = [(view.name, _blurred(row)) for view, row in zip(look.scene.views, look.sightings, strict=True)]
+    found = [(view.name, _blurred(row)) for view, row in zip(look.scene.views, look.appearances, strict=True)]
     found = [(name, seen) for name, seen in found if len(seen) > len(look.scene.times) // 4]
     if not found:
         return
@@ -254,7 +265,7 @@ def _blur(look: Look) -> Iterator[SceneWarning]:
     )
 
 
-def _blurred(row: Sequence[Sighting]) -> list[tuple[int, float, float]]:
+def _blurred(row: Sequence[Appearance]) -> list[tuple[int, float, float]]:
     """Frames of a camera with blur, its length there and the motion since the frame before [pixels]."""
     found = []
     for number, (before, now) in enumerate(pairwise(row), 1):
@@ -268,7 +279,7 @@ def _blurred(row: Sequence[Sighting]) -> list[tuple[int, float, float]]:
 
 
 def _pixels(look: Look) -> Iterator[SceneWarning]:
-    small = [(v.name, row[0].size) for v, row in zip(look.scene.views, look.sightings, strict=True) if row[0].seen]
+    small = [(v.name, row[0].size) for v, row in zip(look.scene.views, look.appearances, strict=True) if row[0].seen]
     small = [(name, size) for name, size in small if size < PIXELS]
     if small:
         name, least = min(small, key=lambda one: one[1])

@@ -20,6 +20,8 @@ from pacnerf_lpo.data.recordings.scene_file import NAME
 from pacnerf_lpo.data.recordings.scene_values import Value, annotated, header
 from pacnerf_lpo.errors import UserInputError
 
+GRAVITY = [0.0, -9.8, 0.0]
+"""Of ``Physics``, where scene.yaml has none [m/s^2]."""
 HIDDEN = 0.1
 """Where an image is transparent and fewer pixels than this part differ from the others, they are filling."""
 DIFFER = 3.0 / 255.0
@@ -56,6 +58,7 @@ class WrittenScene:
     lower, upper: corners of the box at frame 0 [m, (3,) each]
     hit_frame: first frame on the ground
     ground_height: of the ground plane along y [m]
+    gravity: [m/s^2, (3,)]
     """
 
     folder: Path
@@ -70,6 +73,7 @@ class WrittenScene:
     upper: np.ndarray
     hit_frame: int
     ground_height: float
+    gravity: np.ndarray
 
     def pixels(self, view: View, frame: int) -> np.ndarray:
         """Colour and opacity of an image [0..1, (H, W, 4)]; ``frame`` counts from 0."""
@@ -126,6 +130,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
         np.array(box.upper),
         int(hit),
         _number(path, "physics.ground_height", config, 0.0),
+        np.array(_corner(path, config, "physics.gravity", GRAVITY)),
     )
 
 
@@ -172,8 +177,8 @@ def _number(path: Path, key: str, config: Any, default: float | None = None) -> 
     return float(found)
 
 
-def _corner(path: Path, config: Any, key: str) -> list[float]:
-    found = _value(path, config, key)
-    if not (isinstance(found, list) and all(isinstance(part, int | float) for part in found)):
-        raise UserInputError(f"{path}: {key} = {found!r}; give three numbers in brackets, [x, y, z] in metres")
+def _corner(path: Path, config: Any, key: str, default: list[float] | None = None) -> list[float]:
+    found = _value(path, config, key, default)
+    if not (isinstance(found, list) and len(found) == 3 and all(isinstance(part, int | float) for part in found)):
+        raise UserInputError(f"{path}: {key} = {found!r}; give three numbers in brackets, [x, y, z]")
     return [float(part) for part in found]

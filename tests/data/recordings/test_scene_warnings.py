@@ -114,7 +114,7 @@ def test_a_shifted_camera_is_named(scene):
 
 def test_a_camera_cut_off_at_the_border_in_some_frames(scene):
     """The lower part of its images is what undistortion leaves: nothing."""
-    row = examine(scene).sightings[2]
+    row = examine(scene).appearances[2]
     bottoms = np.array([one.centre[1] + 0.5 * one.size for one in row])
     edge = int(bottoms[2])
     hidden = np.zeros((SIZE, SIZE, 4), np.uint8)
@@ -151,7 +151,7 @@ def test_a_matte_with_another_piece(scene):
 def test_motion_blur_is_found_in_images(scene):
     """The images of all cameras smeared along their motion, by 0.8 of it: an exposure of most of the frame time."""
     look = examine(scene)
-    for view, row in enumerate(look.sightings):
+    for view, row in enumerate(look.appearances):
         for frame in range(1, FRAMES):
             step = 0.8 * (row[frame].centre - row[frame - 1].centre)[::-1]
 
@@ -217,11 +217,12 @@ def test_what_cannot_be_in_a_scene_file_is_named(scene, change, said):
 
 def test_comments_of_a_scene_file():
     text = (
-        "# cameras: 0 left, 1 right\n# Written by hand\ndata:\n  box_lower: [0, 1, 2] # m; measured\n"
+        "# cameras: 0 left, 1 right\n# Written by hand\n# clocks: late\n#   left: repeated\n"
+        "data:\n  box_lower: [0, 1, 2] # m; measured\n"
         "  box_upper: [1, 2, 3]\nphysics: # a guess\n  E: '1 # 2'\n  # counted\n  # twice\n  frames: 24\n"
         "  effects:\n    - {k: 1} # none\n"
     )
-    assert header(text) == {"cameras": "0 left, 1 right"}
+    assert header(text) == {"cameras": "0 left, 1 right", "clocks": "late; left: repeated"}
     found = {value.key: (value.text, value.why) for value in annotated(text)}
     assert (
         found["data.box_upper"]

@@ -20,7 +20,7 @@ ROOM = 4
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Appearance:
     """One image.
 
     planes: tangent planes of the outline, in metres
@@ -48,10 +48,10 @@ class Sighting:
         return self.pixels >= LEAST_OBJECT
 
 
-NOTHING = Sighting(EMPTY, 0, 0.0, np.full(2, np.nan), False, 0.0, 0.0, np.full(SIDES, np.nan))
+NOTHING = Appearance(EMPTY, 0, 0.0, np.full(2, np.nan), False, 0.0, 0.0, np.full(SIDES, np.nan))
 
 
-def sighting(pixels: np.ndarray, view: View) -> Sighting:
+def appearance(pixels: np.ndarray, view: View) -> Appearance:
     """Look at one image, colour and opacity [0..1, (H, W, 4)]."""
     height, width = (int(np.flatnonzero(view.valid.any(axis=1 - axis))[-1]) + 1 for axis in (0, 1))
     solid = pixels[:height, :width, 3] > 0.5
@@ -66,7 +66,7 @@ def sighting(pixels: np.ndarray, view: View) -> Sighting:
     intrinsic = view.intrinsic - np.array([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]])
     seen = picture(near, None if view.plate is None else view.plate[part])
     y, x = np.nonzero(solid)
-    return Sighting(
+    return Appearance(
         planes=outline_planes(near[..., 3], intrinsic, view.pose),
         pixels=len(x),
         size=size,
