@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from pacnerf_lpo.data.recordings.conversion import convert
-from pacnerf_lpo.data.recordings.findings import AXES, UNITS
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
 from pacnerf_lpo.data.recordings.look import examine
+from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.recordings.scene_file import write_scene_file
 from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
 
@@ -18,17 +16,19 @@ def run(
     source: str,
     scene: str,
     format: Format | None = None,
-    unit: Literal["m", "cm", "mm"] | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    unit: str | None = None,
+    up: str | None = None,
     ground: float | None = None,
+    ground_normal: list[float] | None = None,
+    gravity: float = GRAVITY,
     fps: float | None = None,
     leave_out: list[str] | None = None,
 ) -> None:
     """Read a recording in any common layout and write a scene: scene.yaml, ready for fit, and scene.html to look at.
 
     Images are undistorted and matted, lengths become metres, y points up and the ground is y = 0. The box, the ground,
-    the first contact and, where the layout does not say them, the up direction and the scale are measured: from the
-    outlines, and from free fall at 9.81 m/s^2.
+    the first contact, how far cameras are out of step and, where the layout does not say them, the up direction and the
+    scale are measured: from the outlines, and from free fall at 9.81 m/s^2. What cannot be measured is asked.
 
     example: pacnerf-lpo init recordings/drop scenes/drop --unit mm
 
@@ -36,9 +36,11 @@ def run(
         source: folder with the recording; a calibration, and videos or images of cameras that stand still.
         scene: folder to write, absent or empty.
         format: layout of the recording; recognised when not given.
-        unit: of the calibration's lengths.
-        up: axis of the calibration that points up.
-        ground: height of the ground along that axis, in the calibration's unit.
+        unit: of the calibration's lengths: m, cm, mm, or how many metres one unit is.
+        up: axis of the calibration that points up (x, -z), or three numbers, or fall: as the object falls.
+        ground: height of the ground along that axis, or along its normal, in the calibration's unit.
+        ground_normal: direction at a right angle to a ground that is not level, in the calibration's axes.
+        gravity: its strength [m/s^2]; 0 for none.
         fps: frames per second of the videos, instead of what their files say.
         leave_out: names of cameras not to be used.
     """
@@ -46,16 +48,16 @@ def run(
     if fps is not None:
         recording = recording.with_frame_rate(fps)
     if unit is not None:
-        recording = replace(recording, unit=UNITS[unit])
+        recording = recording.with_unit(unit)
     if up is not None:
-        recording = replace(recording, up=AXES[up])
-    if ground is not None:
-        recording = replace(recording, ground=ground)
+        recording = recording.with_up(up)
+    recording = recording.with_ground(ground, ground_normal).with_gravity(gravity)
     if leave_out:
         recording = recording.without(leave_out)
     print(f"{source}: layout {recording.layout}, {len(recording.cameras)} cameras", flush=True)
     written = convert(recording, Path(scene))
     path, found = write_scene_file(written), written.findings
+    print("\n".join((f"clocks: {written.clocks}", *written.mended)))
     print(f"up: {found.up_why}\nscale: {found.scale:.6g} m per unit, {found.scale_why}\nground: {found.ground.why}")
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
     page = look_at(Path(scene))

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.particles.transfer import particles_to_grid
-from pacnerf_lpo.render.camera_faults.base import faults_of
+from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.scene.colour import ColourNetwork
@@ -89,7 +89,8 @@ def simulate(run: Run, stage: Stage) -> Tensor:
 
 def observer_of(run: Run, stage: Stage) -> Observer:
     """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
-    return Observer(faults_of(run.physics.effects), _values(run, stage)) if stage.moves else AS_BELIEVED
+    cameras = cameras_of(run.physics.effects, run.data.video)
+    return Observer(cameras, _values(run, stage)) if stage.moves else AS_BELIEVED
 
 
 def velocity_of(run: Run, stage: Stage) -> Tensor:
@@ -118,7 +119,7 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     for frame in range(len(positions)):
         grids = [renderer.grid(points) for points in seen[:, frame]]
         for view, view_id in enumerate(video.view_ids):
-            rays = observer.rays(run.data, view, frame)
+            rays = observer.rays(run.data, view, frame) if stage.moves else run.data.first_rays(view)
             image, opacity = renderer.image(grids[observer.clock(view_id)], rays, (height, width))
             image = observer.colour(image, 1 - opacity, video, view, frame)
             images[view, frame] = to_bytes(image)

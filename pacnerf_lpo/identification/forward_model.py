@@ -18,7 +18,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.render.camera_faults.base import faults_of
-from pacnerf_lpo.render.observation import AS_BELIEVED, Observer, project
+from pacnerf_lpo.render.clocks import cameras_of
+from pacnerf_lpo.render.observation import Observer, project
 from pacnerf_lpo.types import Video
 
 VELOCITY = tuple(
@@ -136,7 +137,7 @@ class Model:
             views: indices of some views; None: all.
         """
         size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
-        observer = AS_BELIEVED if free is None else self._observer(free)
+        observer = Observer(cameras_of((), self.video)) if free is None else self._observer(free)
         moving = path if len(path) == 1 else observer.seen(path, self._velocity(free), self.video.times)
         seen = []
         for view in range(self.shape[0]) if views is None else views:
@@ -209,7 +210,7 @@ class Model:
     def _observer(self, free: np.ndarray) -> Observer:
         values = self.physical(free)
         tensors = {name: torch.tensor(value) for name, value in values.items()}
-        return Observer(faults_of(self.physics.effects), tensors)
+        return Observer(cameras_of(self.physics.effects, self.video), tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the

@@ -243,7 +243,7 @@ class StaticGridModule(AbstractPhase):
         view = train[pick % len(train)]
         candidates = self.pixels_through_box(view)
         pixels = candidates[torch.randint(len(candidates), (self.rays_per_step,), generator=generator)]
-        rays, video = self.data.rays(view), self.data.video
+        rays, video = self.data.first_rays(view), self.data.video
         measured_pair = video.images[view, 0], video.silhouettes[view, 0]
         image, silhouette = measured_pair if pick < len(train) else self._predicted[view]
         sources = rays.origins, rays.directions, image.flatten(0, 1), silhouette.flatten()
@@ -257,7 +257,7 @@ class StaticGridModule(AbstractPhase):
         grid = particles_to_grid(state.positions, state.density, state.features, state.spacing)
         height, width = self.data.video.images.shape[2:4]
         return {
-            view: render_view(grid, colour, self.data.rays(view), (height, width), state.base_spacing)
+            view: render_view(grid, colour, self.data.first_rays(view), (height, width), state.base_spacing)
             for view in self.data.train
         }
 
@@ -266,7 +266,7 @@ class StaticGridModule(AbstractPhase):
         if view not in self._rays_through_box:
             lower = self.field.lower.cpu()
             upper = lower + self.field.dx * (torch.tensor(self.field.density.shape) - 1)
-            enter, leave = box_interval(self.data.rays(view), lower, upper)
+            enter, leave = box_interval(self.data.first_rays(view), lower, upper)
             free = self.data.video.valid[view].flatten()
             self._rays_through_box[view] = ((enter < leave) & free).nonzero().squeeze(1)
         return self._rays_through_box[view]

@@ -15,6 +15,7 @@ MARGIN = 0.06
 """Free room around the outlines' box, relative to its longest edge."""
 SPACING = 0.25
 """Coarsest voxel relative to the longest edge of the body: two halvings leave sixteen voxels along it."""
+NEXT = "\n#   "
 RATE = 300.0
 """Substeps per second times the coarsest voxel [m/s]: bodies of up to 1 MPa stay stable after two halvings."""
 
@@ -39,6 +40,7 @@ def write_scene_file(scene: Scene) -> Path:
 # Every value can be changed; the images and poses beside this file are in metres, y up, the ground at y = 0.
 # cameras: {_cameras(scene)}
 # mattes: {_mattes(scene)}
+# clocks: {"".join(line + NEXT for line in (scene.clocks, *scene.mended)).removesuffix(NEXT)}
 # up: {found.up_why}
 # scale: 1 unit of the calibration = {found.scale:.6g} m: {found.scale_why}
 # ground: {found.ground.why}
@@ -46,7 +48,8 @@ data:
   root: {_quoted(str(scene.folder.resolve()))} # this folder; change it when the folder is moved
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
-physics:
+{_velocity(scene)}physics:
+  gravity: {_corner(found.gravity)} # m/s^2; its strength is stated (--gravity), its direction is that of up
   material: # a guess, not measured: a soft elastic body; exchange it if it is a fluid, plasticine or sand
     class_path: NeoHookean
     init_args: # where identification starts, SI units; a factor of ten off is fine
@@ -95,8 +98,16 @@ def _clock(scene: Scene) -> str:
     return f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
 
 
+def _velocity(scene: Scene) -> str:
+    """The body's velocity at frame 0, where cameras that are out of step see it at different places."""
+    if not scene.offsets.any():
+        return ""
+    velocity = _corner(scene.findings.velocity)
+    return f"  velocity: {velocity} # m/s, from free fall; lines the cameras up at frame 0\n"
+
+
 def _corner(corner: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value:.4g}" for value in corner.tolist()) + "]"
+    return "[" + ", ".join(f"{value + 0.0:.4g}" for value in corner.round(6).tolist()) + "]"
 
 
 def _quoted(text: str) -> str:

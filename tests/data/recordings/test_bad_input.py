@@ -11,7 +11,7 @@ import yaml
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.recordings.layouts import read_recording
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS, write_json
+from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, raw, save
 
 
@@ -22,19 +22,6 @@ def refused(capsys, source: Path, *options) -> str:
     assert [path.name for path in source.parent.iterdir()] == [source.name]
     lines = capsys.readouterr().err.strip().splitlines()
     return lines[-1]
-
-
-@pytest.fixture
-def write(tmp_path):
-    """A fresh copy of a layout that a test may spoil."""
-
-    def make(name: str) -> Path:
-        folder = tmp_path / "case" / name
-        folder.mkdir(parents=True)
-        WRITERS[name](folder)
-        return folder
-
-    return make
 
 
 @pytest.fixture
