@@ -74,11 +74,12 @@ def _encoded(photo: np.ndarray, longest: int, quality: int) -> str:
 
 def _drawn(look: Look, number: int, frame: int, image: str) -> str:
     scene, view, hull = look.scene, look.scene.views[number], look.hulls[frame]
+    moving = look.views[frame][number]
     height, width = view.valid.shape
     paths = {
         "grid": overlay.lines(_ground(look)[0], view),
-        "box": overlay.lines(overlay.box_edges(scene.lower, scene.upper), view),
-        "hull": overlay.hull_outline(hull.points, hull.cell, view),
+        "box": overlay.lines(overlay.box_edges(scene.lower, scene.upper), moving),
+        "hull": overlay.hull_outline(hull.points, hull.cell, moving),
         "matte": overlay.outline(hull.mattes[number], np.zeros(2), 1.0),
     }
     layers = [

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from pacnerf_lpo.data.matting import RIM
-from pacnerf_lpo.data.recordings.conversion import LEAST_OBJECT
 from pacnerf_lpo.data.recordings.sharpness import SIDES, edge_widths
-from pacnerf_lpo.data.recordings.tangents import BORDER, EMPTY, Planes, outline_planes
+from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT
+from pacnerf_lpo.data.recordings.tangents import DIRECTIONS, outline_points, outline_tangents
 from pacnerf_lpo.data.recordings.written_scene import View, picture
 
 REACH = 0.15
@@ -23,7 +23,7 @@ ROOM = 4
 class Appearance:
     """One image.
 
-    planes: tangent planes of the outline, in metres
+    tangents: how far the outline reaches (DIRECTIONS,), NaN where it is cut off, see :func:`outline_tangents`
     pixels: of the object
     size: its longer side [pixels]
     centre: of its pixels, x right, y down [pixels, (2,)]
@@ -33,7 +33,7 @@ class Appearance:
     widths: of its edge by side [pixels, (SIDES,)], see :func:`edge_widths`
     """
 
-    planes: Planes
+    tangents: np.ndarray
     pixels: int
     size: float
     centre: np.ndarray
@@ -48,7 +48,7 @@ class Appearance:
         return self.pixels >= LEAST_OBJECT
 
 
-NOTHING = Appearance(EMPTY, 0, 0.0, np.full(2, np.nan), False, 0.0, 0.0, np.full(SIDES, np.nan))
+NOTHING = Appearance(np.full(DIRECTIONS, np.nan), 0, 0.0, np.full(2, np.nan), False, 0.0, 0.0, np.full(SIDES, np.nan))
 
 
 def appearance(pixels: np.ndarray, view: View) -> Appearance:
@@ -65,27 +65,18 @@ def appearance(pixels: np.ndarray, view: View) -> Appearance:
     near, solid = pixels[part], solid[part]
     intrinsic = view.intrinsic - np.array([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]])
     seen = picture(near, None if view.plate is None else view.plate[part])
+    points, inside = outline_points(near[..., 3], intrinsic, view.valid[:height, :width][part])
     y, x = np.nonzero(solid)
     return Appearance(
-        planes=outline_planes(near[..., 3], intrinsic, view.pose),
+        tangents=outline_tangents(points, inside),
         pixels=len(x),
         size=size,
         centre=np.array([x.mean() + left + 0.5, y.mean() + top + 0.5]),
-        cut=_touches(solid, view.valid[:height, :width][part], part, (height, width)),
+        cut=not inside.all(),
         hazy=_hazy(near[..., 3], solid),
         loose=_loose(solid),
         widths=edge_widths(seen, near[..., 3], REACH * size),
     )
-
-
-def _touches(solid: np.ndarray, valid: np.ndarray, part: tuple[slice, slice], size: tuple[int, int]) -> bool:
-    """Whether the object comes as near to what the camera does not show as to an image border."""
-    outside = np.pad(~valid, 1)
-    for axis, (place, end) in enumerate(zip(part, size, strict=True)):
-        edges = outside.swapaxes(0, axis)
-        edges[0], edges[-1] = edges[0] | (place.start == 0), edges[-1] | (place.stop == end)
-    reach = ndimage.binary_dilation(outside, iterations=int(np.ceil(BORDER)))
-    return bool((reach[1:-1, 1:-1] & solid).any())
 
 
 def _hazy(opacity: np.ndarray, solid: np.ndarray) -> float:

@@ -10,10 +10,11 @@ import numpy as np
 from tqdm import tqdm
 
 from pacnerf_lpo.data.recordings.appearances import Appearance, appearance
+from pacnerf_lpo.data.recordings.clocks import resampled
 from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
-from pacnerf_lpo.data.recordings.tangents import Planes, bounds
+from pacnerf_lpo.data.recordings.tangents import Planes, bounds, tangent_planes
 from pacnerf_lpo.data.recordings.voxel_hull import outside_share, visual_hull
-from pacnerf_lpo.data.recordings.written_scene import WrittenScene, read_written_scene
+from pacnerf_lpo.data.recordings.written_scene import View, WrittenScene, read_written_scene
 from pacnerf_lpo.errors import UserInputError
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -41,6 +42,8 @@ class Look:
     """A scene and what its images say.
 
     appearances: of every view and frame
+    planes: tangent planes of every view at the common times
+    views: of every frame: the cameras to which the body looks at the common time as in the image, which may be later
     lower, upper: box that the outlines allow at frame 0 [m, (3,) each]; NaN where nothing is
     motion: parabola of the frames before contact, of three where contact is earlier
     flight: number of these frames
@@ -51,6 +54,8 @@ class Look:
 
     scene: WrittenScene
     appearances: tuple[tuple[Appearance, ...], ...]
+    planes: tuple[tuple[Planes, ...], ...]
+    views: Mapping[int, tuple[View, ...]]
     lower: np.ndarray
     upper: np.ndarray
     motion: Ballistic
@@ -81,7 +86,8 @@ def examine(folder: Path) -> Look:
     """
     scene = read_written_scene(folder)
     appearances, mattes = _appearances(scene)
-    frames = [Planes.of([view[frame].planes for view in appearances]) for frame in range(len(scene.times))]
+    planes = tuple(_planes(scene, *pair) for pair in zip(scene.views, appearances, strict=True))
+    frames = [Planes.of(parts) for parts in zip(*planes, strict=True)]
     flight = min(max(scene.hit_frame, FEWEST), len(frames))
     if any(len(planes.offsets) == 0 for planes in frames[:flight]) or flight < FEWEST:
         raise UserInputError(f"{folder}: the object is not seen in the first {FEWEST} frames; look at the images m_*")
@@ -89,9 +95,12 @@ def examine(folder: Path) -> Look:
     place = places(frames, motion.shape)
     away = (place - motion.at(scene.times))[:flight]
     lower, upper = bounds(frames[0])
+    views = {frame: _at_common_time(scene, place, frame) for frame in mattes}
     return Look(
         scene,
         appearances,
+        planes,
+        views,
         lower,
         upper,
         motion,
@@ -99,7 +108,7 @@ def examine(folder: Path) -> Look:
         place[:, 1],
         np.array([lowest_point(planes, UP) for planes in frames]),
         float(np.sqrt(np.nanmean((away**2).sum(axis=1)))),
-        {frame: _hull(scene, frames[frame], seen) for frame, seen in mattes.items()},
+        {frame: _hull(views[frame], frames[frame], seen) for frame, seen in mattes.items()},
     )
 
 
@@ -120,10 +129,26 @@ def _appearances(scene: WrittenScene) -> tuple[tuple[tuple[Appearance, ...], ...
     return tuple(found), mattes
 
 
-def _hull(scene: WrittenScene, planes: Planes, mattes: Sequence[np.ndarray]) -> Hull:
+def _planes(scene: WrittenScene, view: View, seen: Sequence[Appearance]) -> tuple[Planes, ...]:
+    tangents = np.stack([one.tangents for one in seen])
+    if view.offset:
+        tangents = resampled(tangents, scene.times + view.offset, scene.times)
+    return tuple(tangent_planes(row, view.pose) for row in tangents)
+
+
+def _at_common_time(scene: WrittenScene, place: np.ndarray, frame: int) -> tuple[View, ...]:
+    """The cameras less what the body moves between the common time and theirs; ``place`` is where it is [m, (F, 3)]."""
+    found = []
+    for view in scene.views:
+        later = resampled(place, scene.times, scene.times[frame : frame + 1] + view.offset)[0] - place[frame]
+        found.append(view.after(later) if view.offset and np.isfinite(later).all() else view)
+    return tuple(found)
+
+
+def _hull(views: Sequence[View], planes: Planes, mattes: Sequence[np.ndarray]) -> Hull:
     lower, upper = bounds(planes)
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         return Hull(np.empty((0, 3)), 1.0, tuple(mattes), (float("nan"),) * len(mattes))
-    points, cell = visual_hull(scene.views, mattes, lower, upper)
-    outside = [outside_share(matte, points, cell, view) for matte, view in zip(mattes, scene.views, strict=True)]
+    points, cell = visual_hull(views, mattes, lower, upper)
+    outside = [outside_share(matte, points, cell, view) for matte, view in zip(mattes, views, strict=True)]
     return Hull(points, cell, tuple(mattes), tuple(outside))

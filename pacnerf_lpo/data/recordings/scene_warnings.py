@@ -10,6 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.data.recordings.agreement import ENOUGH, GAP, largest_gap, odd_one_out
 from pacnerf_lpo.data.recordings.appearances import Appearance
+from pacnerf_lpo.data.recordings.conversion import frame_ranges
 from pacnerf_lpo.data.recordings.findings import SCALE_ERROR
 from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.scene_file import SPACING
@@ -50,7 +51,7 @@ OUTSIDE = 0.02
 class SceneWarning:
     """Something doubtful.
 
-    kind: views, pixels, border, blur, matte, disagreement, contact, flight, gravity or box
+    kind: disagreement, clock, views, box, contact, flight, gravity, border, matte, blur or pixels
     what: a sentence without its full stop
     remedy: what to do, as a clause
     cameras, frames: where; empty where it is everywhere
@@ -68,14 +69,8 @@ class SceneWarning:
 
 def scene_warnings(look: Look) -> list[SceneWarning]:
     """Everything doubtful about a scene, the most important first."""
-    parts = (_disagreement, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels)
+    parts = (_disagreement, _clocks, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels)
     return [warning for part in parts for warning in part(look)]
-
-
-def frame_ranges(frames: Sequence[int]) -> str:
-    """``0-2, 5``: frames as a person writes them."""
-    parts = np.split(np.array(frames), np.flatnonzero(np.diff(frames) > 1) + 1)
-    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
 def _in_frames(frames: Sequence[int]) -> str:
@@ -83,7 +78,7 @@ def _in_frames(frames: Sequence[int]) -> str:
 
 
 def _disagreement(look: Look) -> Iterator[SceneWarning]:
-    planes = [[appearance.planes for appearance in view] for view in look.appearances]
+    planes = look.planes
     gap = largest_gap(planes)
     if not gap > DISAGREES:
         return
@@ -107,6 +102,20 @@ def _disagreement(look: Look) -> Iterator[SceneWarning]:
         f"--leave_out {name}",
         (name,),
     )
+
+
+def _clocks(look: Look) -> Iterator[SceneWarning]:
+    step = float(np.diff(look.scene.times).mean())
+    for view in look.scene.views:
+        if view.offset:
+            when = "later" if view.offset > 0.0 else "earlier"
+            yield SceneWarning(
+                "clock",
+                f"camera {view.name} is out of step: its frames are taken {1e3 * abs(view.offset):.3g} ms "
+                f"({abs(view.offset) / step:.2g} of a frame) {when} than those of the others",
+                "nothing has to be done, time_offset in all_data.json says so to fit; one trigger for all is better",
+                (view.name,),
+            )
 
 
 def _views(look: Look) -> Iterator[SceneWarning]:

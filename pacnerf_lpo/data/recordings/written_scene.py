@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class View:
     pose: camera to world, OpenGL axes [rotation and metres, (3, 4)]
     valid: False where the image was extended or undistortion left nothing [(H, W), bool]
     plate: the empty background [0..1, (H, W, 3)]; None where there is none
+    offset: how much later than stamped its frames were taken [s]
     """
 
     number: int
@@ -45,6 +46,11 @@ class View:
     pose: np.ndarray
     valid: np.ndarray
     plate: np.ndarray | None
+    offset: float = 0.0
+
+    def after(self, motion: np.ndarray) -> View:
+        """The camera to which a body looks here as it does to this one after a motion [m, (3,)]."""
+        return replace(self, pose=np.column_stack((self.pose[:, :3], self.pose[:, 3] - motion)))
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
         shot = index.camera(number)
         valid, plate = _valid_and_plate(index.path.parent, number, frames[0])
         name = names.get(number, str(number))
-        views.append(View(number, name, shot.intrinsic, shot.camera_to_world, valid, plate))
+        views.append(View(number, name, shot.intrinsic, shot.camera_to_world, valid, plate, shot.offset))
     box = checks.check_box(*(_corner(path, config, f"data.box_{side}") for side in ("lower", "upper")))
     hit = _number(path, "phases.velocity.init_args.hit_frame", config)
     if not (hit == int(hit) and 1 <= hit < len(frames)):

@@ -12,13 +12,15 @@ from PIL import Image
 from scipy import ndimage
 
 from pacnerf_lpo.__main__ import main
+from pacnerf_lpo.data.recordings.conversion import frame_ranges
 from pacnerf_lpo.data.recordings.look import examine
 from pacnerf_lpo.data.recordings.scene_values import annotated, header
-from pacnerf_lpo.data.recordings.scene_warnings import LEAST_BLUR, SceneWarning, frame_ranges, scene_warnings
+from pacnerf_lpo.data.recordings.scene_warnings import LEAST_BLUR, SceneWarning, scene_warnings
 from pacnerf_lpo.data.recordings.sharpness import blur, edge_widths
 from pacnerf_lpo.data.recordings.written_scene import read_written_scene
 from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.studio import CONTACT, FRAMES, RADIUS, SIZE, VIEWS, body
+from tests.data.recordings.test_clocks import LATE, record
 
 TRUE_OF_THE_STUDIO = {"contact", "pixels"}
 """Four frames from contact on, and a ball of 30 pixels."""
@@ -183,6 +185,19 @@ def test_the_length_of_a_blur(length, angle):
     picture, opacity = colour + (1.0 - opacity) * [0.1, 0.2, 0.15], opacity[..., 0]
     measured = blur(edge_widths(picture, opacity, 8.0), way)
     assert measured == pytest.approx(length, rel=0.35, abs=0.0 if length else LEAST_BLUR)
+
+
+def test_cameras_out_of_step_are_named_and_allowed_for(tmp_path):
+    """Their outlines are of other times: planes, hull and box are compared at the same one."""
+    source = tmp_path / "late"
+    record(source, [np.arange(FRAMES) + late for late in LATE])
+    assert main(["init", str(source), str(tmp_path / "scene")]) == 0
+    look = examine(tmp_path / "scene")
+    found = scene_warnings(look)
+    assert {warning.kind for warning in found} <= {"clock", *TRUE_OF_THE_STUDIO}
+    named = {warning.cameras[0]: warning.what for warning in found if warning.kind == "clock"}
+    assert {"1", "2", "4"} <= set(named) and "earlier" in named["1"] and "later" in named["4"]
+    assert max(look.hulls[0].outside) < 0.02
 
 
 def test_values_that_a_person_changed_count(scene):
