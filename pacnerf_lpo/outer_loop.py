@@ -131,6 +131,10 @@ class OuterLoop(pl.Callback):
             return None
         return self.steps[done] if done < len(self.steps) else None
 
+    def remaining(self) -> list[PhaseStep]:
+        """The phases that are not done yet, as far as is known now."""
+        return self.steps[len(self._done()) :] if self.next_phase() is not None else []
+
     def first_step(self) -> int:
         """Optimiser steps of all finished phases: where the next one begins on the time line."""
         return sum(record.steps for record in self._done())

@@ -62,7 +62,9 @@ def run(
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
     page = look_at(Path(scene))
     print(f"{page}: whether all of it is right; {path}: every value with where it comes from")
-    print(f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\n{_next(path)}")
+    print(
+        f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\npacnerf-lpo fit {scene}"
+    )
 
 
 def look_at(scene: Path) -> Path:
@@ -74,9 +76,3 @@ def look_at(scene: Path) -> Path:
     for warning in warnings:
         print(f"warning: {warning}", flush=True)
     return write_scene_page(look, warnings)
-
-
-def _next(path: Path) -> str:
-    run_dir = Path("runs", path.parent.resolve().name)
-    configs = " ".join(f"--config {name}" for name in ("fit", "cpu", path))
-    return f"pacnerf-lpo fit {configs} --outer_loop.run_dir {run_dir}"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pacnerf_lpo.data.recordings.scene_file import NAME as SCENE_FILE
+from pacnerf_lpo.commands.init import look_at
+from pacnerf_lpo.manifest import FILE_NAME
 from pacnerf_lpo.report.diagnosis import RESULT_FILE, write_page
 from pacnerf_lpo.report.html import write_report
+from pacnerf_lpo.scene_folder import RUN, is_scene
 
 
 def run(folder: str) -> None:
@@ -14,21 +16,22 @@ def run(folder: str) -> None:
 
     Evaluates a run first where that has not been done; give the truth to evaluate to see errors in the report. Where
     the run was diagnosed, diagnosis/diagnosis.html is written again, too. A scene is drawn with the values that its
-    scene.yaml has now, so that a changed box, ground or contact frame is seen.
+    scene.yaml has now, so that a changed box, ground or contact frame is seen, and so is the run in it.
 
     example: pacnerf-lpo report runs/demo
 
     Args:
         folder: what fit wrote (a run) or init (a scene).
     """
-    if (Path(folder) / SCENE_FILE).is_file():
-        from pacnerf_lpo.commands.init import look_at
+    scene = is_scene(folder)
+    run_dir = Path(folder, RUN) if scene else Path(folder)
+    if not scene or (run_dir / FILE_NAME).is_file():
+        _announce(write_report(run_dir))
+        if (run_dir / "diagnosis" / RESULT_FILE).is_file():
+            _announce(write_page(run_dir / "diagnosis"))
+    if scene:
+        _announce(look_at(Path(folder)))
 
-        pages = [look_at(Path(folder))]
-    else:
-        pages = [write_report(folder)]
-        diagnosis = Path(folder) / "diagnosis"
-        if (diagnosis / RESULT_FILE).is_file():
-            pages.append(write_page(diagnosis))
-    for path in pages:
-        print(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+def _announce(path: Path) -> None:
+    print(f"{path} ({path.stat().st_size / 1e6:.1f} MB)", flush=True)

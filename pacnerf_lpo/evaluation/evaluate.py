@@ -20,6 +20,8 @@ from pacnerf_lpo.evaluation.tables import result_phase
 from pacnerf_lpo.manifest import write_atomically
 
 RESULTS_FILE = "results.json"
+INTERVALS_FILE = "intervals.json"
+"""Of what was identified, where it was asked for."""
 DEMO_TRUTH = "demo"
 
 
@@ -58,6 +60,9 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "result": run.last.stem,
         "chosen_round": run.manifest.chosen_round,
     }
+    intervals = run.run_dir / INTERVALS_FILE
+    if intervals.is_file():
+        results["intervals"] = json.loads(intervals.read_text())
     if answer is not None:
         results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects

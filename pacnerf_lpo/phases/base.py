@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytorch_lightning as pl
 import torch
 
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
 
 if TYPE_CHECKING:
@@ -42,6 +43,10 @@ class AbstractPhase(pl.LightningModule, ABC):
     @abstractmethod
     def batches(self, data: VideoData) -> Iterable:
         """One element per optimiser step; ``training_step`` receives it."""
+
+    def work(self, particles: int) -> Work:
+        """How much it will compute for a body of so many particles, about; called after :meth:`attach`."""
+        return Work()
 
     def progress_metrics(self) -> dict[str, str]:
         """Current values for the progress bar, formatted with their SI units."""

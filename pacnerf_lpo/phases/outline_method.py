@@ -23,7 +23,8 @@ from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.identification_methods import TRIALS, GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.work import Work
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -100,6 +101,18 @@ class OutlineGaussNewton(GaussNewton):
         self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
         self._kept: Misfit | None = None
+
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """No images. Fits of the search converge after half of their iterations; half of the optima are compared."""
+        each = len(module.physics.free_names) + len(VELOCITY) + TRIALS
+        short, stages = SEARCH_ITERATIONS * each / 2, len(horizons(module.hit_frame, module.frame_count))
+        follow = min(self.starts, FINALISTS)
+        numbers = self.coarse_particles, self.scan_particles, self.particles
+        coarse, scan, fine = ((count / particles) ** (4 / 3) for count in numbers)  # half the spacing is half the step
+        searched = coarse * self.samples + (coarse + scan) * self.starts * stages * short
+        finer = (fine + coarse) * (follow * 2 * short + len(NEIGHBOURS) * short)
+        rollouts = (searched + finer) * (self.samples > 0) + (fine + coarse) * self.main_iterations * each / 2
+        return Work(frames=rollouts * module.frame_count)
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""

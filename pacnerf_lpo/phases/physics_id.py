@@ -10,6 +10,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
@@ -50,6 +51,10 @@ class PhysicsIDModule(DynamicPhase):
                 "physics.material.known"
             )
         self.method.check(physics.free_names)
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return self.method.work(self, particles)
 
     def import_state(self, state: ParticleState | None) -> None:
         """Start from the parameters of the state, else from the material's guess."""

@@ -19,6 +19,7 @@ from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
@@ -125,6 +126,10 @@ class StaticGridModule(AbstractPhase):
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own view and rays."""
         return StepNumbers(self.length.steps, lambda: self.global_step)
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return Work(rays=self.length.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Adam with one rate for the grids and one for the colour network."""

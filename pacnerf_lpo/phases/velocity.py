@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.types import ParticleState
 
 ITERATIONS_PER_STEP = 4
@@ -56,6 +57,11 @@ class VelocityModule(DynamicPhase):
             raise UserInputError(
                 f"hit_frame = {self.frames} but {data.video.source} has {len(data.video.times)} frames; lower hit_frame"
             )
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`: a line search tries a quarter more than there are iterations."""
+        views = min(self.views_per_frame or len(self.data.train), len(self.data.train))
+        return compared(self.frames, views, gradients=True) * (1.25 * ITERATIONS_PER_STEP * self.steps)
 
     def import_state(self, state: ParticleState | None) -> None:
         """Fix the physical parameters to what is known; before contact they hardly matter."""

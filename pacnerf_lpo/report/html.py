@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
+from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
@@ -36,8 +36,7 @@ def write_report(run_dir: str | Path) -> Path:
         UserInputError: it is no run directory, or no phase of it is finished.
     """
     run = Run(run_dir)
-    results_path = run.run_dir / RESULTS_FILE
-    results = json.loads(results_path.read_text()) if _is_complete(run, results_path) else evaluate_run(run_dir)
+    results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)
     payload = build_payload(run, results, _known_truth(results))
     page = render_page(run, results, payload)
     path = run.run_dir / REPORT_FILE
@@ -71,13 +70,16 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     )
 
 
-def _is_complete(run: Run, results_path: Path) -> bool:
-    """Whether the results cover every finished phase as it is now."""
+def is_evaluated(run: Run) -> bool:
+    """Whether the results cover every finished phase, and the intervals where there are any, as they are now."""
+    results_path = run.run_dir / RESULTS_FILE
     if not results_path.is_file():
         return False
     results = json.loads(results_path.read_text())
     evaluated = [phase["stem"] for phase in results["phases"]]
-    newest = max(stage.state_path.stat().st_mtime for stage in run.stages)
+    intervals = run.run_dir / INTERVALS_FILE
+    paths = [*(stage.state_path for stage in run.stages), *([intervals] if intervals.is_file() else [])]
+    newest = max(path.stat().st_mtime for path in paths)
     current = "result" in results and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.recordings.conversion import Scene
+from pacnerf_lpo.scene_folder import SCENE_FILE
 
-NAME = "scene.yaml"
 MARGIN = 0.06
 """Free room around the outlines' box, relative to its longest edge."""
 SPACING = 0.25
@@ -30,10 +30,10 @@ def write_scene_file(scene: Scene) -> Path:
     size = float((found.upper - found.lower).max())
     lower = found.lower - MARGIN * size
     lower[1] = max(0.0, lower[1])
-    spacing = float(f"{SPACING * size:.2g}")
+    spacing = voxel_for(size)
     frame_rate = float(f"{1.0 / float(np.diff(scene.times).mean()):.6g}")
-    substep_rate = frame_rate * math.ceil(RATE / spacing / frame_rate)
-    path = scene.folder / NAME
+    substep_rate = steps_for(spacing, frame_rate)
+    path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
 # Written by pacnerf-lpo init from {scene.recording.source}, layout {scene.recording.layout}.
@@ -68,16 +68,19 @@ phases:
     class_path: VelocityModule
     init_args:
       hit_frame: {found.hit_frame.value:.0f} # first frame on the ground; {found.hit_frame.why}
-  physics:
-    class_path: PhysicsIDModule
-    init_args:
-      method:
-        class_path: PaperAdam
-        init_args:
-          learning_rates: {{E: 0.1, nu: 0.01}} # the papers' values for elastic scenes
 """
     )
     return path
+
+
+def voxel_for(size: float) -> float:
+    """Coarsest voxel of a body whose longest edge is ``size`` [m]."""
+    return float(f"{SPACING * size:.2g}")
+
+
+def steps_for(spacing: float, frame_rate: float) -> float:
+    """Integration steps per second for a coarsest voxel [m], a whole number for each of ``frame_rate`` frames [1/s]."""
+    return frame_rate * math.ceil(RATE / spacing / frame_rate)
 
 
 def _cameras(scene: Scene) -> str:

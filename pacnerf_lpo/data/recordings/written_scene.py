@@ -12,13 +12,14 @@ import numpy as np
 import yaml
 
 from pacnerf_lpo.data import checks
-from pacnerf_lpo.data.images import read_png
+from pacnerf_lpo.data.images import image_size, on_white, read_png
 from pacnerf_lpo.data.index import NAME as INDEX_NAME
 from pacnerf_lpo.data.index import read_index
+from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.data.pac_nerf import OCCLUDER, OCCLUDER_ALPHA, PLATE
-from pacnerf_lpo.data.recordings.scene_file import NAME
 from pacnerf_lpo.data.recordings.scene_values import Value, annotated, header
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.scene_folder import find_scene_file
 
 GRAVITY = [0.0, -9.8, 0.0]
 """Of ``Physics``, where scene.yaml has none [m/s^2]."""
@@ -83,11 +84,13 @@ class WrittenScene:
 
     def pixels(self, view: View, frame: int) -> np.ndarray:
         """Colour and opacity of an image [0..1, (H, W, 4)]; ``frame`` counts from 0."""
-        path = self.folder / "data" / f"m_{view.number}_{self.frames[frame]}.png"
+        path = _image(self.folder, view.number, self.frames[frame])
         pixels = read_png(path)
-        if pixels.shape[-1] != 4 or pixels.shape[:2] != view.valid.shape:
-            raise UserInputError(f"{path}: not as init wrote it, with transparency and of one size; run init again")
-        return pixels
+        if pixels.shape[:2] != view.valid.shape:
+            raise UserInputError(f"{path}: not of the size of the other images; run init again")
+        if view.plate is not None and path.name.startswith("r_"):
+            return np.dstack((pixels[..., :3], matte(pixels[..., :3], view.plate)[1]))
+        return pixels if pixels.shape[-1] == 4 else np.dstack(on_white(pixels))
 
 
 def read_written_scene(folder: Path) -> WrittenScene:
@@ -96,9 +99,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
     Raises:
         UserInputError: a file is missing or damaged, or a value of scene.yaml is not possible; names it.
     """
-    path = folder / NAME
-    if not path.is_file():
-        raise UserInputError(f"{folder}: no {NAME} there; pacnerf-lpo init SOURCE {folder} writes it")
+    path = find_scene_file(folder)
     text = path.read_text()
     try:
         config = yaml.safe_load(text)
@@ -159,9 +160,15 @@ def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
     return opacity * colour + (1.0 - opacity) * (1.0 if plate is None else plate)
 
 
+def _image(folder: Path, number: int, frame: int) -> Path:
+    """The matted image where there is one, else the raw one."""
+    matted = folder / "data" / f"m_{number}_{frame}.png"
+    return matted if matted.exists() else matted.with_name(f"r_{number}_{frame}.png")
+
+
 def _valid_and_plate(folder: Path, number: int, frame: int) -> tuple[np.ndarray, np.ndarray | None]:
     data = folder / "data"
-    size = read_png(data / f"m_{number}_{frame}.png").shape[:2]
+    size = image_size(_image(folder, number, frame))
     occluder, plate = (data / f"r_{number}_{kind}.png" for kind in (OCCLUDER, PLATE))
     valid = read_png(occluder)[..., 3] <= OCCLUDER_ALPHA if occluder.exists() else np.ones(size, bool)
     return valid, read_png(plate)[..., :3] if plate.exists() else None

@@ -245,16 +245,6 @@ def test_an_object_that_hides_its_own_background_is_noticed(write, capsys):
     assert "camera 3 disagrees with the other views" in refused(capsys, folder)
 
 
-def test_one_camera_late(write, capsys):
-    """By three frames, an eighth of a second."""
-    folder = write("phystwin")
-    for frame in reversed(range(3, FRAMES)):
-        save(folder / "color/4" / f"{frame}.png", raw()[4, frame - 3])
-    for frame in range(3):
-        save(folder / "color/4" / f"{frame}.png", raw()[4, 0])
-    assert "camera 4 disagrees with the other views: its pose, its clock" in refused(capsys, folder)
-
-
 def test_nothing_moves(write, capsys):
     folder = write("phystwin")
     for frame in range(FRAMES):
