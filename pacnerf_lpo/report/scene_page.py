@@ -146,7 +146,7 @@ def _covered(outside: float) -> str:
 def height_data(look: Look) -> dict[str, Any]:
     """Heights over time for the chart; nothing where too little is seen."""
     times = look.scene.times - look.scene.times[0]
-    shown = np.arange(len(times)) <= look.flight
+    shown = (np.arange(len(times)) <= look.flight) & (look.scene.hit_frame >= look.flight)
     centre, lowest = look.parabolas
     return {
         "times": times.round(5).tolist(),
@@ -160,6 +160,7 @@ def height_data(look: Look) -> dict[str, Any]:
                 ("free fall of the centre", np.where(shown, centre, np.nan), True),
                 ("free fall of the lowest point", np.where(shown, lowest, np.nan), True),
             )
+            if np.isfinite(values).any()
         ],
     }
 
@@ -171,7 +172,7 @@ def fall_sentence(look: Look) -> str:
     if look.scene.hit_frame < look.flight:
         return (
             f"The body touches the ground at frame {look.scene.hit_frame}, before three frames of free flight are "
-            "seen: the dashed parabola goes through frames on the ground, and gravity cannot be measured."
+            "seen: gravity cannot be measured, and no parabola is drawn."
         )
     rest = f"{1e3 * look.residual:.2g} mm rms" if look.flight > 3 else "not measurable from three frames"
     gravity = float(np.linalg.norm(look.scene.gravity))

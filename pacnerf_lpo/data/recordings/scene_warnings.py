@@ -51,7 +51,7 @@ OUTSIDE = 0.02
 class SceneWarning:
     """Something doubtful.
 
-    kind: disagreement, clock, views, box, contact, flight, gravity, border, matte, blur or pixels
+    kind: disagreement, views, box, contact, flight, gravity, border, matte, blur, pixels or clock
     what: a sentence without its full stop
     remedy: what to do, as a clause
     cameras, frames: where; empty where it is everywhere
@@ -69,7 +69,7 @@ class SceneWarning:
 
 def scene_warnings(look: Look) -> list[SceneWarning]:
     """Everything doubtful about a scene, the most important first."""
-    parts = (_disagreement, _clocks, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels)
+    parts = (_disagreement, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels, _clocks)
     return [warning for part in parts for warning in part(look)]
 
 

@@ -36,7 +36,7 @@
   const around = [0, 1, 2].map((k) => (Math.min(...every.map((p) => p[k])) + Math.max(...every.map((p) => p[k]))) / 2);
   const reach = Math.max(...every.map((p) => Math.hypot(...around.map((value, k) => p[k] - value))));
   const pivot = [...around];
-  const FAR = 3.6;
+  const FAR = 3.1;
   let pending = false, close = false;
   const redraw = () => { if (!pending) { pending = true; requestAnimationFrame(() => { pending = false; draw(); }); } };
   const view = space(canvas, pivot, body, FAR * reach, redraw);
