@@ -75,6 +75,10 @@ class OuterLoop(pl.Callback):
         stop_when: ``never``: all rounds are run; ``held_out``: some training images are kept back from the corrections,
             and the rounds end when the error in them stops falling. The round before that is the one chosen.
         run_all_rounds: with ``held_out``, choose a round but run the others too, to show what they give.
+        compare_methods: after the identification, ask on a coarse body whether images and outlines agree on its answer
+            (see :mod:`pacnerf_lpo.phases.method_comparison`); half a minute.
+        reuse: a run whose reconstruction is taken over, and its velocity where that is still right, if they were made
+            from the same video with the same settings (see :mod:`pacnerf_lpo.reuse`).
         checkpoint_seconds: time between two checkpoints of a running phase [s].
     """
 
@@ -86,6 +90,8 @@ class OuterLoop(pl.Callback):
         carry: Literal["particles", "refit_grid"] = "particles",
         stop_when: Literal["never", "held_out"] = "never",
         run_all_rounds: bool = False,
+        compare_methods: bool = True,
+        reuse: str | None = None,
         checkpoint_seconds: float = 60.0,
     ):
         if rounds < 0:
@@ -93,6 +99,7 @@ class OuterLoop(pl.Callback):
         self.run_dir = Path(run_dir)
         self.rounds, self.physics_start, self.checkpoint_seconds = rounds, physics_start, checkpoint_seconds
         self.carry, self.stop_when, self.run_all_rounds = carry, stop_when, run_all_rounds
+        self.compare_methods, self.reuse = compare_methods, reuse
         self.state: ParticleState | None = None
 
     def check(self, data: VideoData, correction: bool) -> None:
@@ -108,15 +115,17 @@ class OuterLoop(pl.Callback):
                 "data.train_views has one view only; add a view, or set outer_loop.stop_when to never"
             )
 
-    def start(self, correction: bool, law: bool = False) -> None:
-        """Begin a run: make its directory and its manifest. With ``law``, laws compete."""
+    def start(self, correction: bool, video: str, law: bool = False) -> None:
+        """Begin a run on a video with this fingerprint: make its directory and its manifest. With ``law``, laws
+        compete.
+        """
         if self.run_dir.exists() and (not self.run_dir.is_dir() or any(self.run_dir.iterdir())):
             raise UserInputError(
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
                 "or choose another folder with --outer_loop.run_dir"
             )
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
-        self.manifest = Manifest(self.run_dir)
+        self.manifest = Manifest(self.run_dir, video=video)
         self.manifest.save()
 
     def resume(self, correction: bool, law: bool = False) -> None:
@@ -124,9 +133,14 @@ class OuterLoop(pl.Callback):
         self.manifest = Manifest.load(self.run_dir)
         law = law or any(record.phase == "law" for record in self.manifest.phases)
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
+        if self.last_done is not None:
+            self.state = ParticleState.load(self.run_dir / self.last_done.state)
+
+    @property
+    def last_done(self) -> PhaseRecord | None:
+        """Record of the last finished phase."""
         done = self._done()
-        if done:
-            self.state = ParticleState.load(self.run_dir / done[-1].state)
+        return done[-1] if done else None
 
     def next_phase(self) -> PhaseStep | None:
         """The phase to run now; ``None`` after the last one, and when another round would not help."""
@@ -200,7 +214,7 @@ class OuterLoop(pl.Callback):
         write_atomically(self.run_dir / record.state, content.getvalue())
         if (findings := phase.export_findings()) is not None:
             write_atomically(self.run_dir / record.findings, json.dumps(findings, indent=1).encode())
-        record.status, record.steps = "done", trainer.global_step
+        record.status, record.steps, record.course = "done", trainer.global_step, phase.course()
         record.seconds += time.monotonic() - self._started
         self.manifest.save()
 

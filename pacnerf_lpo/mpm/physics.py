@@ -99,6 +99,10 @@ class Physics:
         """Whether the law is known; else laws compete for it."""
         return not isinstance(self.material, Auto)
 
+    def known(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Of values by name [SI], those that are not of a law that only stands in."""
+        return {n: v for n, v in values.items() if self.decided or n not in self.material.parameters}
+
     @property
     def candidates(self) -> list[Physics]:
         """The model with every law that competes and suits ground and effects; itself, where the law is known."""

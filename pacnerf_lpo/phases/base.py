@@ -57,6 +57,10 @@ class AbstractPhase(pl.LightningModule, ABC):
         """Current values for the progress bar, formatted with their SI units."""
         return {}
 
+    def course(self) -> dict[str, Any]:
+        """How the phase went, for the manifest: what JSON can hold, and doubts are read off."""
+        return {}
+
 
 class StepNumbers(torch.utils.data.IterableDataset):
     """The numbers of the optimiser steps that remain, for phases that draw their own samples by step number.
