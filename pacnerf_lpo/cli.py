@@ -199,7 +199,8 @@ class PhaseCLI(LightningCLI):
     def _announce(self) -> None:
         """Say what overlays changed, and what the run will take."""
         todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
-        for line in [*self.remarks, *estimate(todo, self.phases.get("static"), self.datamodule, self.physics)]:
+        lasts = estimate(todo, self.phases.get("static"), self.datamodule, self.physics, self.config.intervals)
+        for line in [*self.remarks, *lasts]:
             print(line, flush=True)
 
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:

@@ -13,7 +13,7 @@ from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
-from pacnerf_lpo.evaluation.run_directory import Stage
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.manifest import Manifest
@@ -66,24 +66,34 @@ def _compared(stage: Stage, data: VideoData, physics: Physics, template: Physics
 def finish(run_dir: Path, truth: str | None) -> None:
     """Evaluate a complete run, show the evaluation in TensorBoard, and write the report."""
     from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
-    from pacnerf_lpo.evaluation.run_directory import Run
     from pacnerf_lpo.evaluation.tables import markdown_table
     from pacnerf_lpo.report.html import is_evaluated, write_report
     from pacnerf_lpo.report.tensorboard_images import log_evaluation
 
     run = Run(run_dir)
     if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
-        from pacnerf_lpo.diagnosis.posterior import keep_intervals
-
-        with StopRequest(), processes(None):
-            keep_intervals(run, lambda text: print(f"intervals: {text}", flush=True))
+        _add_intervals(run)
     if truth is None and is_evaluated(run):
         results = json.loads((run_dir / RESULTS_FILE).read_text())
     else:
         results = evaluate_run(run_dir, truth)
         log_evaluation(run, results)
     print(markdown_table(results))
-    for doubt in results["doubts"]:
-        print(Doubt(**doubt))
+    for found in results["doubts"]:
+        print(Doubt(**found))
     doing("writing the report")
     print(f"report: {write_report(run_dir)}")
+
+
+def _add_intervals(run: Run) -> None:
+    """Intervals of what was identified, or a line that says why there are none."""
+    from pacnerf_lpo.diagnosis.posterior import keep_intervals
+
+    def tell(text: str) -> None:
+        print(f"intervals: {text}", flush=True)
+
+    try:
+        with StopRequest(), processes(None):
+            keep_intervals(run, tell)
+    except (UserInputError, SimulationError) as error:
+        tell(f"none, {error}")

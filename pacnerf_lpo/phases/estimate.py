@@ -12,7 +12,7 @@ from torch.nn.functional import mse_loss
 
 from pacnerf_lpo.data.cameras import hits_box
 from pacnerf_lpo.data.hull import hull_volume
-from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.static_grid import StaticGridModule
@@ -32,10 +32,16 @@ PER_CELL = 8
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
+INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 100, 4000
+"""What intervals take: null replicates on finer grids, errors of shape and force, and some iterations of a fit."""
 
 
 def estimate(
-    todo: Sequence[AbstractPhase], static: AbstractPhase | None, data: VideoData, physics: Physics
+    todo: Sequence[AbstractPhase],
+    static: AbstractPhase | None,
+    data: VideoData,
+    physics: Physics,
+    intervals: bool = False,
 ) -> list[str]:
     """One line: how many particles, how much memory, and about how many minutes on this machine as busy as it is.
 
@@ -47,21 +53,35 @@ def estimate(
         static: template of the static phase, which says how large a voxel is.
         data: prepared video.
         physics: of the run.
+        intervals: they are added at the end.
     """
     if not isinstance(static, StaticGridModule):
         return []
     spacing = static.base_spacing / 2**static.length.halvings
-    particles = max(1, round(PER_CELL * hull_volume(data.video, data.box, data.train) / spacing**3))
-    line = f"about {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
+    volume, word = _volume(data)
+    particles = max(1, round(PER_CELL * volume / spacing**3))
+    line = f"{word} {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
     work = Work()
     for phase in todo:
         phase.attach(data, physics)
         work += phase.work(particles)
+    if intervals:
+        smaller = (INTERVAL_PARTICLES / particles) ** (4 / 3)  # half the spacing is half the time step
+        work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
     try:
         seconds = _seconds(work, data, physics, spacing, static.base_spacing, particles)
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
+
+
+def _volume(data: VideoData) -> tuple[float, str]:
+    """Of the body [m^3], and a word for how exact that is: that of the box where mattes have nothing in common."""
+    try:
+        return hull_volume(data.video, data.box, data.train), "about"
+    except UserInputError:
+        edges = torch.tensor(data.box.upper) - torch.tensor(data.box.lower)
+        return float(edges.prod()), "at most"
 
 
 def memory(data: VideoData, spacing: float, particles: int) -> float:
