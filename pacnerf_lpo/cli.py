@@ -6,6 +6,7 @@ import contextlib
 import copy
 import errno
 import logging
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.config_layers import flat, read_yaml, scene_changes
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.manifest import FILE_NAME as MANIFEST
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import runtime
@@ -38,6 +40,7 @@ from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.estimate import estimate
+from pacnerf_lpo.reuse import reusable
 
 CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
@@ -152,10 +155,15 @@ class PhaseCLI(LightningCLI):
         self.config.resume = str(run_dir)
         write_atomically(path, self.dump().encode())
 
-    def run(self) -> Path:
-        """Run all phases that are not done yet; returns the run directory."""
+    def run(self, doubt: Callable[..., None]) -> Path:
+        """Run all phases that are not done yet; returns the run directory.
+
+        Args:
+            doubt: called after each phase, as :func:`pacnerf_lpo.commands.fit.doubt`.
+        """
         check_truth(self.config.truth)
         self._choose_device()
+        doing("reading the video")
         self.datamodule.prepare()
         for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
@@ -163,8 +171,7 @@ class PhaseCLI(LightningCLI):
         correction = "correction" in self.phases
         loop.check(self.datamodule, correction)
         if self.config.resume is None:
-            loop.start(correction)
-            write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
+            self._start(correction)
         else:
             loop.resume(correction)
         if loop.next_phase() is None:
@@ -176,8 +183,10 @@ class PhaseCLI(LightningCLI):
             self._announce()
         with StopRequest() as stop:
             try:
+                self._look_back(doubt)
                 while (step := loop.next_phase()) is not None:
                     self._run_phase(step, stop)
+                    self._look_back(doubt)
             except Interrupted:
                 loop.abandon("interrupted")
                 raise Interrupted(f"interrupted; go on with `{resume_command(loop.run_dir)}`") from None
@@ -197,6 +206,7 @@ class PhaseCLI(LightningCLI):
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop
         loop.begin(step)
+        doing(f"preparing {step.role}")
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
         module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
@@ -213,6 +223,25 @@ class PhaseCLI(LightningCLI):
             options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _start(self, correction: bool) -> None:
+        """Begin a run, with phases of another one where that is wanted; what cannot be is found before."""
+        loop: OuterLoop = self.outer_loop
+        config, video = self.dump(), self.datamodule.fingerprint
+        found = None if loop.reuse is None else reusable(loop.reuse, yaml.safe_load(config), video)
+        loop.start(correction, video)
+        write_atomically(loop.run_dir / CONFIG_FILE, config.encode())
+        if found is not None:
+            loop.state = found.copy(loop.manifest, self.physics.guess)
+            print(found, file=sys.stderr)
+
+    def _look_back(self, doubt: Callable[..., None]) -> None:
+        """Say what is doubtful about the last finished phase."""
+        record = self.outer_loop.last_done
+        if record is not None:
+            doing(f"looking back at {record.phase}")
+            template = self.phases[self.outer_loop.steps[record.index].template]
+            doubt(self.outer_loop.manifest, self.datamodule, self.physics, template, self.outer_loop.compare_methods)
 
     def _choose_device(self) -> None:
         """Simulate and render where the trainer computes."""
@@ -248,6 +277,7 @@ def fit(
     args: Sequence[str],
     datamodule_class: type[pl.LightningDataModule],
     physics_class: type,
+    doubt: Callable[..., None],
     finish: Callable[[Path, str | None], None],
     goes_on: bool = False,
 ) -> int:
@@ -256,6 +286,7 @@ def fit(
     Args:
         args: command line after ``fit``.
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
+        doubt: as for :meth:`PhaseCLI.run`.
         finish: called with the run directory and the truth to compare with, once all phases are done.
         goes_on: a run of these settings that is there already goes on, as with ``--resume``.
     """
@@ -263,11 +294,15 @@ def fit(
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
     if goes_on:
         phases.go_on()
-    run_dir = phases.run()
+    run_dir = phases.run(doubt)
+    again = f"repeat it with `{resume_command(run_dir)}`"
     try:
-        finish(run_dir, phases.config.truth)
+        doing("evaluating the run")
+        with StopRequest():
+            finish(run_dir, phases.config.truth)
+    except Interrupted:
+        raise Interrupted(f"the fit is complete but its evaluation was interrupted; {again}") from None
     except Exception as error:
-        again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
 

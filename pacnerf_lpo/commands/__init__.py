@@ -64,6 +64,8 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
             values = ["true"]
         if kind.startswith("list[str]") and values and not values[0].startswith("["):
             values = [str(values)]
+        if kind.startswith("list[float]") and values and not values[0].startswith("["):
+            values = [f"[{', '.join(values)}]"]
         if len(values) == 1 and values[0].startswith("-"):  # a value, such as a negative number or an axis -z
             option, values = f"{option}={values[0]}", []
         result += [option, *values]

@@ -12,6 +12,7 @@ from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.commands import fit
 from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
+from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.identification.study import without_contact
@@ -83,17 +84,20 @@ def run(
         listed, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
     )
     runs = [reconstructed(given) for given in ([run_dirs] if isinstance(run_dirs, str) else run_dirs)]
+    doing("reading the runs")
     problem, store = prepare(runs, phase, options, out)
     folder = store.folder
     Settings(runs, phase, options).write(folder)
 
     def tell(text: str) -> None:
+        doing(text)
         print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
 
     for sentence in without_contact(problem):
         tell(sentence)
     with StopRequest(), processes(jobs):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
+    doing("writing the page")
     write_pictures(problem, rounds, folder)
     write_page(folder)
     log_diagnosis(folder.parent)

@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader
 from pacnerf_lpo.data import checks, coverage
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.data.digest import data_digest
 from pacnerf_lpo.data.hull import hull_box
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints, read_point_clouds, read_tracked_points
@@ -89,6 +90,12 @@ class VideoData(LightningDataModule):
         self.measure(video, self.tracks, self.clouds)
         self.video = video
         return self
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the contents of all files of the video that are used. Raises UserInputError."""
+        names = ("root", "train_views", "test_views", "frames", "background")
+        return data_digest({name: getattr(self, name) for name in names})
 
     def measure(self, video: Video, tracks: str | None, clouds: str | None) -> None:
         """Read measurements beside the video: a CSV of tracked points, a folder of clouds. Raises UserInputError."""

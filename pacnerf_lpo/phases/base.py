@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytorch_lightning as pl
 import torch
@@ -50,6 +50,10 @@ class AbstractPhase(pl.LightningModule, ABC):
 
     def progress_metrics(self) -> dict[str, str]:
         """Current values for the progress bar, formatted with their SI units."""
+        return {}
+
+    def course(self) -> dict[str, Any]:
+        """How the phase went, for the manifest: what JSON can hold, and doubts are read off."""
         return {}
 
 

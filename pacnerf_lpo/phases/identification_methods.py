@@ -40,6 +40,7 @@ class IdentificationMethod(ABC):
     """
 
     fits_velocity: bool = False
+    draws_views: bool = False  # at random, so that the misfits of two iterations differ by chance, too
 
     def __init__(self, warm_up_iterations: int, main_iterations: int):
         if warm_up_iterations < 0 or main_iterations < 1:
@@ -78,6 +79,10 @@ class IdentificationMethod(ABC):
     def prepare(self, module: PhysicsIDModule) -> None:
         """Called once before the first iteration of a fresh run."""
 
+    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
+        """Between which free coordinates :meth:`prepare` searches each parameter; empty where it does not."""
+        return {}
+
     @abstractmethod
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """Whether the current stage has nothing left to gain."""
@@ -91,6 +96,8 @@ class PaperAdam(IdentificationMethod):
             between -1 and 0.5, and 0.1 for the others, as in the paper.
         warm_up_iterations, main_iterations: 50 and 100 in the paper.
     """
+
+    draws_views = True
 
     def __init__(
         self,
@@ -189,7 +196,7 @@ class GaussNewton(IdentificationMethod):
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Scan the parameters on the frames around contact: again and again, fix the one that gains most by itself."""
-        if self.scan_decades <= 0:
+        if not self._searches:
             return
         module.misfit.pool = self.coarse_pool
         open_names = [name for name in module.free if len(self._lattice(module, name)) > 1]
@@ -198,6 +205,14 @@ class GaussNewton(IdentificationMethod):
             best = min(found, key=lambda name: found[name][0])
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
+
+    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
+        lattices = {name: self._lattice(module, name) for name in module.free} if self._searches else {}
+        return {name: (min(points), max(points)) for name, points in lattices.items() if len(points) > 1}
+
+    @property
+    def _searches(self) -> bool:
+        return self.scan_decades > 0
 
     def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
         parameter = module.physics.parameters[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -49,6 +50,7 @@ class VelocityModule(DynamicPhase):
         self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
         self.register_buffer("before", self.velocity.detach().clone())
         self._highest: float | None = None  # loss of a stable motion
+        self.last_step = 0.0
 
     def attach(self, data, physics) -> None:
         """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
@@ -112,6 +114,8 @@ class VelocityModule(DynamicPhase):
         self._stop_if_at_rest()
 
     def _stop_if_at_rest(self) -> None:
+        last = self.trainer.optimizers[0].state[self.velocity]
+        self.last_step = float((last["t"] * last["d"]).abs().max()) if "d" in last else 0.0
         moved = (self.velocity.detach() - self.before).abs().max().item()
         self.before.copy_(self.velocity.detach())
         if moved < self.tolerance:
@@ -121,6 +125,10 @@ class VelocityModule(DynamicPhase):
         """The imported state with the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         return self.state.with_(velocity=velocity, physics=known_values(self.physics, self.state))
+
+    def course(self) -> dict[str, Any]:
+        """Frames used, and the length of the last L-BFGS step [m/s]."""
+        return {"frames": self.frames, "last_step": self.last_step}
 
     def progress_metrics(self) -> dict[str, str]:
         """The velocity."""

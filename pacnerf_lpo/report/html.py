@@ -48,7 +48,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     """The page as text."""
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
-    verdict = judge(results, (moving or shown)[-1], payload["contact"])
+    verdict = judge(results, (moving or shown)[-1])
     data = json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     return Template(_asset("report.html")).substitute(
         title=html.escape(f"{results['scene']}: {sections.found_sentence(results)}"),
@@ -60,7 +60,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         grade=verdict.grade,
         scale=f"good: at least {GOOD:.0%} explained, fair: at least {FAIR:.0%}",
         headline=html.escape(verdict.headline),
-        remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
+        doubts=sections.doubt_list(results),
         figures=sections.key_figures(results),
         parameters=sections.parameter_table(results),
         quality=sections.quality_table(results) + sections.round_table(results),
@@ -80,7 +80,7 @@ def is_evaluated(run: Run) -> bool:
     intervals = run.run_dir / INTERVALS_FILE
     paths = [*(stage.state_path for stage in run.stages), *([intervals] if intervals.is_file() else [])]
     newest = max(path.stat().st_mtime for path in paths)
-    current = "result" in results and evaluated == [stage.stem for stage in run.stages]
+    current = "doubts" in results and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
 
 

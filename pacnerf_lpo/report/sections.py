@@ -30,6 +30,18 @@ def found_heading(results: Mapping[str, Any]) -> str:
     return " ".join(parts) or "every parameter was known"
 
 
+def doubt_list(results: Mapping[str, Any]) -> str:
+    """Every doubt with its likely cause and its remedy; empty where there is none."""
+    items = "".join(
+        f"<li><b>{html.escape(doubt['where'])}</b>: {html.escape(doubt['what'])}."
+        f"<small>Likely cause: {html.escape(doubt['cause'])}. Remedy: {html.escape(doubt['remedy'])}.</small></li>"
+        for doubt in results["doubts"]
+    )
+    count = len(results["doubts"])
+    head = "One reason to doubt this result" if count == 1 else f"{count} reasons to doubt this result"
+    return f"<div class=doubts><p>{head}</p><ul>{items}</ul></div>" if items else ""
+
+
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
     last, guess = result_phase(results), results["guess"]

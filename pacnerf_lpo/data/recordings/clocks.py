@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from tqdm import tqdm
 
 NOISE = 0.25
 """Error of an outermost angle, in pixels of the outline."""
@@ -297,7 +298,7 @@ def _whole_frames(pairs: Sequence[_Pair], sightings: Sequence[Sighting], step: f
     reach = int(max(min(longest, LATEST / step) - LEAST_FRAMES + 1, 0))
     apart = np.arange(-2 * reach, 2 * reach + 1)
     costs = np.full((count, count, len(apart)), np.nan)  # of camera a against b, by offset of a less that of b
-    for pair in pairs:
+    for pair in tqdm(pairs, desc="clocks of the cameras", delay=2.0, leave=False):
         for number, lag in enumerate(apart):
             offsets = np.zeros(count)
             offsets[pair.one] = lag * step

@@ -96,6 +96,14 @@ def test_offsets_within_a_tenth_of_a_frame(late):
         assert not found.offsets.any(), "what is within its error is no offset"
 
 
+def test_a_camera_a_second_late():
+    """The body is held, dropped and lies; one of four cameras was started a second after the others."""
+    late = (0, 0, 24, 0)
+    shown = [film(view, np.maximum(np.arange(-24, 14) + later, 0)) for view, later in enumerate(late)]
+    found = find_clocks(sightings(np.stack(shown), rig()[:4]))
+    np.testing.assert_allclose(found.offsets * FPS, late, atol=TENTH)
+
+
 def test_three_cameras_and_a_calibration_that_is_a_little_wrong():
     """Cameras turned by 0.3 degrees, a pixel, as after a bump; one late by a third of a frame."""
     late, poses = (0, 1 / 3, 0, 0, 0, 0), rig().copy()

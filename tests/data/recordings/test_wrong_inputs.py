@@ -188,7 +188,7 @@ CASES = {
     "a normal of length zero": Wrong(
         "opencv_shared", lambda f: None, ("--ground_normal",), ("--ground_normal=[0,0,0]",)
     ),
-    "ground on end": Wrong("opencv_shared", lambda f: None, ("ground",), ("--ground_normal=[1,0,0]",)),
+    "ground on end": Wrong("opencv_shared", lambda f: None, ("ground",), ("--ground_normal", "1", "-0.1", "0")),
     "negative gravity": Wrong("opencv_shared", lambda f: None, ("--gravity",), ("--gravity", "-9.81")),
     "gravity of the moon": Wrong(
         "opencv_shared", lambda f: None, ("m/s^2", "--gravity"), ("--gravity", "1.62", "--unit", "mm")
