@@ -25,7 +25,7 @@ COMMANDS = {
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "init": ("a scene from your own recording, in any common layout", "pacnerf_lpo.commands.init"),
-    "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
+    "report": ("the page of a run or of a scene, to look at", "pacnerf_lpo.commands.report"),
     "configs": ("configurations that --config knows by name", "pacnerf_lpo.commands.configs"),
 }
 # their function run reads the command line itself; the arguments of the other commands are those of their run

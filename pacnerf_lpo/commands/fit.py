@@ -78,7 +78,7 @@ def finish(run_dir: Path, truth: str | None) -> None:
         results = evaluate_run(run_dir, truth)
         log_evaluation(run, results)
     print(markdown_table(results))
-    for found in results.get("doubts", []):
+    for found in results["doubts"]:
         print(Doubt(**found))
     doing("writing the report")
     print(f"report: {write_report(run_dir)}")

@@ -6,8 +6,10 @@ from pathlib import Path
 
 from pacnerf_lpo.data.recordings.conversion import convert
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
+from pacnerf_lpo.data.recordings.look import examine
 from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.recordings.scene_file import write_scene_file
+from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
 
 
 def run(
@@ -22,7 +24,7 @@ def run(
     fps: float | None = None,
     leave_out: list[str] | None = None,
 ) -> None:
-    """Read a recording in any common layout and write a scene with one commented scene.yaml, ready for fit.
+    """Read a recording in any common layout and write a scene: scene.yaml, ready for fit, and scene.html to look at.
 
     Images are undistorted and matted, lengths become metres, y points up and the ground is y = 0. The box, the ground,
     the first contact, how far cameras are out of step and, where the layout does not say them, the up direction and the
@@ -58,4 +60,19 @@ def run(
     print("\n".join((f"clocks: {written.clocks}", *written.mended)))
     print(f"up: {found.up_why}\nscale: {found.scale:.6g} m per unit, {found.scale_why}\nground: {found.ground.why}")
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
-    print(f"{path}: every value with where it comes from; look through it, then\npacnerf-lpo fit {scene}")
+    page = look_at(Path(scene))
+    print(f"{page}: whether all of it is right; {path}: every value with where it comes from")
+    print(
+        f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\npacnerf-lpo fit {scene}"
+    )
+
+
+def look_at(scene: Path) -> Path:
+    """Draw the page of a scene as its scene.yaml is now, and print what is doubtful; returns the page's path."""
+    from pacnerf_lpo.report.scene_page import write_scene_page
+
+    look = examine(scene)
+    warnings = scene_warnings(look)
+    for warning in warnings:
+        print(f"warning: {warning}", flush=True)
+    return write_scene_page(look, warnings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -16,11 +15,12 @@ from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import sections
+from pacnerf_lpo.report.encoding import asset, json_text
 from pacnerf_lpo.report.payload import build_payload
 from pacnerf_lpo.report.verdict import FAIR, GOOD, judge
 
 REPORT_FILE = "report.html"
-SCRIPTS = ("base.js", "charts.js", "images.js", "viewer.js", "curves.js")
+SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves.js")
 
 
 def write_report(run_dir: str | Path) -> Path:
@@ -49,11 +49,11 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     verdict = judge(results, (moving or shown)[-1])
-    data = json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    return Template(_asset("report.html")).substitute(
+    data = json_text(payload)
+    return Template(asset("report.html")).substitute(
         title=html.escape(f"{results['scene']}: {sections.found_sentence(results)}"),
-        style=_asset("report.css"),
-        scripts="\n".join(_asset(name) for name in SCRIPTS),
+        style=asset("report.css"),
+        scripts="\n".join(asset(name) for name in SCRIPTS),
         data=data,
         eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
         found=sections.found_heading(results),
@@ -89,7 +89,3 @@ def _known_truth(results: Mapping[str, Any]) -> Truth | None:
     if errors is None:
         return None
     return Truth({name: error["true"] for name, error in errors.items()}, False, None, {})
-
-
-def _asset(name: str) -> str:
-    return (files("pacnerf_lpo.report") / "assets" / name).read_text()

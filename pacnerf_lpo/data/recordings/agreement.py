@@ -38,7 +38,7 @@ def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> floa
     Raises:
         UserInputError: the views contradict each other; names the camera if without it they do not.
     """
-    gap = _largest_gap(views)
+    gap = largest_gap(views)
     if gap > GAP:
         _blame(views, gap, recording)
     lower, upper = bounds(Planes.of([view[0] for view in views]))
@@ -71,10 +71,9 @@ def check_different(images: Sequence[Sequence[Path]], recording: Recording) -> N
 
 
 def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) -> None:
-    without = [_largest_gap([*views[:number], *views[number + 1 :]]) for number in range(len(views))]
-    best = int(np.argmin(without))
-    if len(views) >= ENOUGH and without[best] < max(GAP, 0.5 * gap):
-        name = recording.cameras[best].name
+    wrong = odd_one_out(views, gap, GAP)
+    if wrong is not None:
+        name = recording.cameras[wrong].name
         raise UserInputError(
             f"{recording.source}: camera {name} disagrees with the other views: its pose, its lens, its clock or its "
             f"matte is wrong; calibrate it again, give its masks or background plate, or use --leave_out {name}"
@@ -87,7 +86,28 @@ def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) 
     )
 
 
-def _largest_gap(views: Sequence[Sequence[Planes]]) -> float:
+def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> int | None:
+    """The view without which the others agree, or do so twice as well; None where no view alone is to blame.
+
+    Args:
+        views: tangent planes of every frame, by camera. gap: between all of them. limit: of gaps between right views.
+    """
+    if len(views) < ENOUGH:
+        return None
+    without = [largest_gap([*views[:number], *views[number + 1 :]]) for number in range(len(views))]
+    best = int(np.argmin(without))
+    return best if without[best] < max(limit, 0.5 * gap) else None
+
+
+def largest_gap(views: Sequence[Sequence[Planes]]) -> float:
+    """How far views contradict each other in the first, the middle or the last frame, relative to the body.
+
+    Args:
+        views: tangent planes of every frame, by camera.
+
+    Returns:
+        The largest rms distance of a view's planes from what all views allow; infinite where they allow nothing.
+    """
     last = len(views[0]) - 1
     return max(_gap([view[frame] for view in views]) for frame in (0, last // 2, last))
 

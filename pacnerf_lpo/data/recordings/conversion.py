@@ -109,15 +109,15 @@ def _mended(names: Sequence[str], shots: Sequence[Shots], timeline: Timeline) ->
             yield f"camera {name}: {'; '.join(shot.said)}"
         filled = np.flatnonzero(places != np.round(places))
         if len(filled):
-            yield f"camera {name}: filled in between two images: frames {_ranges(filled)}"
+            yield f"camera {name}: filled in between two images: frames {frame_ranges(filled)}"
         if len(shot.cut_off):
             yield (
-                f"camera {name}: the image cuts the object off in its frames {_ranges(shot.cut_off)}; "
+                f"camera {name}: the image cuts the object off in its frames {frame_ranges(shot.cut_off)}; "
                 "what is cut off there says nothing about box, ground and contact"
             )
 
 
-def _ranges(numbers: np.ndarray) -> str:
+def frame_ranges(numbers: Sequence[int] | np.ndarray) -> str:
     """3-5, 8 for 3, 4, 5, 8."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
