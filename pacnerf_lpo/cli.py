@@ -155,7 +155,7 @@ class PhaseCLI(LightningCLI):
         may_change = MAY_CHANGE if self.physics.decided else (*MAY_CHANGE, *FOLLOWS_LAW)
         changed = [
             f"{key} was {before.get(key)}, is {now.get(key)}"
-            for key in sorted({*before, *now})
+            for key in sorted({*before, *now}, key=lambda key: (key != "preset", key))
             if before.get(key) != now.get(key) and not key.startswith(may_change)
         ]
         if changed:
