@@ -51,8 +51,11 @@ def run(
 
     example: pacnerf-lpo diagnose runs/low runs/high --out runs/both
 
+    Scenes of measured flights, which init makes of positions without a video, are diagnosed in the same way, without a
+    fit before; a folder of several is a study.
+
     Args:
-        run_dirs: folder that fit wrote, or several.
+        run_dirs: folder that fit wrote, or scene of a measured flight, or several.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it: a file, or a name such as demo_candidates;
             all known effects when not given.
@@ -67,7 +70,7 @@ def run(
         clouds: folder of point clouds, cloud_<frame>.ply, in metres; those of data.clouds when not given.
         images: compare the outlines in the video, too.
         jobs: simulations at the same time, each in a process of its own; as many as torch may use threads, at most 8,
-            when not given.
+            when not given, and one of measured flights.
         out: folder for the results of a study, which go into its subfolder diagnosis.
         per_recording: effects, such as UniformForce, that every recording of a study has for itself.
     """
@@ -87,7 +90,7 @@ def run(
 
     for sentence in without_contact(problem):
         tell(sentence)
-    with StopRequest(), processes(jobs):  # SIGTERM, too, ends the processes that simulate
+    with StopRequest(), processes(jobs if problem.deforms else jobs or 1):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
     write_pictures(problem, rounds, folder)
     write_page(folder)

@@ -78,8 +78,7 @@ def _of_recording(
                 unstable = predicted
                 continue
             difference = predicted - reference
-            difference = difference + problem.sensor * random.standard_normal(difference.shape)
-            found.append(problem.relative(difference))
+            found.append(problem.relative(difference + problem.draw_noise(random)))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
@@ -94,8 +93,13 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     Args:
         problem: the run.
         reference: summaries that the model predicts [(V, F, 11)]
+
+    Returns:
+        What the problem says where no camera shows the body.
     """
     least = problem.least_shape_error
+    if not problem.views:
+        return least
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
     views = slice(problem.views)

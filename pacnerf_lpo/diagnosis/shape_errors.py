@@ -32,7 +32,7 @@ that."""
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
-    simulation of the coarse body each; none where its shape is known. An error with which the motion is unstable is
+    simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the motion is unstable is
     left out.
 
     Args:
@@ -63,7 +63,7 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
 def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
     problem = part.recording
     if not isinstance(problem, StateProblem):
-        return np.zeros((*problem.usable.shape, 0))
+        return problem.measuring_errors
     right = problem.coarse_model(part.effects, part.known)
     base = right.predict(right.start)
     bodies = wrong_bodies(problem, distortion(problem, reference))
