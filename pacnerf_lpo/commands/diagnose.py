@@ -90,7 +90,10 @@ def run(
 
     for sentence in without_contact(problem):
         tell(sentence)
-    with StopRequest(), processes(jobs if problem.deforms else jobs or 1):  # SIGTERM, too, ends the processes that simulate
+    with (
+        StopRequest(),
+        processes(jobs if problem.deforms else jobs or 1),
+    ):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
     write_pictures(problem, rounds, folder)
     write_page(folder)

@@ -44,8 +44,8 @@ def run(
     example: pacnerf-lpo init drops.csv scenes/drops --shape Ball --size 0.067 --mass 0.058
 
     Args:
-        source: folder with the recording; a calibration, and videos or images of cameras that stand still. Or positions.
-        scene: folder to write, absent or empty.
+        source: folder with the recording; a calibration, and videos or images of cameras that stand still. Or
+        positions. scene: folder to write, absent or empty.
         format: layout of the recording; recognised when not given.
         unit: of the calibration's lengths.
         up: axis of the calibration that points up.

@@ -125,8 +125,8 @@ class Mesh(Shape):
 
 
 def named_shape(name: str, size: Sequence[float]) -> Shape:
-    """A shape by its name and its outer extents [m]: the diameter of a Ball, the edges of a Block, the outer diameter and
-    the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file.
+    """A shape by its name and its outer extents [m]: the diameter of a Ball, the edges of a Block, the outer diameter
+    and the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file.
 
     Raises:
         UserInputError: no such shape, or another number of extents.

@@ -76,8 +76,8 @@ class Candidate:
 
 
 def whole_catalogue(material: Material, views: Sequence[int], installed: Sequence[Effect]) -> list[Candidate]:
-    """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view. Of
-    a rigid body in flight those of the medium around it: its gravity is known, and it touches nothing.
+    """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view.
+    Of a rigid body in flight those of the medium around it: its gravity is known, and it touches nothing.
 
     Args:
         material: constitutive law of the model.

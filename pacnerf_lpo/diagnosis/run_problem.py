@@ -42,7 +42,9 @@ def problem_of_runs(
     scenes = flights(run_dirs)
     if scenes:
         if stem is not None or any(points) or not images:
-            raise UserInputError("diagnose: --phase, --tracks, --clouds and --images are for runs, not measured flights")
+            raise UserInputError(
+                "diagnose: --phase, --tracks, --clouds and --images are for runs, not measured flights"
+            )
         check_divided(divided)
         return problem_of_flights(scenes, divided)
     if len(run_dirs) == 1:

@@ -32,8 +32,8 @@ that."""
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
-    simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the motion is unstable is
-    left out.
+    simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
+    motion is unstable is left out.
 
     Args:
         problem: the run.

@@ -1,7 +1,8 @@
 """A rigid body in flight whose positions were measured: one problem for each recording, several are a study.
 
 Its unknowns are where the flight begins, and its velocity there, or, of a body that is held at first and let go, the
-time of its release: no velocity jumps as a hand opens. Coordinates that were not measured are taken as if the body did not move along them.
+time of its release: no velocity jumps as a hand opens. Coordinates that were not measured are taken as if the body did
+not move along them.
 """
 
 from __future__ import annotations
@@ -244,8 +245,9 @@ class RigidProblem(Problem):
 
     @property
     def measuring_errors(self) -> np.ndarray:
-        """Errors of the calibration, see :data:`CALIBRATED` [mm, (1, F, 11, M)]: along each coordinate that was measured,
-        one that grows with the path that is covered, as a wrong scale makes it, and one that bends it, as a lens does.
+        """Errors of the calibration, see :data:`CALIBRATED` [mm, (1, F, 11, M)]: along each coordinate that was
+        measured, one that grows with the path that is covered, as a wrong scale makes it, and one that bends it, as a
+        lens does.
         """
         positions = np.nan_to_num(self.flight.positions)
         path = np.append(0.0, np.linalg.norm(np.diff(positions, axis=0), axis=1).cumsum())

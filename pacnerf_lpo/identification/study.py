@@ -273,8 +273,9 @@ class StudyModel(Model):
             model.restart()
 
     def contact(self, free: np.ndarray, within: float) -> int:
-        """Of the recording in which it comes first."""
-        return min(model.contact(own, within) for model, own in self._own(free))
+        """Of the recording in which it comes first; the number of frames where none has one."""
+        found = [(model.contact(own, within), model.shape[1]) for model, own in self._own(free)]
+        return min((first for first, frames in found if first < frames), default=self.shape[1])
 
     def path(self, free: np.ndarray) -> Tensor:
         """Particles of all recordings at every frame [m, (F, N1 + N2 + ..., 3)]; those of a shorter recording stay

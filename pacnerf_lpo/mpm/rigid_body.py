@@ -1,8 +1,8 @@
 """The flight of a rigid body: the body forces that act on particles of a grid, evaluated at its centre.
 
-The centre of mass moves by x'' = g + sum a_e(x, v, omega, t) with the accelerations a_e of the effects, integrated by the
-Runge-Kutta method of order 8 (Dormand and Prince 1980; Hairer, Norsett and Wanner 1993) with a controlled error. The spin
-omega is constant, as that of a ball without a torque is.
+The centre of mass moves by x'' = g + sum a_e(x, v, omega, t) with the accelerations a_e of the effects. That is
+integrated by the Runge-Kutta method of order 8 (Dormand and Prince 1980; Hairer, Norsett and Wanner 1993) with a
+controlled error. The spin omega is constant, as that of a ball without a torque is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What positions say of a flight: which way is up, whether lengths are metres, when it ends, whether it began at rest.
 
-Flights of one source share axes and unit. Their acceleration is a = g - k |v| v along smooth paths, with the vector g and
-the drag k found together, so that a ball that air slows down is not taken for one in another unit.
+Flights of one source share axes and unit. Their acceleration is a = g - k |v| v along smooth paths, with the vector g
+and the drag k found together, so that a ball that air slows down is not taken for one in another unit.
 """
 
 from __future__ import annotations
@@ -141,7 +141,9 @@ def _accelerations(one: Trajectory, up: np.ndarray, scale: float) -> tuple[np.nd
     measured; None where it is too short.
     """
     seen, positions = one.measured, scale * one.positions
-    end = min(contact_of(one.times, positions @ up if seen.all() else positions[:, seen][:, 0]), hit_of(one.times, positions))
+    end = min(
+        contact_of(one.times, positions @ up if seen.all() else positions[:, seen][:, 0]), hit_of(one.times, positions)
+    )
     inside = (np.arange(len(one.times)) <= end) & np.isfinite(positions[:, seen]).all(1)
     if inside.sum() < LEAST_SAMPLES:
         return None
@@ -270,11 +272,15 @@ def investigate(one: Trajectory, direction: Direction, start: str | None) -> Fin
     last = min(rises, hit_of(times, positions))
     if last + 1 < LEAST_SAMPLES:
         raise UserInputError(
-            f"{one.source}, recording {one.name}: the body touches something after {last + 1} positions; a flight needs "
-            f"at least {LEAST_SAMPLES}"
+            f"{one.source}, recording {one.name}: the body touches something after {last + 1} positions; a flight "
+            f"needs at least {LEAST_SAMPLES}"
         )
     event = "rises again" if last == rises else "changes its velocity at once"
-    why = "the last sample" if last + 1 == len(times) else f"the body {event} after {times[last]:.4g} s: it touches something"
+    why = (
+        "the last sample"
+        if last + 1 == len(times)
+        else f"the body {event} after {times[last]:.4g} s: it touches something"
+    )
     spin = None if one.spin is None else turn @ one.spin
     cut = replace(one, times=times[: last + 1], positions=positions[: last + 1], unit=1.0, upward=True, spin=spin)
     held, said = begins_at_rest(cut.times, cut.positions)

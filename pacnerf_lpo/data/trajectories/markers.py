@@ -45,8 +45,8 @@ def read_c3d(path: Path) -> Trajectory:
 
 
 def read_clouds(folder: Path, fps: float | None) -> Trajectory:
-    """The centroids of the clouds in a folder, one PLY for each frame, by the number in their names, or at the time that
-    a header says in a comment line ``comment time_s 0.125``.
+    """The centroids of the clouds in a folder, one PLY for each frame, by the number in their names, or at the time
+    that a header says in a comment line ``comment time_s 0.125``.
 
     Raises:
         UserInputError: a file cannot be read, or there is neither a time nor a frame rate.

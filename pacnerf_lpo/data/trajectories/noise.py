@@ -1,10 +1,10 @@
 """How large and how lasting the errors of measured positions are, from what no smooth force could do.
 
 A track x(t) is a smooth path and an error. The path is that of an acceleration which changes evenly in time, a cubic;
-what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a tracker
-does which follows an edge. Their variances and the time are those that make what is left most likely (restricted maximum
-likelihood, Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so that noise is rather
-found too large than too small.
+what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a
+tracker does which follows an edge. Their variances and the time are those that make what is left most likely
+(restricted maximum likelihood, Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so
+that noise is rather found too large than too small.
 """
 
 from __future__ import annotations
@@ -84,7 +84,9 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
     tried = [minimize(cost, (share, 0.3), method="L-BFGS-B", bounds=bounds) for share in SHARES]
     share, place = min(tried, key=lambda found: found.fun).x
     total = float(np.sqrt(square(share, place)[0] / free))
-    return Noise(max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place)))
+    return Noise(
+        max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place))
+    )
 
 
 @dataclass(frozen=True)

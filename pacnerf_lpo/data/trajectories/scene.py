@@ -114,15 +114,15 @@ def write_scene(
 # Every value can be changed. Positions in {TRACK} are in metres and seconds, y up: {one.how}.
 # up: {direction.why}
 # scale: 1 unit of the recording = {direction.scale:g} m, {direction.scale_why}
-# measured: {', '.join(seen)} in {len(one.times)} samples until {found.end.value:.4g} s; {found.end.why}
+# measured: {", ".join(seen)} in {len(one.times)} samples until {found.end.value:.4g} s; {found.end.why}
 {SECTION}:
   shape: {solid.shape} # stated
   size: {_list(solid.size)} # m, stated
   mass: {solid.mass:g} # kg, stated
   held: {str(found.held[0]).lower()} # whether it is held at first and let go later; {found.held[1]}
   spin: {spin} # rad/s; {spin_why}
-  noise: # m and s: what is new in each sample, what lasts, and for how long; estimated from all recordings of the source
-{_noise(noise)}
+  noise: # m and s: what is new in each sample, what lasts, and for how long; estimated from all recordings of the
+source {_noise(noise)}
   guess: # m, m/s and s; where the fit starts, from the samples themselves
 {_lines(found.guess)}
 physics:

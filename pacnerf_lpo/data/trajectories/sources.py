@@ -12,7 +12,7 @@ import numpy as np
 from pacnerf_lpo.data.trajectories.flight import find_direction, investigate, noises, outlying
 from pacnerf_lpo.data.trajectories.markers import read_c3d, read_clouds
 from pacnerf_lpo.data.trajectories.scene import Solid, check_solid, write_scene
-from pacnerf_lpo.data.trajectories.tables import read_table, read_spins
+from pacnerf_lpo.data.trajectories.tables import read_spins, read_table
 from pacnerf_lpo.data.trajectories.trajectory import Trajectory, check_trajectory
 from pacnerf_lpo.errors import UserInputError
 
@@ -64,7 +64,9 @@ def _turning(found: Sequence[Trajectory], path: Path) -> list[Trajectory]:
     for one in found:
         spin = spins.get(one.name, numbered.get(int(one.name)) if one.name.isdigit() else None)
         if spin is None:
-            raise UserInputError(f"{path}: has no row for the recording {one.name}; it has {', '.join(list(spins)[:5])} ...")
+            raise UserInputError(
+                f"{path}: has no row for the recording {one.name}; it has {', '.join(list(spins)[:5])} ..."
+            )
         with_spin.append(replace(one, spin=np.array(spin)))
     return with_spin
 
@@ -100,10 +102,18 @@ def make_scenes(
     found, short = _each(lambda one: investigate(one, direction, start), usable)
     left_out += short
     odd = outlying(found)
-    left_out += [f"left out: {f.one.name} is no smooth path, unlike the others" for f, is_odd in zip(found, odd, strict=True) if is_odd]
+    left_out += [
+        f"left out: {f.one.name} is no smooth path, unlike the others"
+        for f, is_odd in zip(found, odd, strict=True)
+        if is_odd
+    ]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
     noise = noises(found)
-    why = "measured, in the axes of this scene" if recordings[0].spin is not None else "not measured; give it with --spins"
+    why = (
+        "measured, in the axes of this scene"
+        if recordings[0].spin is not None
+        else "not measured; give it with --spins"
+    )
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
     for path, flight in zip(folders, found, strict=True):
         write_scene(path, flight, solid, noise, direction, why)

@@ -120,8 +120,8 @@ def _bare(table: Table) -> list[str]:
     """Names of the columns of a file without a header."""
     if len(table.rows[0]) != 4:
         raise UserInputError(
-            f"{table.path}: has no header and {len(table.rows[0])} columns; four would be time [s], x, y and z; write a "
-            f"header such as {EXAMPLE}"
+            f"{table.path}: has no header and {len(table.rows[0])} columns; four would be time [s], x, y and z; write "
+            f"a header such as {EXAMPLE}"
         )
     return ["time", *AXES]
 
@@ -175,9 +175,7 @@ def _joined(times: np.ndarray, positions: np.ndarray, points: Sequence[str]) -> 
     return moments[seen], whole[:, seen].mean(0), f"the mean of {len(names)} tracked points that move with the body"
 
 
-def _times(
-    table: Table, names: Sequence[str], time: int | None, frame: int | None, fps: float | None
-) -> np.ndarray:
+def _times(table: Table, names: Sequence[str], time: int | None, frame: int | None, fps: float | None) -> np.ndarray:
     """[s, (n,)]"""
     if time is not None:
         found = table.numbers(time, names[time]) * (_unit(names[time], SECONDS) or 1.0)

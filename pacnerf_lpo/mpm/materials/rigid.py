@@ -26,4 +26,6 @@ class Rigid(Material):
 
     @staticmethod
     def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
-        raise UserInputError("Rigid: a rigid body has no stress and cannot move on a grid; choose a material for videos")
+        raise UserInputError(
+            "Rigid: a rigid body has no stress and cannot move on a grid; choose a material for videos"
+        )
