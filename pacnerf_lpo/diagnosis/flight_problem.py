@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
+from pacnerf_lpo.data.recordings.files import read_values
 from pacnerf_lpo.data.trajectories.scene import NAME, read_scene, scenes_in
 from pacnerf_lpo.diagnosis.catalogue import read_effects
 from pacnerf_lpo.errors import UserInputError
@@ -48,8 +47,7 @@ def problem_of_flights(folders: Sequence[Path], divided: Sequence[str]) -> tuple
 def problem_of_flight(folder: Path) -> RigidProblem:
     """One scene. Raises UserInputError."""
     scene = read_scene(folder)
-    content = yaml.safe_load((folder / NAME).read_text())
-    effects = read_effects(folder / NAME, content["physics"].get("effects") or [])
+    effects = read_effects(folder / NAME, read_values(folder / NAME)["physics"].get("effects") or [])
     spin = None if scene.one.spin is None else tuple(scene.one.spin.tolist())
     flight = Flight(
         folder.name,

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from pacnerf_lpo.data.recordings.files import read_values
 from pacnerf_lpo.data.recordings.findings import GRAVITY
 from pacnerf_lpo.data.shapes import Shape, named_shape
 from pacnerf_lpo.data.trajectories.flight import Direction, Findings
@@ -121,8 +121,8 @@ def write_scene(
   mass: {solid.mass:g} # kg, stated
   held: {str(found.held[0]).lower()} # whether it is held at first and let go later; {found.held[1]}
   spin: {spin} # rad/s; {spin_why}
-  noise: # m and s: what is new in each sample, what lasts, and for how long; estimated from all recordings of the
-source {_noise(noise)}
+  noise: # m, s: what is new in a sample, what lasts, and how long; estimated from all recordings of the source
+{_noise(noise)}
   guess: # m, m/s and s; where the fit starts, from the samples themselves
 {_lines(found.guess)}
 physics:
@@ -140,8 +140,8 @@ def read_scene(folder: Path) -> Scene:
         UserInputError: a value is missing or cannot be used.
     """
     path = folder / NAME
-    content = yaml.safe_load(path.read_text()) or {}
-    section = content.get(SECTION)
+    content = read_values(path)
+    section = content.get(SECTION) if isinstance(content, dict) else None
     if not isinstance(section, dict):
         raise UserInputError(f"{path}: has no section {SECTION}; make the scene again with pacnerf-lpo init")
     try:
