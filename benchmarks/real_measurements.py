@@ -103,10 +103,12 @@ def page(result: dict[str, Any]) -> str:
 
 
 INTRODUCTION = (
-    "Made by `python -m benchmarks.real_measurements ../shared/data/real`, by the commands `init` and `diagnose` as "
-    "they are; nothing was chosen on these recordings but what the code says. Drops: de Silva, Higdon, Brunton and "
-    "Kutz 2020; flights: Gossard, Tebbe, Ziegler and Zell 2023. A verdict of *unknown* says that what the named cause "
-    "leaves is more than the noise that was estimated, or looks like a force that differs from recording to recording."
+    "Made by `python -m benchmarks.real_measurements ../shared/data/real`, by the commands `init` and `diagnose`. "
+    "These are development figures: how noise is estimated (from a cubic), that a body which is let go starts from "
+    "rest, what a calibration is trusted for (a percent) and which effects are tried in flight were settled while some "
+    "of these recordings were looked at. Drops: de Silva, Higdon, Brunton and Kutz 2020; flights: Gossard, Tebbe, "
+    "Ziegler and Zell 2023. A verdict of *unknown* says that what the nearest cause leaves looks more like a smooth "
+    "force that differs from recording to recording than like noise, so that no cause is named."
 )
 
 

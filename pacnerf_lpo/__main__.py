@@ -6,10 +6,13 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from pacnerf_lpo import __version__
+from pacnerf_lpo.callbacks.stop_request import INTERRUPTED, end_at_once
 from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.heartbeat import heartbeat
 
 # command: (what it does, module with the function run)
 COMMANDS = {
@@ -22,7 +25,7 @@ COMMANDS = {
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "init": ("a scene from your own recording, in any common layout", "pacnerf_lpo.commands.init"),
-    "report": ("report.html of a run", "pacnerf_lpo.commands.report"),
+    "report": ("the page of a run or of a scene, to look at", "pacnerf_lpo.commands.report"),
     "configs": ("configurations that --config knows by name", "pacnerf_lpo.commands.configs"),
 }
 # their function run reads the command line itself; the arguments of the other commands are those of their run
@@ -51,7 +54,7 @@ def guarded(command: Callable[[], int]) -> int:
     except OSError as error:  # a full disk, a folder that may not be written
         return _complain(error, 1)
     except (Interrupted, KeyboardInterrupt) as error:
-        return _complain(error, 130)
+        return _complain(error, INTERRUPTED)
 
 
 def _dispatch(words: list[str]) -> int:
@@ -67,10 +70,11 @@ def _dispatch(words: list[str]) -> int:
         near = get_close_matches(words[0], COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
         raise UserInputError(f"there is no command {words[0]}; {hint}")
-    module = import_module(COMMANDS[words[0]][1])
-    if words[0] not in READING:
-        return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
-    return module.run(words[1:])
+    with heartbeat("loading the program"):
+        module = import_module(COMMANDS[words[0]][1])
+        if words[0] not in READING:
+            return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
+        return module.run(words[1:])
 
 
 def _help() -> str:
@@ -92,5 +96,17 @@ def _complain(error: BaseException, status: int) -> int:
     return status
 
 
+def run() -> NoReturn:
+    """Run the command of the process's command line, and end the process."""
+    leave(main())
+
+
+def leave(status: int) -> NoReturn:
+    """End the process with a status; one that was interrupted at once."""
+    if status == INTERRUPTED:
+        end_at_once()
+    sys.exit(status)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

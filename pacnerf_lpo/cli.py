@@ -6,6 +6,7 @@ import contextlib
 import copy
 import errno
 import logging
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import cast
 
 import pytorch_lightning as pl
 import torch
+import yaml
 from jsonargparse import ArgumentError
 from omegaconf.errors import OmegaConfBaseException
 from pytorch_lightning.cli import ArgsType, LightningArgumentParser, LightningCLI
@@ -28,12 +30,17 @@ from pacnerf_lpo.callbacks.progress import PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
+from pacnerf_lpo.config_layers import flat, read_yaml, scene_changes
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.heartbeat import doing
+from pacnerf_lpo.manifest import FILE_NAME as MANIFEST
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.phases.estimate import estimate
+from pacnerf_lpo.reuse import reusable
 
 CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
@@ -43,9 +50,19 @@ NOT_CONFIGURABLE = {
 }
 DESCRIPTION = """Identify geometry and material from a multi-view video.
 
+usage: pacnerf-lpo fit SCENE [--preset auto|quick|cpu|paper] [options]
+       pacnerf-lpo fit --config FILE_OR_NAME [--config ...] [options]
+
+SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run; the same command goes on with it.
+Of two options, and of two configurations, the later one counts.
+
 examples:
+  pacnerf-lpo fit scenes/drop
+  pacnerf-lpo fit scenes/drop --preset quick
   pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo
   pacnerf-lpo fit --resume runs/demo"""
+MAY_CHANGE = ("outer_loop.rounds", "outer_loop.checkpoint_seconds", "truth", "intervals", "trainer.")
+"""What may differ where a run goes on: nothing that is done already depends on it."""
 
 
 class PhaseCLI(LightningCLI):
@@ -78,6 +95,12 @@ class PhaseCLI(LightningCLI):
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Declare the sections of the configuration."""
         parser.add_argument("--resume", metavar="RUN_DIR", help="Go on with this run; takes no other option.")
+        parser.add_argument(
+            "--preset", type=str | None, help="Of fit SCENE: quick (minutes), cpu, paper, or auto: by the machine."
+        )
+        parser.add_argument(
+            "--intervals", type=bool, default=False, help="Add 90 %% intervals of the parameters at the end (minutes)."
+        )
         parser.add_argument("--truth", type=str | None, help="A truth.json to compare with at the end, or demo.")
         parser.add_class_arguments(self._datamodule_class, "data")
         parser.add_class_arguments(self.physics_class, "physics")
@@ -94,6 +117,7 @@ class PhaseCLI(LightningCLI):
             self.config = parser.parse_args(words)
         except (ArgumentError, OmegaConfBaseException) as error:
             raise explain(error, parser, files) from error
+        self.remarks = scene_changes(files)
 
     def instantiate_classes(self) -> None:
         """Make the data, the physical model, one template of each phase, and the outer loop."""
@@ -105,10 +129,41 @@ class PhaseCLI(LightningCLI):
         self.phases: dict[str, AbstractPhase] = {k: v for k, v in vars(made.phases).items() if v is not None}
         self.trainer_config = vars(made.trainer)
 
-    def run(self) -> Path:
-        """Run all phases that are not done yet; returns the run directory."""
+    def go_on(self) -> None:
+        """Go on with the run that is there already, where it is of the same settings.
+
+        Raises:
+            UserInputError: it is of others.
+        """
+        run_dir: Path = self.outer_loop.run_dir
+        if not (run_dir / MANIFEST).is_file():
+            return
+        path = run_dir / CONFIG_FILE
+        before, now = flat(read_yaml(path)), flat(yaml.safe_load(self.dump()))
+        changed = [
+            f"{key} was {before.get(key)}, is {now.get(key)}"
+            for key in sorted({*before, *now})
+            if before.get(key) != now.get(key) and not key.startswith(MAY_CHANGE)
+        ]
+        if changed:
+            more = f" and {len(changed) - 2} more" if len(changed) > 2 else ""
+            raise UserInputError(
+                f"{run_dir} was begun with other settings ({'; '.join(changed[:2])}{more}): go on with those by "
+                f"`{resume_command(run_dir)}`, or begin anew in another folder, such as --outer_loop.run_dir "
+                f"{run_dir.with_name(run_dir.name + '2')}"
+            )
+        self.config.resume = str(run_dir)
+        write_atomically(path, self.dump().encode())
+
+    def run(self, doubt: Callable[..., None]) -> Path:
+        """Run all phases that are not done yet; returns the run directory.
+
+        Args:
+            doubt: called after each phase, as :func:`pacnerf_lpo.commands.fit.doubt`.
+        """
         check_truth(self.config.truth)
         self._choose_device()
+        doing("reading the video")
         self.datamodule.prepare()
         for phase in self.phases.values():  # each checks that video, model and its own settings agree, before long work
             copy.deepcopy(phase).attach(self.datamodule, self.physics)
@@ -116,14 +171,22 @@ class PhaseCLI(LightningCLI):
         correction = "correction" in self.phases
         loop.check(self.datamodule, correction)
         if self.config.resume is None:
-            loop.start(correction)
-            write_atomically(loop.run_dir / CONFIG_FILE, self.dump().encode())
+            self._start(correction)
         else:
             loop.resume(correction)
+        if loop.next_phase() is None:
+            print(
+                f"{loop.run_dir} is finished; to begin anew give another folder, such as --outer_loop.run_dir "
+                f"{loop.run_dir.with_name(loop.run_dir.name + '2')}"
+            )
+        else:
+            self._announce()
         with StopRequest() as stop:
             try:
+                self._look_back(doubt)
                 while (step := loop.next_phase()) is not None:
                     self._run_phase(step, stop)
+                    self._look_back(doubt)
             except Interrupted:
                 loop.abandon("interrupted")
                 raise Interrupted(f"interrupted; go on with `{resume_command(loop.run_dir)}`") from None
@@ -133,9 +196,17 @@ class PhaseCLI(LightningCLI):
         loop.close("finished")
         return loop.run_dir
 
+    def _announce(self) -> None:
+        """Say what overlays changed, and what the run will take."""
+        todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
+        lasts = estimate(todo, self.phases.get("static"), self.datamodule, self.physics, self.config.intervals)
+        for line in [*self.remarks, *lasts]:
+            print(line, flush=True)
+
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop
         loop.begin(step)
+        doing(f"preparing {step.role}")
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
         module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
@@ -152,6 +223,25 @@ class PhaseCLI(LightningCLI):
             options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
         trainer.fit(module, datamodule=self.datamodule, ckpt_path=checkpoint if checkpoint.exists() else None)
+
+    def _start(self, correction: bool) -> None:
+        """Begin a run, with phases of another one where that is wanted; what cannot be is found before."""
+        loop: OuterLoop = self.outer_loop
+        config, video = self.dump(), self.datamodule.fingerprint
+        found = None if loop.reuse is None else reusable(loop.reuse, yaml.safe_load(config), video)
+        loop.start(correction, video)
+        write_atomically(loop.run_dir / CONFIG_FILE, config.encode())
+        if found is not None:
+            loop.state = found.copy(loop.manifest, self.physics.guess)
+            print(found, file=sys.stderr)
+
+    def _look_back(self, doubt: Callable[..., None]) -> None:
+        """Say what is doubtful about the last finished phase."""
+        record = self.outer_loop.last_done
+        if record is not None:
+            doing(f"looking back at {record.phase}")
+            template = self.phases[self.outer_loop.steps[record.index].template]
+            doubt(self.outer_loop.manifest, self.datamodule, self.physics, template, self.outer_loop.compare_methods)
 
     def _choose_device(self) -> None:
         """Simulate and render where the trainer computes."""
@@ -187,22 +277,32 @@ def fit(
     args: Sequence[str],
     datamodule_class: type[pl.LightningDataModule],
     physics_class: type,
+    doubt: Callable[..., None],
     finish: Callable[[Path, str | None], None],
+    goes_on: bool = False,
 ) -> int:
     """The command ``fit``; returns its exit status.
 
     Args:
         args: command line after ``fit``.
         datamodule_class, physics_class: as for :class:`PhaseCLI`.
+        doubt: as for :meth:`PhaseCLI.run`.
         finish: called with the run directory and the truth to compare with, once all phases are done.
+        goes_on: a run of these settings that is there already goes on, as with ``--resume``.
     """
     quieten_lightning()
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
-    run_dir = phases.run()
+    if goes_on:
+        phases.go_on()
+    run_dir = phases.run(doubt)
+    again = f"repeat it with `{resume_command(run_dir)}`"
     try:
-        finish(run_dir, phases.config.truth)
+        doing("evaluating the run")
+        with StopRequest():
+            finish(run_dir, phases.config.truth)
+    except Interrupted:
+        raise Interrupted(f"the fit is complete but its evaluation was interrupted; {again}") from None
     except Exception as error:
-        again = f"repeat it with `{resume_command(run_dir)}`"
         raise RunError(f"the fit is complete but its evaluation failed ({error!r}); {again}") from error
     return 0
 

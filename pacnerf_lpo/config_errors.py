@@ -16,11 +16,17 @@ from typing import Any, get_args
 import yaml
 from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
+from pacnerf_lpo.config_layers import SCENE_KEYS, flat, read_yaml, shown
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.named_configs import find_config
+from pacnerf_lpo.named_configs import LIST_COMMAND, find_config
 
 LISTED = 10
 """More classes than that are not listed where one is near enough to be meant."""
+
+EXAMPLE = "scenes/torus"
+"""The shipped scene whose values are shown where one is missing."""
+EXAMPLES = {"data.root": "scenes/drop"}
+"""What no shipped scene says."""
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter, DefaultHelpFormatter):
@@ -94,12 +100,28 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
 
 def _missing(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
     if found := re.search(r"Interpolation key '(.+)' not found\s+full_key: (\S+)", text):
-        return f"{found[2]} refers to {found[1]}, which is not set; set it, for instance by the --config of a scene"
+        return f"{found[2]} refers to {found[1]}, which is not set; {_remedy([found[1]], files)}"
     if found := re.search(r"arguments are required: (.+)", text):
-        first = found[1].split(",")[0]
-        optional = any(action.dest == first and action.option_strings for action in parser._actions)
-        return f"missing: {found[1]}" + (f"; give it with --{first} or in a --config file" if optional else "")
+        names = found[1].split(", ")
+        section = f" in section {where}.init_args" if where else ""
+        keys = [f"{where}.init_args.{name}" for name in names] if where else names
+        optional = any(action.dest == keys[0] and action.option_strings for action in parser._actions)
+        return f"missing{section}: {found[1]}; {_remedy(keys, files)}" + (f", or give --{keys[0]}" if optional else "")
     return None
+
+
+def _remedy(keys: Sequence[str], files: Sequence[Path]) -> str:
+    """Into which file missing keys belong, with a value for each that an example has."""
+    about_scene = [path for path in files if any(key in SCENE_KEYS for key in flat(read_yaml(path)))]
+    place = shown(about_scene[-1]) if about_scene else "a --config file of your scene"
+    known = {**flat(read_yaml(find_config("fit", ""))), **flat(read_yaml(find_config(EXAMPLE, "")))}
+    examples = []
+    for key in keys:
+        value = known.get(key, known.get(f"{key}.class_path", EXAMPLES.get(key)))
+        if value is not None:
+            examples.append(f"{key.rpartition('.')[2]}: {value}")
+    written = f", for example {', '.join(examples)} (all of it: `{LIST_COMMAND} {EXAMPLE}`)" if examples else ""
+    return f"add to {place}{written}"
 
 
 def _wrong_type(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:

@@ -8,6 +8,14 @@ class UserInputError(ValueError):
     """
 
 
+class Unmeasured(UserInputError):
+    """A value that a recording neither says nor shows; ``option`` is the one of ``init`` that gives it."""
+
+    def __init__(self, message: str, option: str):
+        super().__init__(message)
+        self.option = option
+
+
 class SimulationError(RuntimeError):
     """A rollout left the range in which the discretisation is valid (NaN, CFL, particle outside the grid).
 

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, field
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
 
@@ -44,6 +47,8 @@ class PhaseRecord:
     error: one line, when it failed.
     copied_from: the run that computed it, when this one started from a copy of its phases.
     held_out_error: after a correction that some training images were kept back from, the error in these.
+    course: how the phase went, as its :meth:`AbstractPhase.course` says.
+    methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
     """
 
     index: int
@@ -57,15 +62,20 @@ class PhaseRecord:
     error: str | None = None
     copied_from: str | None = None
     held_out_error: float | None = None
+    course: dict[str, Any] = field(default_factory=dict)
+    methods: dict[str, Any] | None = None
 
 
 @dataclass
 class Manifest:
-    """The record of a run, ``status`` one of ``running``, ``interrupted``, ``failed``, ``finished``."""
+    """The record of a run, ``status`` one of ``running``, ``interrupted``, ``failed``, ``finished``; ``video`` is the
+    fingerprint of what it was made from.
+    """
 
     run_dir: Path
     status: str = "running"
     phases: list[PhaseRecord] = field(default_factory=list)
+    video: str | None = None
 
     @property
     def chosen_round(self) -> int | None:
@@ -81,9 +91,19 @@ class Manifest:
         """Rounds whose held-out error is known."""
         return sum(record.held_out_error is not None for record in self.phases)
 
+    def begin_with(self, source: Path, records: Sequence[PhaseRecord]) -> None:
+        """Begin with copies of finished phases of another run, their states and checkpoints; writes no manifest."""
+        for record in records:
+            for relative in (record.state, record.checkpoint):
+                target = self.run_dir / relative
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(source / relative, target)
+            self.phases.append(replace(record, copied_from=source.name))
+
     def save(self) -> None:
         """Write ``manifest.json``."""
-        content = {"format": FORMAT, "status": self.status, "phases": [asdict(record) for record in self.phases]}
+        phases = [asdict(record) for record in self.phases]
+        content = {"format": FORMAT, "status": self.status, "video": self.video, "phases": phases}
         write_atomically(self.run_dir / FILE_NAME, json.dumps(content, indent=1).encode())
 
     @staticmethod
@@ -94,7 +114,8 @@ class Manifest:
             content = json.loads(path.read_text())
             if content["format"] != FORMAT:
                 raise UserInputError(f"{path}: format {content['format']}, this version reads {FORMAT}")
-            return Manifest(run_dir, content["status"], [PhaseRecord(**record) for record in content["phases"]])
+            records = [PhaseRecord(**record) for record in content["phases"]]
+            return Manifest(run_dir, content["status"], records, content.get("video"))
         except FileNotFoundError:
             raise UserInputError(f"{run_dir} is not a run directory: it has no {FILE_NAME}") from None
         except (json.JSONDecodeError, KeyError, TypeError) as error:

@@ -71,6 +71,10 @@ class OuterLoop(pl.Callback):
         stop_when: ``never``: all rounds are run; ``held_out``: some training images are kept back from the corrections,
             and the rounds end when the error in them stops falling. The round before that is the one chosen.
         run_all_rounds: with ``held_out``, choose a round but run the others too, to show what they give.
+        compare_methods: after the identification, ask on a coarse body whether images and outlines agree on its answer
+            (see :mod:`pacnerf_lpo.phases.method_comparison`); half a minute.
+        reuse: a run whose reconstruction is taken over, and its velocity where that is still right, if they were made
+            from the same video with the same settings (see :mod:`pacnerf_lpo.reuse`).
         checkpoint_seconds: time between two checkpoints of a running phase [s].
     """
 
@@ -82,6 +86,8 @@ class OuterLoop(pl.Callback):
         carry: Literal["particles", "refit_grid"] = "particles",
         stop_when: Literal["never", "held_out"] = "never",
         run_all_rounds: bool = False,
+        compare_methods: bool = True,
+        reuse: str | None = None,
         checkpoint_seconds: float = 60.0,
     ):
         if rounds < 0:
@@ -89,6 +95,7 @@ class OuterLoop(pl.Callback):
         self.run_dir = Path(run_dir)
         self.rounds, self.physics_start, self.checkpoint_seconds = rounds, physics_start, checkpoint_seconds
         self.carry, self.stop_when, self.run_all_rounds = carry, stop_when, run_all_rounds
+        self.compare_methods, self.reuse = compare_methods, reuse
         self.state: ParticleState | None = None
 
     def check(self, data: VideoData, correction: bool) -> None:
@@ -104,24 +111,29 @@ class OuterLoop(pl.Callback):
                 "data.train_views has one view only; add a view, or set outer_loop.stop_when to never"
             )
 
-    def start(self, correction: bool) -> None:
-        """Begin a run: make its directory and its manifest."""
+    def start(self, correction: bool, video: str) -> None:
+        """Begin a run on a video with this fingerprint: make its directory and its manifest."""
         if self.run_dir.exists() and (not self.run_dir.is_dir() or any(self.run_dir.iterdir())):
             raise UserInputError(
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
                 "or choose another folder with --outer_loop.run_dir"
             )
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
-        self.manifest = Manifest(self.run_dir)
+        self.manifest = Manifest(self.run_dir, video=video)
         self.manifest.save()
 
     def resume(self, correction: bool) -> None:
         """Go on with an earlier run: after its last finished phase."""
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid")
         self.manifest = Manifest.load(self.run_dir)
+        if self.last_done is not None:
+            self.state = ParticleState.load(self.run_dir / self.last_done.state)
+
+    @property
+    def last_done(self) -> PhaseRecord | None:
+        """Record of the last finished phase."""
         done = self._done()
-        if done:
-            self.state = ParticleState.load(self.run_dir / done[-1].state)
+        return done[-1] if done else None
 
     def next_phase(self) -> PhaseStep | None:
         """The phase to run now; ``None`` after the last one, and when another round would not help."""
@@ -130,6 +142,10 @@ class OuterLoop(pl.Callback):
         if chosen is not None and chosen < self.manifest.rounds_measured and not self.run_all_rounds:
             return None
         return self.steps[done] if done < len(self.steps) else None
+
+    def remaining(self) -> list[PhaseStep]:
+        """The phases that are not done yet, as far as is known now."""
+        return self.steps[len(self._done()) :] if self.next_phase() is not None else []
 
     def first_step(self) -> int:
         """Optimiser steps of all finished phases: where the next one begins on the time line."""
@@ -184,7 +200,7 @@ class OuterLoop(pl.Callback):
         content = io.BytesIO()
         self.state.save(content)
         write_atomically(self.run_dir / record.state, content.getvalue())
-        record.status, record.steps = "done", trainer.global_step
+        record.status, record.steps, record.course = "done", trainer.global_step, phase.course()
         record.seconds += time.monotonic() - self._started
         self.manifest.save()
 

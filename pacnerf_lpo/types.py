@@ -46,6 +46,7 @@ class Video:
     camera_to_world: [rotation and metres, (V, 3, 4)]
     intrinsics: focal lengths and principal point [pixels of ``images``, (V, 3, 3)]
     times: [s, (F,)]
+    offsets: how much later than stamped each view's frames were taken [s, V of them]; none: all are in step
     view_ids, frame_ids: the numbers the files carry, in the order of the first two axes.
     source: where it was read from, for messages.
     """
@@ -59,6 +60,7 @@ class Video:
     view_ids: tuple[int, ...]
     frame_ids: tuple[int, ...]
     source: str = ""
+    offsets: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,17 @@ class FakeMaterial:
 class FakePhysics:
     def __init__(self, material: FakeMaterial, rho: float = 1000.0):
         self.material = material
+        self.guess = {"E": material.E, "nu": material.nu}
 
 
 class FakeData(pl.LightningDataModule):
     def __init__(self, root: str):
         super().__init__()
         self.root = root
+
+    @property
+    def fingerprint(self) -> str:
+        return self.root
 
     def prepare(self) -> None:
         if self.root == "missing":
@@ -91,10 +96,14 @@ def arguments(run_dir, **phases: str) -> list[str]:
     return [*words, "--trainer.accelerator=cpu", "--outer_loop.rounds=1", "--trainer.log_every_n_steps=1"]
 
 
+def doubt(*_: object) -> None:
+    """The fake phases have no video to doubt."""
+
+
 def finish(run_dir: Path, truth: str | None) -> None:
     """The fake particles cannot be rendered."""
 
 
 def main(words: list[str]) -> int:
     """``pacnerf-lpo fit`` with the fake classes."""
-    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics, finish))
+    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics, doubt, finish))

@@ -92,7 +92,9 @@ def test_phases_check_their_settings_before_anything_is_written(complain, monkey
 
 def test_missing_option(capsys: pytest.CaptureFixture[str]):
     assert fake_run.main(["--physics.material=FakeMaterial"]) == 2
-    assert "missing: data.root" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "missing: data.root, phases.physics" in said and "or give --data.root" in said
+    assert "add to a --config file of your scene, for example root: scenes/drop" in said
 
 
 def test_resume_needs_a_run_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -42,7 +42,8 @@ def start(words: list[str]) -> subprocess.Popen:
     command = [
         sys.executable,
         "-c",
-        "import sys; from tests import fake_run; sys.exit(fake_run.main(sys.argv[1:]))",
+        "import sys; from pacnerf_lpo.__main__ import leave; from tests import fake_run as run; "
+        "leave(run.main(sys.argv[1:]))",
         *words,
     ]
     return subprocess.Popen(command, cwd=root, env=environment, stderr=subprocess.PIPE, text=True)
@@ -168,6 +169,43 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, num
     assert (stopped / "states" / "00_static.pt").stat().st_mtime_ns == finished_before
     assert torch.equal(final_positions(stopped), final_positions(whole))
     assert [phase["steps"] for phase in read_manifest(stopped)["phases"]] == [6, 40, 6, 6]
+
+
+def test_a_long_step_is_given_up_within_five_seconds(tmp_path: Path):
+    """The last checkpoint is that of the step before, and the run goes on from there."""
+    run = tmp_path / "run"
+    slow = fake_run.arguments(run, velocity="steps=3,seconds=12")
+    process = start([*slow, "--outer_loop.checkpoint_seconds=0"])
+    wait_for(run / "states" / "00_static.pt", process)
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    sent = time.monotonic()
+    message = process.communicate(timeout=60)[1]
+    assert time.monotonic() - sent < 6.0, message  # and a second for the interpreter to end
+    assert process.returncode == 130 and "Traceback" not in message
+    assert message.strip().splitlines()[-1].endswith(f"`pacnerf-lpo fit --resume {run}`")
+    assert read_manifest(run)["status"] == "interrupted"
+
+
+def test_code_that_does_not_hear_of_signals_is_ended(tmp_path: Path):
+    """A computation outside Python, here an eigenvalue problem, keeps Python's handlers waiting."""
+    program = """
+import numpy as np
+from pacnerf_lpo.callbacks.stop_request import StopRequest
+with StopRequest():
+    matrix = np.random.default_rng(0).random((3000, 3000))
+    print("busy", flush=True)
+    np.linalg.eigvals(matrix)
+"""
+    command = [sys.executable, "-c", program]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "busy\n"
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    sent = time.monotonic()
+    message = process.communicate(timeout=60)[1]
+    assert process.returncode == 130, message
+    assert time.monotonic() - sent < 6.0 and message == "stopped\n"
 
 
 def test_a_wish_to_stop_between_two_batches_is_not_lost(

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.setting import Setting
+from benchmarks.hidden_effects.film import film
+from benchmarks.hidden_effects.known_shape import KnownShape, physics_of
+from benchmarks.hidden_effects.setting import FAST, Setting
 from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import noise_of
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
@@ -60,18 +61,16 @@ class Ruler:
     """
 
     def __init__(self, setting: Setting, true: dict[str, float], count: int):
-        video = setting.video()
-        blank = np.ones((len(setting.cameras), setting.frames, 11))
-        draft = KnownShape("draft", setting, video, blank)
-        self.true = {**draft.physics.guess, **true}
-        self.model = model = draft.model((), self.true)
-        self.problem = problem = KnownShape("ruler", setting, video, model.predict(model.start))
-        found = replicates(problem, (), model.start, model, count, seed=0)
+        self.true = {**physics_of(setting).guess, **true}
+        recorded = film(setting, self.true, (), np.random.default_rng(0), FAST.finer)
+        self.problem = problem = KnownShape("ruler", setting, setting.video(), recorded.summaries)
+        self.model = model = problem.model((), self.true)
+        found, sensor = replicates(problem, (), model.start, model, count, seed=0)
         self.masks = {
             "motion": problem.fitted,
             "camera": problem.usable & problem.split.frames[..., None],
         }
-        self.noises = {key: noise_of(problem, found, mask) for key, mask in self.masks.items()}
+        self.noises = {key: noise_of(problem, found, sensor, mask) for key, mask in self.masks.items()}
 
     def snr(self, effect: Effect, values: dict[str, float], iterations: int = ITERATIONS) -> float:
         """What an effect leaves in noise-free data after material and velocity were refitted without it, in units of

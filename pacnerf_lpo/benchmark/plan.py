@@ -117,6 +117,7 @@ def plan_runs(
         files = _files(name, scene, configs, (*(configs / extra for extra in suite.overlays), *overlays))
         words = [word for path in files for word in ("--config", str(path))]
         words += [f"--outer_loop.rounds={needed[name]}", f"--data.root={scene.root}", f"--truth={scene.truth}"]
+        words.append("--outer_loop.compare_methods=false")  # nobody reads doubts in a table
         if name.correction in ("", NO_CORRECTION):  # nothing is held out from a correction that there is not
             words.append("--outer_loop.stop_when=never")
         config = reader.read(words)
@@ -166,12 +167,6 @@ def _copy_beginning(source: Path, manifest: Manifest) -> None:
     records = [record for record in Manifest.load(source).phases if record.status == "done"][:BEGINNING]
     if len(records) < BEGINNING:
         raise UserInputError(f"{source}: its first {BEGINNING} phases are not finished, so nothing can start from them")
-    for record in records:
-        for relative in (record.state, record.checkpoint):
-            target = manifest.run_dir / relative
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source / relative, target)
-        record.copied_from = source.name
+    manifest.begin_with(source, records)
     if (source / "tensorboard").is_dir():
         shutil.copytree(source / "tensorboard", manifest.run_dir / "tensorboard")
-    manifest.phases = records

@@ -12,6 +12,7 @@ import torch
 from pytorch_lightning.callbacks import ProgressBar
 from tqdm import tqdm
 
+from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.phases.base import AbstractPhase
 
 
@@ -42,6 +43,12 @@ class PhaseProgress(ProgressBar):
         self._first = trainer.fit_loop.epoch_loop.batch_progress.current.ready
         if self._enabled and terminal:
             self._bar = tqdm(total=self._total, initial=self._first, desc=self.title, dynamic_ncols=True)
+
+    def on_train_batch_start(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
+    ) -> None:
+        """Name the step, for a sign of life where it is long."""
+        doing(f"at {self.title}, step {batch_idx + 1} of {self._total}")
 
     def on_train_batch_end(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
-    """Call ``run`` with a command line; returns the exit status.
+    """Call ``run`` with a command line; returns the exit status. Its argument ``run_dir`` may be given as the scene.
 
     Args:
         run: typed function with a Google docstring.
@@ -27,6 +27,7 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     from jsonargparse import ArgumentError, ArgumentParser
 
     from pacnerf_lpo.config_errors import HelpFormatter, explain
+    from pacnerf_lpo.scene_folder import run_directory
 
     description = (getdoc(run) or "").split("\n\nArgs:")[0]
     parser = ArgumentParser(prog=name, description=description, formatter_class=HelpFormatter, exit_on_error=False)
@@ -35,7 +36,10 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
         config = parser.parse_args(_spelled_out(run, words))
     except ArgumentError as error:
         raise explain(error, parser, []) from error
-    run(**vars(_instantiated(parser, config)))
+    values = vars(_instantiated(parser, config))
+    if "run_dir" in values:
+        values["run_dir"] = run_directory(values["run_dir"])
+    run(**values)
     return 0
 
 
@@ -58,8 +62,10 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
         kind = kinds.get(option.removeprefix("--"), "")
         if kind == "bool" and not values:
             values = ["true"]
-        if kind.startswith("list[") and values and not values[0].startswith("["):
-            values = [str(values) if kind.startswith("list[str]") else f"[{', '.join(values)}]"]
+        if kind.startswith("list[str]") and values and not values[0].startswith("["):
+            values = [str(values)]
+        if kind.startswith("list[float]") and values and not values[0].startswith("["):
+            values = [f"[{', '.join(values)}]"]
         if len(values) == 1 and values[0].startswith("-"):  # a value, such as a negative number or an axis -z
             option, values = f"{option}={values[0]}", []
         result += [option, *values]

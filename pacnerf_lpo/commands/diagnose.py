@@ -5,19 +5,25 @@ from __future__ import annotations
 import json
 import time
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
+from pacnerf_lpo.commands import fit
+from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
+from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.identification.study import without_contact
+from pacnerf_lpo.manifest import FILE_NAME, Manifest
 from pacnerf_lpo.named_configs import find_config
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
 from pacnerf_lpo.report.diagnosis_stages import write_pictures
 from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
+from pacnerf_lpo.scene_folder import RUN, is_scene
 
 
 def run(
@@ -45,7 +51,7 @@ def run(
     Several runs of one object are a study: material and effects are those of the object; velocity, ground, spin and
     camera faults belong to each recording.
 
-    example: pacnerf-lpo diagnose runs/demo
+    example: pacnerf-lpo diagnose scenes/drop
 
     example: pacnerf-lpo diagnose runs/demo --tracks points.csv --images false
 
@@ -55,7 +61,8 @@ def run(
     fit before; a folder of several is a study.
 
     Args:
-        run_dirs: folder that fit wrote, or scene of a measured flight, or several.
+        run_dirs: folder that fit wrote, or scene, or several. A scene of cameras without a fit is reconstructed
+            first, as `fit SCENE --outer_loop.rounds 0` does it; the scene of a measured flight needs no fit.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it: a file, or a name such as demo_candidates;
             all known effects when not given.
@@ -80,12 +87,14 @@ def run(
     options = Options(
         listed, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
     )
-    runs = [run_dirs] if isinstance(run_dirs, str) else run_dirs
+    runs = [reconstructed(given) for given in ([run_dirs] if isinstance(run_dirs, str) else run_dirs)]
+    doing("reading the runs")
     problem, store = prepare(runs, phase, options, out)
     folder = store.folder
     Settings(runs, phase, options).write(folder)
 
     def tell(text: str) -> None:
+        doing(text)
         print(f"[{time.monotonic() - began:4.0f} s] {text}", flush=True)
 
     for sentence in without_contact(problem):
@@ -95,9 +104,33 @@ def run(
         processes(jobs if problem.deforms else jobs or 1),
     ):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
+    doing("writing the page")
     write_pictures(problem, rounds, folder)
     write_page(folder)
     log_diagnosis(folder.parent)
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     print("\n".join([verdict["sentence"], *verdict["details"]]))
     print(f"results: {folder}")
+
+
+def reconstructed(folder: str) -> str:
+    """The run that is meant: the folder, or that of a scene, whose body and velocity are fitted where they are not yet.
+
+    Raises:
+        Interrupted, RunError, UserInputError: the fit came to no end.
+    """
+    if not is_scene(folder) or scenes_in(Path(folder)):
+        return folder
+    run_dir = Path(folder) / RUN
+    if not has_motion(run_dir):
+        print(f"{folder}: body and velocity first, as `pacnerf-lpo fit {folder} --outer_loop.rounds 0`", flush=True)
+        fit.run([folder, "--outer_loop.rounds", "0"])
+    return str(run_dir)
+
+
+def has_motion(run_dir: Path) -> bool:
+    """Whether the velocity of a run is fitted."""
+    if not (run_dir / FILE_NAME).is_file():
+        return False
+    done = [record.phase for record in Manifest.load(run_dir).phases if record.status == "done"]
+    return "velocity" in done

@@ -14,7 +14,7 @@ def run(run_dir: str, truth: str | None = None) -> None:
     example: pacnerf-lpo evaluate runs/demo --truth demo
 
     Args:
-        run_dir: folder that fit wrote.
+        run_dir: folder that fit wrote, or the scene with it.
         truth: a truth.json, or demo for the shipped scene; without it no truth is opened.
     """
     print(markdown_table(evaluate_run(run_dir, truth)))

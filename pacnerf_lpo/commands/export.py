@@ -33,7 +33,7 @@ def run(
     example: pacnerf-lpo export runs/demo --output tracks.csv --particles 100
 
     Args:
-        run_dir: folder that fit wrote.
+        run_dir: folder that fit wrote, or the scene with it.
         format: ply, vtu, usd, obj, glb, csv or mp4; as the output ends when not given.
         output: a folder for one file per frame, a file otherwise; in RUN/exports (ply: RUN/particles) when not given.
         phase: stem of a finished phase, such as 02_r1_physics; the last one when not given.

@@ -2,28 +2,98 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Sequence
+from copy import deepcopy
 from pathlib import Path
 
 from pacnerf_lpo import cli
+from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.heartbeat import doing
+from pacnerf_lpo.identification.processes import processes
+from pacnerf_lpo.manifest import Manifest
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.method_comparison import compare_methods
+from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+from pacnerf_lpo.presets import stack
 
 
 def run(args: Sequence[str]) -> int:
-    """Run the command; returns its exit status."""
-    return cli.fit(args, VideoData, Physics, finish)
+    """Run the command; returns its exit status. Its first word may be a scene folder."""
+    if not args or args[0].startswith("-"):
+        return cli.fit(args, VideoData, Physics, doubt, finish)
+    stacked = stack(Path(args[0]), args[1:])
+    for remark in stacked.remarks:
+        print(remark)
+    return cli.fit(stacked.words, VideoData, Physics, doubt, finish, goes_on=True)
+
+
+def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool) -> None:
+    """Say what is doubtful about the last finished phase of a run.
+
+    Args:
+        manifest: of the run; keeps what the two methods of identification say.
+        data, physics: of the run.
+        template: the section of ``phases`` that configured the phase.
+        compare: run the methods against each other, after the identification of a body that was not corrected.
+    """
+    record = [record for record in manifest.phases if record.status == "done"][-1]
+    stage = Stage(record, manifest.run_dir)
+    if compare and record.methods is None and isinstance(template, PhysicsIDModule) and not stage.state.corrected:
+        record.methods = _compared(stage, data, physics, template)
+        manifest.save()
+    for found in doubts_of_phase(data, physics, stage):
+        print(found, file=sys.stderr)
+
+
+def _compared(stage: Stage, data: VideoData, physics: Physics, template: PhysicsIDModule) -> dict:
+    module = deepcopy(template)
+    module.attach(data, deepcopy(physics))
+    module.import_state(stage.state)
+    try:
+        return compare_methods(module)
+    except (SimulationError, UserInputError) as error:
+        print(f"images and outlines are not compared: {error}", file=sys.stderr)
+        return {"error": str(error)}
 
 
 def finish(run_dir: Path, truth: str | None) -> None:
     """Evaluate a complete run, show the evaluation in TensorBoard, and write the report."""
-    from pacnerf_lpo.evaluation.evaluate import evaluate_run
-    from pacnerf_lpo.evaluation.run_directory import Run
+    from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
     from pacnerf_lpo.evaluation.tables import markdown_table
-    from pacnerf_lpo.report.html import write_report
+    from pacnerf_lpo.report.html import is_evaluated, write_report
     from pacnerf_lpo.report.tensorboard_images import log_evaluation
 
-    results = evaluate_run(run_dir, truth)
-    log_evaluation(Run(run_dir), results)
+    run = Run(run_dir)
+    if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
+        _add_intervals(run)
+    if truth is None and is_evaluated(run):
+        results = json.loads((run_dir / RESULTS_FILE).read_text())
+    else:
+        results = evaluate_run(run_dir, truth)
+        log_evaluation(run, results)
     print(markdown_table(results))
+    for found in results["doubts"]:
+        print(Doubt(**found))
+    doing("writing the report")
     print(f"report: {write_report(run_dir)}")
+
+
+def _add_intervals(run: Run) -> None:
+    """Intervals of what was identified, or a line that says why there are none."""
+    from pacnerf_lpo.diagnosis.posterior import keep_intervals
+
+    def tell(text: str) -> None:
+        print(f"intervals: {text}", flush=True)
+
+    try:
+        with StopRequest(), processes(None):
+            keep_intervals(run, tell)
+    except (UserInputError, SimulationError) as error:
+        tell(f"none, {error}")

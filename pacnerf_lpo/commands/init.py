@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.data.recordings.conversion import convert
-from pacnerf_lpo.data.recordings.findings import AXES, UNITS
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
+from pacnerf_lpo.data.recordings.look import examine
+from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.recordings.scene_file import write_scene_file
+from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
 from pacnerf_lpo.data.trajectories.scene import Solid
 from pacnerf_lpo.data.trajectories.sources import holds_positions, make_scenes, read_source
 from pacnerf_lpo.errors import UserInputError
@@ -19,9 +20,11 @@ def run(
     source: str,
     scene: str,
     format: Format | None = None,
-    unit: Literal["m", "cm", "mm"] | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    unit: str | None = None,
+    up: str | None = None,
     ground: float | None = None,
+    ground_normal: list[float] | None = None,
+    gravity: float = GRAVITY,
     fps: float | None = None,
     leave_out: list[str] | None = None,
     shape: str | None = None,
@@ -30,11 +33,11 @@ def run(
     spins: str | None = None,
     start: Literal["held", "flying"] | None = None,
 ) -> None:
-    """Read a recording in any common layout and write a scene with one commented scene.yaml, ready for fit.
+    """Read a recording in any common layout and write a scene: scene.yaml, ready for fit, and scene.html to look at.
 
     Images are undistorted and matted, lengths become metres, y points up and the ground is y = 0. The box, the ground,
-    the first contact and, where the layout does not say them, the up direction and the scale are measured: from the
-    outlines, and from free fall at 9.81 m/s^2.
+    the first contact, how far cameras are out of step and, where the layout does not say them, the up direction and the
+    scale are measured: from the outlines, and from free fall at 9.81 m/s^2. What cannot be measured is asked.
 
     Positions without a video (CSV, C3D, a folder of either or of PLY clouds) become the flight of a known body, or a
     folder of several, ready for diagnose: until it first touches something, in metres, y up.
@@ -44,12 +47,15 @@ def run(
     example: pacnerf-lpo init drops.csv scenes/drops --shape Ball --size 0.067 --mass 0.058
 
     Args:
-        source: folder with the recording; a calibration, and videos or images of cameras that stand still. Or
-        positions. scene: folder to write, absent or empty.
+        source: folder with the recording; a calibration, and videos or images of cameras that stand still; or
+            positions.
+        scene: folder to write, absent or empty.
         format: layout of the recording; recognised when not given.
-        unit: of the calibration's lengths.
-        up: axis of the calibration that points up.
-        ground: height of the ground along that axis, in the calibration's unit.
+        unit: of the calibration's lengths: m, cm, mm, or how many metres one unit is.
+        up: axis of the calibration that points up (x, -z), or three numbers, or fall: as the object falls.
+        ground: height of the ground along that axis, or along its normal, in the calibration's unit.
+        ground_normal: direction at a right angle to a ground that is not level, in the calibration's axes.
+        gravity: its strength [m/s^2]; 0 for none.
         fps: frames per second of the videos, instead of what their files say.
         leave_out: names of cameras not to be used.
         shape: of positions, the body: Ball, Block, Torus, or a mesh file.
@@ -65,19 +71,23 @@ def run(
     if fps is not None:
         recording = recording.with_frame_rate(fps)
     if unit is not None:
-        recording = replace(recording, unit=UNITS[unit])
+        recording = recording.with_unit(unit)
     if up is not None:
-        recording = replace(recording, up=AXES[up])
-    if ground is not None:
-        recording = replace(recording, ground=ground)
+        recording = recording.with_up(up)
+    recording = recording.with_ground(ground, ground_normal).with_gravity(gravity)
     if leave_out:
         recording = recording.without(leave_out)
     print(f"{source}: layout {recording.layout}, {len(recording.cameras)} cameras", flush=True)
     written = convert(recording, Path(scene))
     path, found = write_scene_file(written), written.findings
+    print("\n".join((f"clocks: {written.clocks}", *written.mended)))
     print(f"up: {found.up_why}\nscale: {found.scale:.6g} m per unit, {found.scale_why}\nground: {found.ground.why}")
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
-    print(f"{path}: every value with where it comes from; look through it, then\n{_next(path)}")
+    page = look_at(Path(scene))
+    print(f"{page}: whether all of it is right; {path}: every value with where it comes from")
+    print(
+        f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\npacnerf-lpo fit {scene}"
+    )
 
 
 def _flights(
@@ -100,7 +110,12 @@ def _flights(
     print(f"{len(folders)} flights; look through that, then\npacnerf-lpo diagnose {scene}")
 
 
-def _next(path: Path) -> str:
-    run_dir = Path("runs", path.parent.resolve().name)
-    configs = " ".join(f"--config {name}" for name in ("fit", "cpu", path))
-    return f"pacnerf-lpo fit {configs} --outer_loop.run_dir {run_dir}"
+def look_at(scene: Path) -> Path:
+    """Draw the page of a scene as its scene.yaml is now, and print what is doubtful; returns the page's path."""
+    from pacnerf_lpo.report.scene_page import write_scene_page
+
+    look = examine(scene)
+    warnings = scene_warnings(look)
+    for warning in warnings:
+        print(f"warning: {warning}", flush=True)
+    return write_scene_page(look, warnings)

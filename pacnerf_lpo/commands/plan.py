@@ -27,7 +27,7 @@ def run(run_dir: str, jobs: int | None = None) -> None:
     example: pacnerf-lpo plan runs/demo
 
     Args:
-        run_dir: folder that was diagnosed: a run, or the one given with --out.
+        run_dir: folder that was diagnosed: a run, a scene, or the one given with --out.
         jobs: simulations at the same time, as for diagnose.
     """
     folder = Path(run_dir) / FOLDER

@@ -33,7 +33,7 @@ def run(
     example: pacnerf-lpo render runs/demo --output above.png --frame 5 --elevation 80
 
     Args:
-        run_dir: folder that fit wrote.
+        run_dir: folder that fit wrote, or the scene with it.
         output: an .mp4 (a turn) or .png (one picture); videos/turntable.mp4 of the run when not given.
         phase: stem of a finished phase, such as 02_r1_physics; the last one when not given.
         frame: index of the frame to hold; when not given, a film plays all frames and a picture shows the first.

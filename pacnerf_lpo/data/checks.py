@@ -42,6 +42,13 @@ def check_box(lower: Sequence[float], upper: Sequence[float]) -> Box:
     return Box((lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2]))
 
 
+def check_velocity(velocity: Sequence[float] | None) -> Sequence[float]:
+    """Three finite numbers; none: at rest."""
+    if velocity is not None and (len(velocity) != 3 or not np.isfinite(velocity).all()):
+        raise UserInputError(f"data.velocity: {list(velocity)} must be three finite numbers, [x, y, z] in m/s")
+    return velocity or (0.0, 0.0, 0.0)
+
+
 def check_views(key: str, views: Sequence[int], available: Sequence[int]) -> tuple[int, ...]:
     """The views asked for, each once and each among those that exist."""
     existing = ", ".join(map(str, available))
@@ -139,6 +146,24 @@ def check_times(index: Index, views: Sequence[int], frames: Sequence[int]) -> li
                     f"at {time:g} s; cameras must be synchronous, mend 'time'"
                 )
     return times
+
+
+def check_offsets(index: Index, views: Sequence[int], frames: Sequence[int], step: float) -> tuple[float, ...]:
+    """How much later than stamped each view was taken [s]: one value per view, less than the time between two frames.
+
+    step: that time [s]
+    """
+    found = []
+    for view in views:
+        offsets = {index.shots[view, frame].offset for frame in frames}
+        worst = max(offsets, key=abs)
+        if len(offsets) > 1 or abs(worst) > step:
+            raise UserInputError(
+                f"{index.where(view, frames[0])}: 'time_offset' ({worst:g} s) must be the same in all frames of a view "
+                f"and less than the {step:.4g} s between two frames; shift the numbers of its frames, or mend it"
+            )
+        found.append(worst)
+    return tuple(found) if any(found) else ()
 
 
 def image_folder(root: Path) -> Path:

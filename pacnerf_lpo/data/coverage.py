@@ -23,6 +23,11 @@ OUTSIDE_WARNING = 0.01
 """Fraction of a frame-0 silhouette that may lie outside the box before a warning."""
 OUTSIDE_ERROR = 0.99
 """Fraction beyond which the object counts as missed."""
+AXES_AND_UNITS = (
+    "most likely axes or units differ: y must point up, cameras have OpenGL axes (x right, y up, looking along -z), "
+    "and poses and box are in metres, not millimetres; if they do agree, move the box to the object"
+)
+"""What is wrong where every view misses the box: one wrong number of a box rarely does that."""
 
 
 def check_visible(video: Video, train: Sequence[int]) -> None:
@@ -65,6 +70,11 @@ def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     seen = {video.view_ids[index]: _rays_through(video, box, index) for index in train}
     corners = f"{list(box.lower)} to {list(box.upper)} m"
     blind = ", ".join(str(view) for view, inside in seen.items() if not inside.any())
+    if not any(inside.any() for inside in seen.values()):
+        raise UserInputError(
+            f"{video.source}: no training view sees the box data.box_lower, data.box_upper = {corners}; "
+            f"{AXES_AND_UNITS}"
+        )
     if blind:
         raise UserInputError(
             f"data.box_lower, data.box_upper: training view {blind} does not see the box {corners}; move the box to "
@@ -76,8 +86,8 @@ def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
         outside[view] = float((silhouette & ~seen[view]).sum() / silhouette.sum())
     if min(outside.values()) > OUTSIDE_ERROR:
         raise UserInputError(
-            f"data.box_lower, data.box_upper: the box {corners} misses the object in every training view at frame 0; "
-            "move the box to the object"
+            f"{video.source}: the box data.box_lower, data.box_upper = {corners} misses the object in every training "
+            f"view at frame 0; {AXES_AND_UNITS}"
         )
     worst = max(outside, key=lambda view: outside[view])
     if outside[worst] > OUTSIDE_WARNING:

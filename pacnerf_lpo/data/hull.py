@@ -20,10 +20,27 @@ MARGIN = 2
 def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
     """The part of ``box`` around the visual hull of the given views (indices) at frame 0, with a small margin.
 
-    A point belongs to the hull if it lies on the object in every view that sees it, and more than half of them see it.
-
     Raises:
         UserInputError: the mattes have no common point in the box.
+    """
+    points, cell = _hull(video, box, views)
+    lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
+    margin = MARGIN * cell
+    low = torch.maximum(points.amin(0) - margin, lower).tolist()
+    high = torch.minimum(points.amax(0) + margin, upper).tolist()
+    return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+
+def hull_volume(video: Video, box: Box, views: Sequence[int]) -> float:
+    """Volume of the hull of the given views (indices) in ``box`` at frame 0 [m^3]; raises as :func:`hull_box`."""
+    points, cell = _hull(video, box, views)
+    return len(points) * cell**3
+
+
+def _hull(video: Video, box: Box, views: Sequence[int]) -> tuple[Tensor, float]:
+    """Points of a regular lattice in the hull [m, (N, 3)], and its spacing [m].
+
+    A point belongs to the hull if it lies on the object in every view that sees it, and more than half of them see it.
     """
     lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
     cell = float((upper - lower).max()) / CELLS
@@ -40,10 +57,7 @@ def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
             f"{video.source}: the silhouettes of the training views at frame 0 have no common point in the box "
             f"{list(box.lower)} to {list(box.upper)} m; check the camera poses and data.box_lower, data.box_upper"
         )
-    margin = MARGIN * cell
-    low = torch.maximum(points.amin(0) - margin, lower).tolist()
-    high = torch.minimum(points.amax(0) + margin, upper).tolist()
-    return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+    return points, cell
 
 
 def _covered(points: Tensor, video: Video, view: int) -> tuple[Tensor, Tensor]:

@@ -21,12 +21,15 @@ IMAGE_NAME = re.compile(r"[rm]_(\d+)_(-?\d+)\.png$")
 
 @dataclass(frozen=True)
 class Shot:
-    """One line of the file: where it stands there, pose [(3, 4), metres], intrinsics [(3, 3), pixels], time [s]."""
+    """One line of the file: where it stands there, pose [(3, 4), metres], intrinsics [(3, 3), pixels], time [s], and
+    how much later than that it was taken [s], by ``time_offset`` where the file has it.
+    """
 
     entry: int
     camera_to_world: np.ndarray
     intrinsic: np.ndarray
     time: float
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,8 @@ def _read_entry(path: Path, number: int, entry: Any) -> tuple[tuple[int, int], S
             f"{where}: file_path '{entry['file_path']}' does not read ./data/r_<camera>_<frame>.png; rename the image"
         )
     values = {key: _number_array(where, key, entry[key]) for key in SHAPES}
-    shot = Shot(number, values["c2w"], values["intrinsic"], float(values["time"]))
+    offset = float(_number_array(where, "time_offset", entry.get("time_offset", 0.0)))
+    shot = Shot(number, values["c2w"], values["intrinsic"], float(values["time"]), offset)
     return (int(match[1]), int(match[2])), shot
 
 
@@ -116,7 +120,7 @@ def _number_array(where: str, key: str, value: Any) -> np.ndarray:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
-    expected = SHAPES[key]
+    expected = SHAPES.get(key, ())
     if array.shape != expected:
         kind = f"{' x '.join(map(str, expected))} numbers" if expected else "one number"
         raise UserInputError(f"{where}: '{key}' must hold {kind}; write it again")

@@ -75,6 +75,7 @@ def read_pac_nerf(
     files = choose_files(root, index, views, frames, background)
     checks.check_cameras(index, files.views, files.frames)
     times = checks.check_times(index, files.views, files.frames)
+    offsets = checks.check_offsets(index, files.views, files.frames, times[1] - times[0] if len(times) > 1 else 1.0)
     height, width = checks.check_image_files(files.needed())
     intrinsics = torch.tensor(np.stack([index.camera(view).intrinsic for view in files.views]), dtype=torch.float32)
     poses = torch.tensor(np.stack([index.camera(view).camera_to_world for view in files.views]), dtype=torch.float32)
@@ -92,6 +93,7 @@ def read_pac_nerf(
         view_ids=files.views,
         frame_ids=files.frames,
         source=str(root),
+        offsets=offsets,
     )
 
 

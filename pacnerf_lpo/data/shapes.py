@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -97,7 +98,7 @@ class Mesh(Shape):
         if not Path(path).is_file():
             raise UserInputError(f"{path}: there is no such mesh; give a file, or Ball, Block or Torus")
         try:
-            surface = trimesh.load(path, force="mesh")
+            surface: Any = trimesh.load(path, force="mesh")
         except (ValueError, NotImplementedError, KeyError, IndexError, TypeError) as error:
             raise UserInputError(f"{path}: cannot be read as a mesh ({' '.join(str(error).split())})") from None
         if not len(surface.faces) or not surface.is_watertight:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from pytorch_lightning import LightningDataModule, Trainer
@@ -11,6 +12,7 @@ from torch.utils.data import DataLoader
 from pacnerf_lpo.data import checks, coverage
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.data.digest import data_digest
 from pacnerf_lpo.data.hull import hull_box
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints, read_point_clouds, read_tracked_points
@@ -33,6 +35,8 @@ class VideoData(LightningDataModule):
         tracks: CSV of points followed over time (time_s, id, x_m, y_m, z_m and, if known, sigma_m), for diagnose and
             OutlineGaussNewton.
         clouds: folder of point clouds, cloud_<frame>.ply, for the same.
+        velocity: of the body at frame 0 [m/s]; where views are out of step, they see it at different places, and its
+            shape is learnt from them all.
 
     Attributes (after :meth:`prepare`):
         video: all used views. train, test: indices into its view axis. box: the corners.
@@ -59,12 +63,14 @@ class VideoData(LightningDataModule):
         fit_box: bool = False,
         tracks: str | None = None,
         clouds: str | None = None,
+        velocity: list[float] | None = None,
     ):
         super().__init__()
         self.root, self.frames, self.image_scale, self.background = root, frames, image_scale, background
         self.box_lower, self.box_upper, self.fit_box = box_lower, box_upper, fit_box
         self.train_views, self.test_views = train_views, test_views
         self.tracks, self.clouds = tracks, clouds
+        self.velocity = checks.check_velocity(velocity)
         self._rays: dict[int, Rays] = {}
 
     def prepare(self) -> VideoData:
@@ -78,11 +84,18 @@ class VideoData(LightningDataModule):
         video = read_pac_nerf(root, views, self.frames, self.image_scale, self.background)
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
         coverage.check_visible(video, self.train)
-        coverage.check_box_seen(video, box, self.train)
-        self.box = hull_box(video, box, self.train) if self.fit_box else box
+        first = at_start(video, self.velocity)
+        coverage.check_box_seen(first, box, self.train)
+        self.box = hull_box(first, box, self.train) if self.fit_box else box
         self.measure(video, self.tracks, self.clouds)
         self.video = video
         return self
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the contents of all files of the video that are used. Raises UserInputError."""
+        names = ("root", "train_views", "test_views", "frames", "background")
+        return data_digest({name: getattr(self, name) for name in names})
 
     def measure(self, video: Video, tracks: str | None, clouds: str | None) -> None:
         """Read measurements beside the video: a CSV of tracked points, a folder of clouds. Raises UserInputError."""
@@ -108,6 +121,17 @@ class VideoData(LightningDataModule):
             self._rays[view] = pixel_rays(video.intrinsics[view], video.camera_to_world[view], height, width)
         return self._rays[view]
 
+    def first_rays(self, view: int) -> Rays:
+        """The rays of a view at frame 0, moved to where the body is at time 0: of a view whose clock is off, with the
+        body's velocity back by as much.
+        """
+        offsets = self.video.offsets
+        if not (offsets and offsets[view]):
+            return self.rays(view)
+        moved = at_start(self.video, self.velocity).camera_to_world[view, :, 3].float()
+        directions = self.rays(view).directions
+        return Rays(moved.expand_as(directions), directions)
+
     def setup(self, stage: str) -> None:
         """Called by Lightning before a phase starts."""
         self.prepare()
@@ -118,3 +142,16 @@ class VideoData(LightningDataModule):
             raise RuntimeError("VideoData has no trainer; hand it to Trainer.fit(phase, datamodule=...)")
         phase: Any = self.trainer.lightning_module
         return DataLoader(phase.batches(self), batch_size=None)
+
+
+def at_start(video: Video, velocity: Sequence[float]) -> Video:
+    """The same video with cameras from which frame 0 looks as if all of it had been taken at time 0.
+
+    A view that took its frame 0 later by its offset saw the body farther along; a camera that stands back by as much
+    along the velocity [m/s, (3,)] would have seen the same at time 0.
+    """
+    if not video.offsets:
+        return video
+    poses = video.camera_to_world.clone()
+    poses[..., 3] -= poses.new_tensor(video.offsets)[:, None] * poses.new_tensor(velocity)
+    return replace(video, camera_to_world=poses)

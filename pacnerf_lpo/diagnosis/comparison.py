@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.diagnosis.replicates import replicates
-from pacnerf_lpo.diagnosis.shape_errors import shape_errors
+from pacnerf_lpo.diagnosis.shape_errors import resolution_errors, shape_errors
 from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
@@ -51,7 +51,9 @@ class Comparison:
     residual: measured minus predicted [pixels, (R, F, 11)]; NaN where not usable
     jacobian: change of the residual by the unknowns [(R, F, 11, K)]
     replicates: residuals of simulated nulls [(T, R, F, 11)]
+    sensor: standard deviation of the sensor noise in them [(R, F, 11)]
     shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
+    resolution: changes of the residual of each recording by a coarser body [(R, F, 11, number of recordings)]
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
@@ -66,15 +68,21 @@ class Comparison:
     residual: np.ndarray
     jacobian: np.ndarray
     replicates: np.ndarray
+    sensor: np.ndarray
     shape_errors: np.ndarray
+    resolution: np.ndarray
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
-        known = np.concatenate((self.shape_errors[mask], FORCE * self.force[mask]), axis=1)
-        return noise_of(problem, self.replicates, mask, np.nan_to_num(known))
+        return noise_of(problem, self.replicates, self.sensor, mask, self.known_errors[mask])
+
+    @property
+    def known_errors(self) -> np.ndarray:
+        """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
+        return known_errors(self.shape_errors, self.resolution, self.force)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -182,18 +190,20 @@ def compare(
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     mean, deviation = priors(problem, model)
     count, seed = settings
-    found = replicates(problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}"))
+    found, sensor = replicates(
+        problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}")
+    )
     known = model.physical(free)
     parts = [] if before is None else [problem.parts(before[0], before[1].known), problem.parts(effects, known)]
     if before is not None and _alike(problem, *parts):
-        wrong, force, simulated = before[1].shape_errors, before[1].force, 2
+        wrong, coarser, force, simulated = before[1].shape_errors, before[1].resolution, before[1].force, 2
     else:
         wrong = shape_errors(problem, effects, free, model)
+        coarser = resolution_errors(problem, effects, free, model)
         force = force_changes(problem, effects, known, progress)
-        simulated = wrong.shape[-1] + force.shape[-1]
+        simulated = wrong.shape[-1] + coarser.shape[-1] + force.shape[-1]
     mask = problem.fitted
-    directions = np.nan_to_num(np.concatenate((wrong[mask], FORCE * force[mask]), axis=1))
-    noise = noise_of(problem, found, mask, directions)
+    noise = noise_of(problem, found, sensor, mask, known_errors(wrong, coarser, force)[mask])
     objective = Objective(problem, model, mask, noise, mean, deviation)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
@@ -210,11 +220,17 @@ def compare(
         residual,
         jacobian,
         found,
+        sensor,
         wrong,
+        coarser,
         force,
         tuple(notes(model, best.free, mean, deviation)),
         rollouts + simulated,
     )
+
+
+def _replicated(progress: Progress, count: int, number: int) -> None:
+    progress(f"replicate {number} of {count}")
 
 
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
@@ -225,12 +241,19 @@ def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> boo
     return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
 
 
-def noise_of(problem: Problem, residuals: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None) -> NoiseModel:
-    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)] and, where there are
-    any, errors that are known beforehand [(D, M)].
+def known_errors(shape: np.ndarray, resolution: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Those of a :class:`Comparison`, one standard deviation each, without NaN [(R, F, 11, M)]."""
+    return np.nan_to_num(np.concatenate((shape, resolution, FORCE * force), axis=-1))
+
+
+def noise_of(
+    problem: Problem, residuals: np.ndarray, sensor: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None
+) -> NoiseModel:
+    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)], the sensor noise in
+    them [(R, F, 11)] and, where there are any, errors that are known beforehand [(D, M)].
     """
-    found = np.nan_to_num(residuals[:, mask])
-    return NoiseModel.from_replicates(found, problem.sensor[mask], problem.layout(mask), known)
+    found, (own, shared) = np.nan_to_num(residuals[:, mask]), problem.noise_parts(sensor)
+    return NoiseModel.from_replicates(found, own[mask], problem.layout(mask), known, shared[mask])
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:

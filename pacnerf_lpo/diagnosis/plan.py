@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import FORCE
 from pacnerf_lpo.diagnosis.recipes import Proposed, Recipe, recipes_for, work_out
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -208,9 +207,8 @@ class _Noise:
         recording = problem.parts(found.effects, comparison.known)[0].recording
         views = slice(recording.views)
         replicates = problem.part_of(comparison.replicates, 0, axis=1)[:, views, :, kinds]
-        known = [comparison.shape_errors, FORCE * comparison.force]
-        squares = np.sum([(problem.part_of(c, 0)[views, :, kinds] ** 2).sum(-1) for c in known], axis=0)
-        sensor = np.sqrt(np.nanmedian(recording.sensor[views, :, kinds] ** 2, axis=(0, 1)))
+        squares = (problem.part_of(comparison.known_errors, 0)[views, :, kinds] ** 2).sum(-1)
+        sensor = np.sqrt(np.nanmedian(problem.part_of(comparison.sensor, 0)[views, :, kinds] ** 2, axis=(0, 1)))
         variance = np.nan_to_num(np.nanmean(replicates.var(0, ddof=1) + squares, axis=0))
         numerical = np.sqrt(np.maximum(variance - sensor**2, 0.0)) + LEAST_NOISE
         masks = [problem.part_of(problem.fitted, n) & (n == 0) for n in range(len(problem.parts((), {})))]

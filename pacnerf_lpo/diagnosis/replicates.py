@@ -12,6 +12,8 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.silhouette_moments import KINDS
+from pacnerf_lpo.inference.sensor import MEDIAN_OF_CHI2, sensor_scale
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)
@@ -22,7 +24,6 @@ DENSITY_ERROR = 0.1
 TRIALS = 4
 SEEDS = 101
 """Recordings of one study have seeds that are so far apart."""
-MEDIAN_OF_CHI2 = 0.4549
 SINGLE_CAMERAS = 0.2
 """Of all views, may be wrong."""
 
@@ -35,11 +36,13 @@ def replicates(
     count: int,
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
-) -> np.ndarray:
-    """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself, and the standard
+    deviation of the sensor noise in them [(R, F, 11)].
 
     Each replicate has a finer grid and time step, a lattice of particles shifted at random, a shape distorted smoothly
-    by as much as the outlines at frame 0 disagree, and fresh sensor noise.
+    by as much as the outlines at frame 0 disagree, and fresh sensor noise. How noisy the outlines of a recording are is
+    measured where the replicates agree.
 
     Args:
         problem: the run.
@@ -57,15 +60,18 @@ def replicates(
     found = []
     for number, part in enumerate(parts):
         found.append(_of_recording(part, problem.part_of(reference, number), count, seed + SEEDS * number, progress))
-    return problem.join(found, axis=1)
+    residuals, sensors = zip(*found, strict=True)
+    return problem.join(residuals, axis=1), problem.join(sensors)
 
 
 def _of_recording(
     part: Part, reference: np.ndarray, count: int, seed: int, progress: Callable[[int], None]
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     problem = part.recording
     sigma = distortion(problem, reference)
     found: list[np.ndarray] = []
+    noise: list[np.ndarray] = []
+    slow: list[np.ndarray] = []
     attempts = range(count)
     while attempts:
         draws = [np.random.default_rng((seed, attempt)) for attempt in attempts]
@@ -77,13 +83,18 @@ def _of_recording(
             if isinstance(predicted, SimulationError):
                 unstable = predicted
                 continue
-            difference = predicted - reference
-            found.append(problem.relative(difference + problem.draw_noise(random)))
+            found.append(predicted - reference)
+            noise.append(random.standard_normal(predicted.shape))
+            slow.append(problem.lasting_noise(random))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
-    return np.stack(found)
+    sensor, errors = problem.sensor.copy(), problem.relative(np.stack(found))
+    outlines = np.s_[..., : problem.views, :, : len(KINDS)]
+    if problem.views:
+        sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
+    return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor
 
 
 def distortion(problem: Problem, reference: np.ndarray) -> float:

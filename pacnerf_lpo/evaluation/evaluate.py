@@ -9,17 +9,21 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from tqdm import tqdm
 
 from pacnerf_lpo.data.assets import demo_scene
 from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_run
 from pacnerf_lpo.evaluation.image_metrics import ImageScores, Missing, image_scores, mean_squared_error
 from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth, velocity_error
-from pacnerf_lpo.evaluation.prediction import render_stage
+from pacnerf_lpo.evaluation.prediction import contact_of, render_stage
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.evaluation.tables import result_phase
 from pacnerf_lpo.manifest import write_atomically
 
 RESULTS_FILE = "results.json"
+INTERVALS_FILE = "intervals.json"
+"""Of what was identified, where it was asked for."""
 DEMO_TRUTH = "demo"
 
 
@@ -58,11 +62,31 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "result": run.last.stem,
         "chosen_round": run.manifest.chosen_round,
     }
+    results["contact"] = _contact(run, results)
+    results["doubts"] = [doubt.as_dict() for doubt in _doubts(run, results)]
+    intervals = run.run_dir / INTERVALS_FILE
+    if intervals.is_file():
+        results["intervals"] = json.loads(intervals.read_text())
     if answer is not None:
         results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects
     write_atomically(run.run_dir / RESULTS_FILE, json.dumps(results, indent=1, allow_nan=False).encode())
     return results
+
+
+def _contact(run: Run, results: Mapping[str, Any]) -> int | None:
+    """First frame of contact in the last phase up to the result that moves and could be simulated; None: in none."""
+    failed = {phase["stem"] for phase in results["phases"] if "error" in phase}
+    moving = [stage for stage in _until_result(run) if stage.moves and stage.stem not in failed]
+    return contact_of(run, moving[-1]) if moving else None
+
+
+def _doubts(run: Run, results: Mapping[str, Any]) -> list[Doubt]:
+    return doubts_of_run(run.data, run.physics, _until_result(run), results)
+
+
+def _until_result(run: Run) -> list[Stage]:
+    return run.stages[: run.stages.index(run.last) + 1]
 
 
 def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, Any]:
@@ -104,7 +128,10 @@ def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
     shape = (len(run.data.video.view_ids), frames)
     table = {name: torch.zeros(shape) for name in ("psnr", "ssim", "lpips", "rms", "blank_rms", "silhouette_iou")}
     missing: Missing | None = None
-    for frame, view, image, opacity in render_stage(run, stage):
+    rendered = render_stage(run, stage)
+    for frame, view, image, opacity in tqdm(
+        rendered, f"evaluating {stage.label}", shape[0] * frames, delay=2.0, leave=False
+    ):
         scores, missing = _score(run, view, frame, image, opacity)
         for name, value in scores.items():
             table[name][view, frame] = value

@@ -19,14 +19,18 @@ from tqdm import tqdm
 
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.particles.transfer import particles_to_grid
-from pacnerf_lpo.render.camera_faults.base import faults_of
+from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
+from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import ParticleState, Rays
 
 FOLDER = "predictions"
+VISIBLE = 0.3
+CONTACT_CELLS = 1.5
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,8 @@ def simulate(run: Run, stage: Stage) -> Tensor:
 
 def observer_of(run: Run, stage: Stage) -> Observer:
     """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
-    return Observer(faults_of(run.physics.effects), _values(run, stage)) if stage.moves else AS_BELIEVED
+    cameras = cameras_of(run.physics.effects, run.data.video)
+    return Observer(cameras, _values(run, stage)) if stage.moves else AS_BELIEVED
 
 
 def velocity_of(run: Run, stage: Stage) -> Tensor:
@@ -118,7 +123,7 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     for frame in range(len(positions)):
         grids = [renderer.grid(points) for points in seen[:, frame]]
         for view, view_id in enumerate(video.view_ids):
-            rays = observer.rays(run.data, view, frame)
+            rays = observer.rays(run.data, view, frame) if stage.moves else run.data.first_rays(view)
             image, opacity = renderer.image(grids[observer.clock(view_id)], rays, (height, width))
             image = observer.colour(image, 1 - opacity, video, view, frame)
             images[view, frame] = to_bytes(image)
@@ -158,6 +163,31 @@ class StateRenderer:
     def colours(self, features: Tensor, directions: Tensor) -> Tensor:
         """RGB [0..1, (S, 3)] of features (S, 12) seen along unit ``directions`` (S, 3)."""
         return self.colour(features.to(self.device), directions.to(self.device)).cpu()
+
+
+def contact_of(run: Run, stage: Stage) -> int | None:
+    """First frame in which the visible particles of a phase that was predicted feel the ground; None: in none."""
+    positions = np.load(prediction_folder(run, stage) / "positions.npy", mmap_mode="r")
+    lowest = positions[:, visible_particles(stage.state), 1].min(axis=1)
+    return contact_frame(lowest, stage.state.spacing, stage.state.physics.get(GROUND_HEIGHT.name, 0.0))
+
+
+def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> int | None:
+    """First frame in which a particle feels the ground: its quadratic kernel, 1.5 cells wide, reaches it.
+
+    Args:
+        lowest: height of the lowest particle at each frame [m, (F,)]
+        spacing: grid spacing [m]
+        ground: height of the ground [m]
+    """
+    touching = lowest - ground < CONTACT_CELLS * spacing
+    return int(touching.argmax()) if touching.any() else None
+
+
+def visible_particles(state: ParticleState) -> np.ndarray:
+    """Indices of the particles at least 0.3 times as opaque as the most opaque one; the others are next to massless."""
+    opacity = alpha(state.density, 1.0)
+    return torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
 
 
 def to_bytes(image: Tensor) -> np.ndarray:

@@ -89,21 +89,33 @@ def _metric_cells(metrics: Mapping[str, Any]) -> str:
 
 def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
     last, guess = result_phase(results), results["guess"]
-    errors = last.get("truth_errors")
-    lines = ["| parameter | guess | identified |", "|---|---|---|"]
-    if errors is not None:
-        lines = ["| parameter | guess | identified | true | error |", "|---|---|---|---|---|"]
+    errors, intervals = last.get("truth_errors"), results.get("intervals")
+    head = ["parameter", "guess", "identified"]
+    head += [] if intervals is None else [f"{100 * intervals['level']:.0f} % interval"]
+    head += [] if errors is None else ["true", "error"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for name, found in last["parameters"].items():
         if name not in results["free"] and found["value"] == 0:
             continue
         unit = "" if found["unit"] == "1" else f" {found['unit']}"
         known = "" if name in results["free"] else " (known)"
         cells = [f"{name}{known}", f"{guess[name]['value']:.4g}{unit}", f"{found['value']:.4g}{unit}"]
+        if intervals is not None:
+            cells.append(interval_cell(results, name, unit))
         if errors is not None:
             error = errors.get(name)
             cells += [f"{error['true']:.4g}{unit}", describe_error(error)] if error else ["unknown", ""]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def interval_cell(results: Mapping[str, Any], name: str, unit: str) -> str:
+    """``[97000, 104000] Pa``, or that the recording does not say; empty for what was known."""
+    found = results["intervals"]["parameters"].get(name)
+    if found is None:
+        return ""
+    ends = f"[{found['low']:.4g}, {found['high']:.4g}]{unit}"
+    return ends if found["determined"] else f"{ends}, not determined"
 
 
 def describe_error(error: Mapping[str, Any]) -> str:

@@ -18,7 +18,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.render.camera_faults.base import faults_of
-from pacnerf_lpo.render.observation import AS_BELIEVED, Observer, project
+from pacnerf_lpo.render.clocks import cameras_of
+from pacnerf_lpo.render.observation import Observer, project
 from pacnerf_lpo.types import Video
 
 VELOCITY = tuple(
@@ -119,7 +120,7 @@ class Model:
         positions = self.body.positions
         path = self.physics.motion(
             positions,
-            self._velocity(free).expand_as(positions),
+            self.velocity(free).expand_as(positions),
             self.body.fraction,
             self.body.fraction,  # half the volume is half the force
             tensors,
@@ -138,8 +139,8 @@ class Model:
             views: indices of some views; None: all.
         """
         size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
-        observer = AS_BELIEVED if free is None else self._observer(free)
-        moving = path if len(path) == 1 else observer.seen(path, self._velocity(free), self.video.times)
+        observer = Observer(cameras_of((), self.video)) if free is None else self.observer(free)
+        moving = path if len(path) == 1 else observer.seen(path, self.velocity(free), self.video.times)
         seen = []
         for view in range(self.shape[0]) if views is None else views:
             view_id = self.video.view_ids[view]
@@ -163,7 +164,7 @@ class Model:
 
     def brightness(self, free: np.ndarray) -> np.ndarray:
         """Logarithm of what the cameras make of a grey object's brightness [(V, F)]."""
-        observer, grey = self._observer(free), torch.full((1, 3), 0.5)
+        observer, grey = self.observer(free), torch.full((1, 3), 0.5)
         views, frames = self.shape
         found = np.zeros((views, frames))
         for view, view_id in enumerate(self.video.view_ids):
@@ -204,14 +205,17 @@ class Model:
     def _concerned(self, view_id: int) -> bool:
         return any(effect.concerns(view_id) for effect in faults_of(self.physics.effects))
 
-    def _velocity(self, free: np.ndarray | None) -> Tensor:
+    def velocity(self, free: np.ndarray | None) -> Tensor:
+        """Of the body at frame 0, without the effects on it, at free coordinates [(K,)], or at the start [m/s,
+        (3,)]."""
         values = self.physical(self.start if free is None else free)
         return torch.tensor([values[parameter.name] for parameter in VELOCITY], dtype=torch.float32)
 
-    def _observer(self, free: np.ndarray) -> Observer:
+    def observer(self, free: np.ndarray) -> Observer:
+        """The cameras with what free coordinates [(K,)] say is wrong about them."""
         values = self.physical(free)
         tensors = {name: torch.tensor(value) for name, value in values.items()}
-        return Observer(faults_of(self.physics.effects), tensors)
+        return Observer(cameras_of(self.physics.effects, self.video), tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the

@@ -182,9 +182,11 @@ class Problem(ABC):
         """
         return np.zeros((*self.usable.shape, 0))
 
-    def draw_noise(self, random: np.random.Generator) -> np.ndarray:
-        """Errors that another measurement of the same motion would have [(V + R, F, 11)]."""
-        return self.sensor * random.standard_normal(self.sensor.shape)
+    def lasting_noise(self, random: np.random.Generator) -> np.ndarray:
+        """Errors that last from sample to sample, as another measurement would have them besides those of the sensor
+        [(V + R, F, 11)]; none unless said.
+        """
+        return np.zeros(self.sensor.shape)
 
     @property
     def least_shape_error(self) -> float:
@@ -233,6 +235,21 @@ class Problem(ABC):
         if not self.point_names or self.usable[: self.views].any():
             return "px", 1.0
         return "mm", 1000 * self.pixel
+
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Noise of relative summaries: what every entry has of its own, and what it has from the frame to which all
+        of its view or row are relative, with its sign [(V + R, F, 11) each].
+
+        Args:
+            sensor: standard deviation of the noise of summaries [(V + R, F, 11)]
+        """
+        own, shared = sensor.copy(), np.zeros_like(sensor)
+        own[: self.views, 0, :-1] = 0.0
+        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
+        shared[: self.views, 0, :-1] *= -1
+        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
+        shared[self.views :] = -first.sum(1, keepdims=True)
+        return own, shared
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""

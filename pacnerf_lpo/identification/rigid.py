@@ -259,12 +259,12 @@ class RigidProblem(Problem):
         ]
         return np.nan_to_num(np.stack([_row(column) for column in found], axis=-1))
 
-    def draw_noise(self, random: np.random.Generator) -> np.ndarray:
-        """Errors of the measurement, those that last for some time included [mm, (1, F, 11)]."""
-        found = super().draw_noise(random)
+    def lasting_noise(self, random: np.random.Generator) -> np.ndarray:
+        """As the noise of the flight says [mm, (1, F, 11)]."""
+        found = super().lasting_noise(random)
         for axis, noise in enumerate(self.flight.noise):
             if noise is not None:
-                found[0, :, axis] += noise.draw_slow(self.flight.times, random) / UNIT
+                found[0, :, axis] = noise.draw_slow(self.flight.times, random) / UNIT
         return found
 
     @property

@@ -443,4 +443,5 @@ def _stacked_video(videos: Sequence[Video]) -> Video:
         view_ids=tuple(ids),
         frame_ids=longest.frame_ids,
         source=", ".join(video.source for video in videos),
+        offsets=tuple(offset for video in videos for offset in video.offsets or (0.0,) * len(video.view_ids)),
     )

@@ -5,9 +5,10 @@ seeds, a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24
 covariance alone is singular, and far too small along directions that the replicates did not happen to take. It is
 shrunk towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
 
-    C = S^2 + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'| within one view and kind,
+    C = S^2 + c c^T + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'|,
 
-S the sensor noise, G^2 what else the replicates vary, smoothed over neighbouring frames and shared between views, X the
+K and c c^T within one view and kind: S the sensor noise, c that of the frame to which all others of the view are
+relative, G^2 what else the replicates vary, smoothed over neighbouring frames and shared between views, X the
 replicates' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely,
 and B the directions of errors that are known beforehand, each of one standard deviation.
 """
@@ -80,19 +81,19 @@ class NoiseModel:
 
     mean: the model's numerical bias (D,)
     replicates: what it was learnt from (T, D)
-    sensor_sigma: standard deviation of the sensor noise of every entry (D,)
+    sensor: S^2 + c c^T, by series
     directions: B, one column for each known error (D, M)
     layout: view, frame and kind of every entry
     shrinkage: weight a of the structured target
     correlation: rho of neighbouring frames
     series: the layout as courses in time
-    whitener: L^-1 with S^2 + a G K G = L L^T, by series
+    whitener: L^-1 with S^2 + c c^T + a G K G = L L^T, by series
     basis, weights: orthonormal (D, q) and (q,): L^-1 C L^-T = I + basis diag(weights^2) basis^T
     """
 
     mean: np.ndarray
     replicates: np.ndarray = field(repr=False)
-    sensor_sigma: np.ndarray = field(repr=False)
+    sensor: np.ndarray = field(repr=False)
     directions: np.ndarray = field(repr=False)
     layout: Layout = field(repr=False)
     shrinkage: float
@@ -104,39 +105,46 @@ class NoiseModel:
 
     @classmethod
     def from_replicates(
-        cls, replicates: np.ndarray, sensor_sigma: np.ndarray, layout: Layout, directions: np.ndarray | None = None
+        cls,
+        replicates: np.ndarray,
+        sensor_sigma: np.ndarray,
+        layout: Layout,
+        directions: np.ndarray | None = None,
+        shared_sigma: np.ndarray | None = None,
     ) -> NoiseModel:
         """Learn bias and covariance.
 
         Args:
             replicates: residuals of simulated nulls, sensor noise included (T, D), T >= 4
-            sensor_sigma: standard deviation of the sensor noise (D,), positive
+            sensor_sigma: standard deviation of the sensor noise (D,), not negative
             layout: view, frame and kind of every entry
             directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
+            shared_sigma: c, that of noise which all entries of one view and kind have in common, with its sign (D,)
 
         Raises:
-            ValueError: shapes do not agree, fewer than four replicates, values not finite, or a sigma not positive.
+            ValueError: shapes do not agree, fewer than four replicates, values not finite, or a noise that vanishes.
         """
         replicates, sensor_sigma = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
-        _check(replicates, sensor_sigma, layout)
+        shared = np.zeros_like(sensor_sigma) if shared_sigma is None else np.asarray(shared_sigma, float)
+        _check(replicates, sensor_sigma, shared, layout)
         series, deviations = Series.of(layout), (replicates - replicates.mean(0)).T
-        spread = _numerical_spread(deviations, sensor_sigma, series)
-        correlation = _frame_correlation(deviations, spread, series)
+        sensor = _sensor(sensor_sigma, shared, series)
+        spread = _numerical_spread(deviations, sensor, series)
+        correlation = _frame_correlation(deviations, spread, sensor, series)
         target = _target(spread, correlation, series)
-        smooth = _filtered(deviations, target, sensor_sigma, series)
+        smooth = _filtered(deviations, target, sensor, series)
         likelihoods = [
-            _left_out_likelihood(deviations, smooth, _whitener(target, sensor_sigma, series, a), series, a)
-            for a in SHRINKAGES
+            _left_out_likelihood(deviations, smooth, _whitener(target, sensor, a), series, a) for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
         known = np.zeros((len(sensor_sigma), 0)) if directions is None else directions
-        return cls._assemble(replicates, sensor_sigma, known, layout, series, shrinkage, correlation)
+        return cls._assemble(replicates, sensor, known, layout, series, shrinkage, correlation)
 
     @classmethod
     def _assemble(
         cls,
         replicates: np.ndarray,
-        sensor_sigma: np.ndarray,
+        sensor: np.ndarray,
         directions: np.ndarray,
         layout: Layout,
         series: Series,
@@ -145,14 +153,14 @@ class NoiseModel:
     ) -> NoiseModel:
         mean = replicates.mean(0)
         deviations = (replicates - mean).T
-        target = _target(_numerical_spread(deviations, sensor_sigma, series), correlation, series)
-        smooth = _filtered(deviations, target, sensor_sigma, series)
-        whitener = _whitener(target, sensor_sigma, series, shrinkage)
+        target = _target(_numerical_spread(deviations, sensor, series), correlation, series)
+        smooth = _filtered(deviations, target, sensor, series)
+        whitener = _whitener(target, sensor, shrinkage)
         shown = smooth * np.sqrt((1 - shrinkage) / (len(replicates) - 1))
         low_rank = series.multiply(whitener, np.concatenate((shown, directions), axis=1))
         basis, weights = _principal(low_rank)
         return cls(
-            mean, replicates, sensor_sigma, directions, layout, shrinkage, correlation, series, whitener, basis, weights
+            mean, replicates, sensor, directions, layout, shrinkage, correlation, series, whitener, basis, weights
         )
 
     def whiten(self, changes: np.ndarray) -> np.ndarray:
@@ -172,12 +180,12 @@ class NoiseModel:
         """The same with further known errors, one column for each of one standard deviation (D, M)."""
         directions = np.concatenate((self.directions, changes), axis=1)
         kept = self.layout, self.series, self.shrinkage, self.correlation
-        return self._assemble(self.replicates, self.sensor_sigma, directions, *kept)
+        return self._assemble(self.replicates, self.sensor, directions, *kept)
 
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
         """For each replicate: the model learnt from the others (shrinkage and correlation kept), and itself (D,)."""
-        kept = self.sensor_sigma, self.directions, self.layout, self.series, self.shrinkage, self.correlation
+        kept = self.sensor, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
             (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate)
             for index, replicate in enumerate(self.replicates)
@@ -197,24 +205,37 @@ def _principal(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return columns @ turn[:, kept] / weights, weights
 
 
-def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, layout: Layout) -> None:
+def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray, layout: Layout) -> None:
     if replicates.ndim != 2 or len(replicates) < LEAST_REPLICATES:
         raise ValueError(
             f"replicates have shape {replicates.shape}; at least {LEAST_REPLICATES} residual vectors are needed"
         )
-    for name, array in (("sensor_sigma", sensor_sigma), ("layout.view", layout.view), ("layout.frame", layout.frame)):
+    arrays = {
+        "sensor_sigma": sensor_sigma,
+        "shared_sigma": shared,
+        "layout.view": layout.view,
+        "layout.frame": layout.frame,
+    }
+    for name, array in arrays.items():
         if np.shape(array) != replicates.shape[1:]:
             raise ValueError(
                 f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries"
             )
-    if not (np.isfinite(replicates).all() and np.isfinite(sensor_sigma).all() and (sensor_sigma > 0).all()):
-        raise ValueError("replicates and sensor_sigma must be finite, and sensor_sigma positive")
+    noise = sensor_sigma**2 + shared**2
+    if not (np.isfinite(replicates).all() and np.isfinite(noise).all() and (noise > 0).all()):
+        raise ValueError("replicates and noise must be finite, and every entry must have a noise")
 
 
-def _numerical_spread(deviations: np.ndarray, sensor_sigma: np.ndarray, series: Series) -> np.ndarray:
+def _sensor(sigma: np.ndarray, shared: np.ndarray, series: Series) -> np.ndarray:
+    """S^2 + c c^T, by series (S, L, L)."""
+    own, common = series.gather(sigma, 1.0), series.gather(shared)
+    return own[:, None] ** 2 * np.eye(own.shape[1]) + common[:, :, None] * common[:, None]
+
+
+def _numerical_spread(deviations: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:
     """G (D,): root of the replicates' variance less the sensor's, averaged over neighbouring frames and over views."""
     count = deviations.shape[1]
-    excess = (deviations**2).sum(1) / (count - 1) - sensor_sigma**2
+    excess = (deviations**2).sum(1) / (count - 1) - series.scatter(np.diagonal(sensor, axis1=1, axis2=2))
     near = (series.gap <= WINDOW) * series.gather(np.ones_like(excess))[:, None]
     smooth = series.multiply(near / np.maximum(near.sum(2, keepdims=True), 1), excess)
     shared = (np.bincount(series.instant, smooth) / np.bincount(series.instant))[series.instant]
@@ -222,10 +243,11 @@ def _numerical_spread(deviations: np.ndarray, sensor_sigma: np.ndarray, series: 
     return np.sqrt(np.maximum(own * smooth + (1 - own) * shared, 0.0))
 
 
-def _frame_correlation(deviations: np.ndarray, spread: np.ndarray, series: Series) -> float:
+def _frame_correlation(deviations: np.ndarray, spread: np.ndarray, sensor: np.ndarray, series: Series) -> float:
     """Correlation of the numerical error between neighbouring frames; sensor noise does not contribute."""
     courses, spreads = series.gather(deviations), series.gather(spread)
     product = (courses[:, :-1] * courses[:, 1:]).sum() / (deviations.shape[1] - 1)
+    product -= np.diagonal(sensor, 1, axis1=1, axis2=2).sum()
     scale = (spreads[:, :-1] * spreads[:, 1:]).sum()
     return float(np.clip(product / scale, 0.0, LARGEST_CORRELATION)) if scale > 0 else 0.0
 
@@ -236,19 +258,14 @@ def _target(spread: np.ndarray, correlation: float, series: Series) -> np.ndarra
     return correlation**series.gap * spreads[:, :, None] * spreads[:, None]
 
 
-def _covariance(target: np.ndarray, sensor_sigma: np.ndarray, series: Series, weight: float) -> np.ndarray:
-    """S^2 + weight G K G, by series (S, L, L)."""
-    return weight * target + series.gather(sensor_sigma, 1.0)[:, None] ** 2 * np.eye(target.shape[1])
+def _whitener(target: np.ndarray, sensor: np.ndarray, weight: float) -> np.ndarray:
+    """L^-1 with L L^T = S^2 + c c^T + weight G K G, by series (S, L, L)."""
+    return np.linalg.inv(np.linalg.cholesky(sensor + weight * target))
 
 
-def _whitener(target: np.ndarray, sensor_sigma: np.ndarray, series: Series, weight: float) -> np.ndarray:
-    """L^-1 with L L^T = S^2 + weight G K G, by series (S, L, L)."""
-    return np.linalg.inv(np.linalg.cholesky(_covariance(target, sensor_sigma, series, weight)))
-
-
-def _filtered(deviations: np.ndarray, target: np.ndarray, sensor_sigma: np.ndarray, series: Series) -> np.ndarray:
+def _filtered(deviations: np.ndarray, target: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:
     """Wiener filter: the part of the deviations (D, T) that the target explains and the sensor noise does not."""
-    gain = np.linalg.solve(_covariance(target, sensor_sigma, series, 1.0), target)
+    gain = np.linalg.solve(sensor + target, target)
     return series.multiply(gain.transpose(0, 2, 1), deviations)
 
 
@@ -259,7 +276,7 @@ def _left_out_likelihood(
 
     Args:
         deviations, smooth: of all replicates from their mean, as they are and filtered (D, T)
-        whitener: L^-1 with L L^T = S^2 + a G K G
+        whitener: L^-1 with L L^T = S^2 + c c^T + a G K G
         series: of the layout
         shrinkage: a
     """

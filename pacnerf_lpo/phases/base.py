@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytorch_lightning as pl
 import torch
 
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
 
 if TYPE_CHECKING:
@@ -43,8 +44,16 @@ class AbstractPhase(pl.LightningModule, ABC):
     def batches(self, data: VideoData) -> Iterable:
         """One element per optimiser step; ``training_step`` receives it."""
 
+    def work(self, particles: int) -> Work:
+        """How much it will compute for a body of so many particles, about; called after :meth:`attach`."""
+        return Work()
+
     def progress_metrics(self) -> dict[str, str]:
         """Current values for the progress bar, formatted with their SI units."""
+        return {}
+
+    def course(self) -> dict[str, Any]:
+        """How the phase went, for the manifest: what JSON can hold, and doubts are read off."""
         return {}
 
 

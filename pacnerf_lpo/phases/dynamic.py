@@ -14,6 +14,7 @@ from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.misfit import VideoMisfit
 from pacnerf_lpo.render.camera_faults.base import faults_of
+from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.types import ParticleState
 
@@ -90,7 +91,8 @@ class DynamicPhase(AbstractPhase):
         Returns:
             Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
         """
-        if not faults_of(self.physics.effects):
+        cameras = cameras_of(self.physics.effects, self.data.video)
+        if not cameras:
             return trajectory[None], AS_BELIEVED
         start = self.physics.initial_velocity(
             trajectory[0],
@@ -99,9 +101,9 @@ class DynamicPhase(AbstractPhase):
             parameters,
             self.state.spacings,
         )
-        names = [name for effect in faults_of(self.physics.effects) for name in effect.parameters]
+        names = [name for effect in cameras for name in effect.parameters]
         now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
-        observer = Observer(faults_of(self.physics.effects), now)
+        observer = Observer(cameras, now)
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

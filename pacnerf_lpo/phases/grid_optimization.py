@@ -12,6 +12,7 @@ from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState
@@ -50,6 +51,10 @@ class GridOptimizationModule(DynamicPhase):
         self.warm_up = check_warm_up(warm_up)
         self.density_drives_mass, self.feature_rate = density_drives_mass, feature_rate
         self.relative_alpha = relative_alpha
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def import_state(self, state: ParticleState | None) -> None:
         """Make a grid of the particles, trainable."""

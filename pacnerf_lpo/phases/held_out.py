@@ -9,7 +9,7 @@ import torch
 
 from pacnerf_lpo.phases.dynamic import known_values
 from pacnerf_lpo.phases.misfit import VideoMisfit
-from pacnerf_lpo.render.camera_faults.base import faults_of
+from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
@@ -40,7 +40,7 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
     """
     video = data.video
     values = {name: torch.tensor(value) for name, value in known_values(physics, state).items()}
-    observer, misfit = Observer(faults_of(physics.effects), values), VideoMisfit(data, state)
+    observer, misfit = Observer(cameras_of(physics.effects, video), values), VideoMisfit(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
     errors = [
         misfit.residual(

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.levenberg_marquardt import LevenbergMarquardt, NormalEquations
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.render.camera_faults.base import faults_of
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well ab
 LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
+TRIALS = 2.5
+"""Simulations of an iteration that are no sensitivity: where it stands, and the steps that it tries."""
+RATES = {"nu": 0.01}
 UNSEEN = 1e-5
 """No image shows that particles lie so little elsewhere [m]: a fall before contact, with another stiffness."""
 
@@ -36,6 +40,7 @@ class IdentificationMethod(ABC):
     """
 
     fits_velocity: bool = False
+    draws_views: bool = False  # at random, so that the misfits of two iterations differ by chance, too
 
     def __init__(self, warm_up_iterations: int, main_iterations: int):
         if warm_up_iterations < 0 or main_iterations < 1:
@@ -59,6 +64,10 @@ class IdentificationMethod(ABC):
         """Raise UserInputError when the settings do not fit the parameters that are identified."""
 
     @abstractmethod
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """How much it will compute for a body of so many particles, about."""
+
+    @abstractmethod
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         """The optimiser over ``module.free`` (and ``module.velocity``)."""
 
@@ -70,6 +79,10 @@ class IdentificationMethod(ABC):
     def prepare(self, module: PhysicsIDModule) -> None:
         """Called once before the first iteration of a fresh run."""
 
+    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
+        """Between which free coordinates :meth:`prepare` searches each parameter; empty where it does not."""
+        return {}
+
     @abstractmethod
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """Whether the current stage has nothing left to gain."""
@@ -79,9 +92,12 @@ class PaperAdam(IdentificationMethod):
     """Adam on one random training view per frame, gradients through the whole rollout (PAC-NeRF).
 
     Args:
-        learning_rates: rate of each parameter's free coordinate by name; 0.1 where not named.
+        learning_rates: rate of each parameter's free coordinate by name; where not named 0.01 for nu, which lies
+            between -1 and 0.5, and 0.1 for the others, as in the paper.
         warm_up_iterations, main_iterations: 50 and 100 in the paper.
     """
+
+    draws_views = True
 
     def __init__(
         self,
@@ -101,8 +117,15 @@ class PaperAdam(IdentificationMethod):
                 f"only {', '.join(names)}"
             )
 
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        early = compared(module.warm_up_length, 1, gradients=True) * self.warm_up_iterations
+        return early + compared(module.frame_count, 1, gradients=True) * self.main_iterations
+
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
-        groups = [{"params": [free], "lr": self.learning_rates.get(name, 0.1)} for name, free in module.free.items()]
+        groups = [
+            {"params": [free], "lr": self.learning_rates.get(name, RATES.get(name, 0.1))}
+            for name, free in module.free.items()
+        ]
         return torch.optim.Adam(groups)
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
@@ -159,13 +182,21 @@ class GaussNewton(IdentificationMethod):
     def check(self, names: Sequence[str]) -> None:
         """Nothing: it treats every parameter alike."""
 
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """Every iteration simulates each unknown and some trials; every scan its lattice, and those left again."""
+        names, views = module.physics.free_names, len(module.fixed_views(1, self.views_per_frame)[0])
+        early, late = (compared(count, views, gradients=False) for count in (module.warm_up_length, module.frame_count))
+        once = len(names) + (3 if self.fits_velocity else 0) + TRIALS
+        scans = (2 * self.scan_decades + 1) * len(names) * (len(names) + 1) / 2 if self.scan_decades > 0 else 0
+        return early * (scans + once * self.warm_up_iterations) + late * (once * self.main_iterations)
+
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
         return LevenbergMarquardt(module.unknowns, limits, lambda: self._trial_loss(module))
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Scan the parameters on the frames around contact: again and again, fix the one that gains most by itself."""
-        if self.scan_decades <= 0:
+        if not self._searches:
             return
         module.misfit.pool = self.coarse_pool
         open_names = [name for name in module.free if len(self._lattice(module, name)) > 1]
@@ -174,6 +205,14 @@ class GaussNewton(IdentificationMethod):
             best = min(found, key=lambda name: found[name][0])
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
+
+    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
+        lattices = {name: self._lattice(module, name) for name in module.free} if self._searches else {}
+        return {name: (min(points), max(points)) for name, points in lattices.items() if len(points) > 1}
+
+    @property
+    def _searches(self) -> bool:
+        return self.scan_decades > 0
 
     def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
         parameter = module.physics.parameters[name]
@@ -250,7 +289,8 @@ class GaussNewton(IdentificationMethod):
 def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], frame: int) -> bool:
     """Whether two motions (as :meth:`DynamicPhase.watch` gives them) look the same to all cameras in a frame."""
     (path, observer), (reference, believed) = one, other
-    return observer is believed and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
+    as_before = observer is believed or not (observer.names or believed.names)
+    return as_before and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
 
 
 def set_free(parameter: torch.nn.Parameter, value: float) -> None:

@@ -12,6 +12,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -59,6 +60,10 @@ class LPOModule(DynamicPhase):
         self.density_drives_mass = density_drives_mass
         self.position_rate, self.feature_rate = position_rate, feature_rate
         self.warm_up = check_warm_up(warm_up)
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def import_state(self, state: ParticleState | None) -> None:
         """Make the particles trainable."""

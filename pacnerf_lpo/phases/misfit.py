@@ -14,7 +14,7 @@ from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.render.ray_march import render_rays
 from pacnerf_lpo.scene.colour import ColourNetwork
-from pacnerf_lpo.types import ParticleState
+from pacnerf_lpo.types import FieldGrid, ParticleState
 
 if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
@@ -62,11 +62,18 @@ class VideoMisfit:
         Returns:
             [(H/pool, W/pool, 3)], with a fourth channel, opacity minus matte, if silhouettes are weighted.
         """
+        return self.residual_of_field(self.field(positions, density, features), view, frame, observer)
+
+    def field(self, positions: Tensor, density: Tensor, features: Tensor) -> FieldGrid:
+        """The field of the particles, on the device; arguments as of :meth:`residual`."""
+        there = self.device
+        return particles_to_grid(positions.to(there), density.to(there), features.to(there), self.spacing)
+
+    def residual_of_field(self, grid: FieldGrid, view: int, frame: int, observer: Observer = AS_BELIEVED) -> Tensor:
+        """:meth:`residual` of a field that several views see."""
         video = self.data.video
         height, width = video.images.shape[2:4]
-        there = self.device
-        grid = particles_to_grid(positions.to(there), density.to(there), features.to(there), self.spacing)
-        rays = observer.rays(self.data, view, frame).to(there)
+        rays = observer.rays(self.data, view, frame).to(self.device)
         rendering = render_rays(grid, self.colour, rays, self.base_spacing)
         light, transmittance = rendering.colour.cpu(), rendering.transmittance.cpu()
         colour = observer.colour(light, transmittance, video, view, frame)

@@ -23,7 +23,8 @@ from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.phases.identification_methods import GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.identification_methods import TRIALS, GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.work import Work
 
 if TYPE_CHECKING:
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -101,13 +102,25 @@ class OutlineGaussNewton(GaussNewton):
         self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
         self._kept: Misfit | None = None
 
+    def work(self, module: PhysicsIDModule, particles: int) -> Work:
+        """No images. Fits of the search converge after half of their iterations; half of the optima are compared."""
+        each = len(module.physics.free_names) + len(VELOCITY) + TRIALS
+        short, stages = SEARCH_ITERATIONS * each / 2, len(horizons(module.hit_frame, module.frame_count))
+        follow = min(self.starts, FINALISTS)
+        numbers = self.coarse_particles, self.scan_particles, self.particles
+        coarse, scan, fine = ((count / particles) ** (4 / 3) for count in numbers)  # half the spacing is half the step
+        searched = coarse * self.samples + (coarse + scan) * self.starts * stages * short
+        finer = (fine + coarse) * (follow * 2 * short + len(NEIGHBOURS) * short)
+        rollouts = (searched + finer) * (self.samples > 0) + (fine + coarse) * self.main_iterations * each / 2
+        return Work(frames=rollouts * module.frame_count)
+
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""
         return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space."""
-        if self.samples > 0:
+        if self._searches:
             with processes(self.jobs):
                 self._fit_fall(module)
                 self._search(module)
@@ -115,7 +128,7 @@ class OutlineGaussNewton(GaussNewton):
     def _search(self, module: PhysicsIDModule) -> None:
         points = Misfit(module, self.coarse_particles)
         model, frames = points.model, len(module.data.video.times)
-        spans = {model.names.index(name): ends for name, ends in self._spans(module, model).items()}
+        spans = {model.names.index(name): ends for name, ends in self.span(module).items()}
         widths = np.array([np.ptp(spans.get(index, (-np.inf, np.inf))) for index in range(len(model.names))])
         rows = [points.rows(until) for until in horizons(module.hit_frame, frames)]
         model.physics.most_halvings = HALVINGS
@@ -179,17 +192,9 @@ class OutlineGaussNewton(GaussNewton):
             with torch.no_grad():
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
-    def _spans(self, module: PhysicsIDModule, model: Model) -> dict[str, tuple[float, float]]:
-        """Between which free coordinates the unknowns of the module are searched, by their names."""
-        found = {}
-        for parameter in model.unknowns:
-            if parameter.name in module.free:
-                low, high = (parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds)
-                lattice = parameter.transform.lattice(module.free[parameter.name].item(), self.scan_decades)
-                inside = [point for point in lattice if low < point < high]
-                if len(inside) > 1:
-                    found[parameter.name] = min(inside), max(inside)
-        return found
+    @property
+    def _searches(self) -> bool:
+        return self.samples > 0
 
     def _misfit(self, module: PhysicsIDModule) -> Misfit:
         if self._kept is None:
@@ -329,7 +334,7 @@ class Misfit:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
         free = np.clip(free, *self.model.bounds)
         self.model.physics.halvings = 0
-        found = np.append(self._weighted(free), self._unusual(free))
+        found = np.append(self._weighted(free), self.unusual(free))
         if self._coarser is None:
             return found
         coarse, ratio = self._coarser.model, self._coarser.model.body.spacing / self.model.body.spacing
@@ -339,7 +344,7 @@ class Misfit:
 
     def rows(self, frames: int) -> np.ndarray:
         """Which rows of the residual are of the first frames, or of no frame [(D,), bool]."""
-        return np.append(self._frames < frames, np.ones(len(self._unusual(self.model.start)), bool))
+        return np.append(self._frames < frames, np.ones(len(self.unusual(self.model.start)), bool))
 
     def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
         """Short fits of the misfit, as a stage of a search; arguments as of :class:`Stage`."""
@@ -354,7 +359,8 @@ class Misfit:
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)
 
-    def _unusual(self, free: np.ndarray) -> list[float]:
+    def unusual(self, free: np.ndarray) -> list[float]:
+        """How far unknowns are from what is usual, at free coordinates [(K,)]."""
         values = self.model.physical(free)
         return [
             len(KINDS) ** 0.5 * (values[parameter.name] - parameter.usual[0]) / parameter.usual[1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -10,6 +12,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
@@ -51,6 +54,10 @@ class PhysicsIDModule(DynamicPhase):
             )
         self.method.check(physics.free_names)
 
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return self.method.work(self, particles)
+
     def import_state(self, state: ParticleState | None) -> None:
         """Start from the parameters of the state, else from the material's guess."""
         super().import_state(state)
@@ -61,6 +68,10 @@ class PhysicsIDModule(DynamicPhase):
         self.free = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in free.items()})
         velocity = self.state.velocity.mean(0).clone()
         self.velocity = nn.Parameter(velocity, requires_grad=self.method.fits_velocity)
+        self._searched: dict[str, tuple[float, float]] = {}
+        self._misfits: list[float] = []
+        self._visited: dict[str, list[float]] = {name: [] for name in self.free}
+        self._converged = False
 
     @property
     def frame_count(self) -> int:
@@ -118,6 +129,7 @@ class PhysicsIDModule(DynamicPhase):
         """The method looks around first, where it may; a resumed run goes on where it stood, if it was not done."""
         if self.global_step == 0:
             if self.searches:
+                self._searched = self.method.span(self)
                 self.method.prepare(self)
         elif self.global_step > self.warm_up_end and self.method.converged(self, self.optimizers()):
             self.trainer.should_stop = True
@@ -125,8 +137,13 @@ class PhysicsIDModule(DynamicPhase):
     def training_step(self, step: int, _: int) -> None:
         """One iteration of the method; a converged stage is left early."""
         optimiser = self.optimizers()
+        before = {name: free.item() for name, free in self.free.items()}
         loss = self.method.iterate(self, optimiser, step)
         self.log("physics/loss", loss)
+        if step >= self.warm_up_end:
+            self._misfits.append(loss)
+            for name, visited in self._visited.items():
+                visited += [*([] if visited else [before[name]]), self.free[name].item()]
         for name, value in self.export_values().items():
             self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
@@ -139,7 +156,7 @@ class PhysicsIDModule(DynamicPhase):
         if step < self.warm_up_end:
             self.warm_up_end.fill_(step + 1)
         else:
-            self.trainer.should_stop = True
+            self._converged = self.trainer.should_stop = True
 
     def export_values(self) -> dict[str, float]:
         """Every physical parameter now [SI]."""
@@ -149,6 +166,30 @@ class PhysicsIDModule(DynamicPhase):
         """The imported state with the parameters and the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         return self.state.with_(physics=self.export_values(), velocity=velocity)
+
+    def course(self) -> dict[str, Any]:
+        """The contact frame, what was searched, and of the iterations on all frames the misfit before each, and the
+        free coordinates before the first and after each."""
+        return {
+            "method": type(self.method).__name__,
+            "hit_frame": self.hit_frame,
+            "draws_views": self.method.draws_views,
+            "converged": self._converged,
+            "searched": self._searched,
+            "misfits": self._misfits,
+            "visited": self._visited,
+        }
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep the course so far."""
+        super().on_save_checkpoint(checkpoint)
+        checkpoint["course"] = self.course()
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the course."""
+        super().on_load_checkpoint(checkpoint)
+        course = checkpoint["course"]
+        self._searched, self._misfits, self._visited = course["searched"], course["misfits"], course["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
         """Identified parameters with their SI units."""

@@ -19,6 +19,7 @@ from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
+from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
@@ -125,6 +126,10 @@ class StaticGridModule(AbstractPhase):
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own view and rays."""
         return StepNumbers(self.length.steps, lambda: self.global_step)
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`."""
+        return Work(rays=self.length.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Adam with one rate for the grids and one for the colour network."""
@@ -243,7 +248,7 @@ class StaticGridModule(AbstractPhase):
         view = train[pick % len(train)]
         candidates = self.pixels_through_box(view)
         pixels = candidates[torch.randint(len(candidates), (self.rays_per_step,), generator=generator)]
-        rays, video = self.data.rays(view), self.data.video
+        rays, video = self.data.first_rays(view), self.data.video
         measured_pair = video.images[view, 0], video.silhouettes[view, 0]
         image, silhouette = measured_pair if pick < len(train) else self._predicted[view]
         sources = rays.origins, rays.directions, image.flatten(0, 1), silhouette.flatten()
@@ -257,7 +262,7 @@ class StaticGridModule(AbstractPhase):
         grid = particles_to_grid(state.positions, state.density, state.features, state.spacing)
         height, width = self.data.video.images.shape[2:4]
         return {
-            view: render_view(grid, colour, self.data.rays(view), (height, width), state.base_spacing)
+            view: render_view(grid, colour, self.data.first_rays(view), (height, width), state.base_spacing)
             for view in self.data.train
         }
 
@@ -266,7 +271,7 @@ class StaticGridModule(AbstractPhase):
         if view not in self._rays_through_box:
             lower = self.field.lower.cpu()
             upper = lower + self.field.dx * (torch.tensor(self.field.density.shape) - 1)
-            enter, leave = box_interval(self.data.rays(view), lower, upper)
+            enter, leave = box_interval(self.data.first_rays(view), lower, upper)
             free = self.data.video.valid[view].flatten()
             self._rays_through_box[view] = ((enter < leave) & free).nonzero().squeeze(1)
         return self._rays_through_box[view]

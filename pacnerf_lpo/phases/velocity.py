@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.types import ParticleState
 
 ITERATIONS_PER_STEP = 4
@@ -48,6 +50,7 @@ class VelocityModule(DynamicPhase):
         self.velocity = nn.Parameter(torch.tensor(guess, dtype=torch.float32))
         self.register_buffer("before", self.velocity.detach().clone())
         self._highest: float | None = None  # loss of a stable motion
+        self.last_step = 0.0
 
     def attach(self, data, physics) -> None:
         """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
@@ -56,6 +59,11 @@ class VelocityModule(DynamicPhase):
             raise UserInputError(
                 f"hit_frame = {self.frames} but {data.video.source} has {len(data.video.times)} frames; lower hit_frame"
             )
+
+    def work(self, particles: int) -> Work:
+        """See :meth:`AbstractPhase.work`: a line search tries a quarter more than there are iterations."""
+        views = min(self.views_per_frame or len(self.data.train), len(self.data.train))
+        return compared(self.frames, views, gradients=True) * (1.25 * ITERATIONS_PER_STEP * self.steps)
 
     def import_state(self, state: ParticleState | None) -> None:
         """Fix the physical parameters to what is known; before contact they hardly matter."""
@@ -106,6 +114,8 @@ class VelocityModule(DynamicPhase):
         self._stop_if_at_rest()
 
     def _stop_if_at_rest(self) -> None:
+        last = self.trainer.optimizers[0].state[self.velocity]
+        self.last_step = float((last["t"] * last["d"]).abs().max()) if "d" in last else 0.0
         moved = (self.velocity.detach() - self.before).abs().max().item()
         self.before.copy_(self.velocity.detach())
         if moved < self.tolerance:
@@ -115,6 +125,10 @@ class VelocityModule(DynamicPhase):
         """The imported state with the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         return self.state.with_(velocity=velocity, physics=known_values(self.physics, self.state))
+
+    def course(self) -> dict[str, Any]:
+        """Frames used, and the length of the last L-BFGS step [m/s]."""
+        return {"frames": self.frames, "last_step": self.last_step}
 
     def progress_metrics(self) -> dict[str, str]:
         """The velocity."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -17,7 +16,7 @@ from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_markup import bullets
-from pacnerf_lpo.report.encoding import atlas, atlas_columns
+from pacnerf_lpo.report.encoding import asset, atlas, atlas_columns, json_text
 from pacnerf_lpo.report.flights import flights_section
 from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
@@ -79,12 +78,12 @@ def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, A
 def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
     verdict = result["verdict"]
-    data = json.dumps(payload(result, images), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    data = json_text(payload(result, images))
     advice = [f"To separate {names}: {experiment}." for names, experiment in words.experiments(result)]
-    return Template(_asset("diagnosis.html")).substitute(
+    return Template(asset("diagnosis.html")).substitute(
         title=html.escape(f"{result['scene']}: {verdict['sentence']}"),
-        style="\n".join(_asset(name) for name in STYLES),
-        scripts="\n".join(_asset(name) for name in SCRIPTS),
+        style="\n".join(asset(name) for name in STYLES),
+        scripts="\n".join(asset(name) for name in SCRIPTS),
         data=data,
         scene=html.escape(result["scene"]),
         unit=words.unit_of(result),
@@ -140,7 +139,3 @@ def _grey(frames: np.ndarray, quality: int) -> str:
     """Opacities [0..255, (F, h, w), uint8] as one grey picture."""
     height, width = frames.shape[1:]
     return atlas(np.repeat(frames[..., None], 3, axis=-1), (width, height), quality)
-
-
-def _asset(name: str) -> str:
-    return (files("pacnerf_lpo.report") / "assets" / name).read_text()

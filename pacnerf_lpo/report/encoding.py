@@ -1,13 +1,27 @@
-"""Images and numbers as text inside an HTML page."""
+"""Images, numbers and files as text inside an HTML page."""
 
 from __future__ import annotations
 
 import base64
 import io
+import json
 import math
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from PIL import Image
+
+
+def asset(name: str) -> str:
+    """A template, style sheet or script of the pages."""
+    return (files("pacnerf_lpo.report") / "assets" / name).read_text()
+
+
+def json_text(values: Mapping[str, Any]) -> str:
+    """JSON that may stand inside a script element."""
+    return json.dumps(values, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
 def data_uri(content: bytes, kind: str) -> str:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
 
-from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
+from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import sections
+from pacnerf_lpo.report.encoding import asset, json_text
 from pacnerf_lpo.report.payload import build_payload
 from pacnerf_lpo.report.verdict import FAIR, GOOD, judge
 
 REPORT_FILE = "report.html"
-SCRIPTS = ("base.js", "charts.js", "images.js", "viewer.js", "curves.js")
+SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves.js")
 
 
 def write_report(run_dir: str | Path) -> Path:
@@ -36,8 +36,7 @@ def write_report(run_dir: str | Path) -> Path:
         UserInputError: it is no run directory, or no phase of it is finished.
     """
     run = Run(run_dir)
-    results_path = run.run_dir / RESULTS_FILE
-    results = json.loads(results_path.read_text()) if _is_complete(run, results_path) else evaluate_run(run_dir)
+    results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)
     payload = build_payload(run, results, _known_truth(results))
     page = render_page(run, results, payload)
     path = run.run_dir / REPORT_FILE
@@ -49,19 +48,19 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     """The page as text."""
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
-    verdict = judge(results, (moving or shown)[-1], payload["contact"])
-    data = json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    return Template(_asset("report.html")).substitute(
+    verdict = judge(results, (moving or shown)[-1])
+    data = json_text(payload)
+    return Template(asset("report.html")).substitute(
         title=html.escape(f"{results['scene']}: {sections.found_sentence(results)}"),
-        style=_asset("report.css"),
-        scripts="\n".join(_asset(name) for name in SCRIPTS),
+        style=asset("report.css"),
+        scripts="\n".join(asset(name) for name in SCRIPTS),
         data=data,
         eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
         found=sections.found_heading(results),
         grade=verdict.grade,
         scale=f"good: at least {GOOD:.0%} explained, fair: at least {FAIR:.0%}",
         headline=html.escape(verdict.headline),
-        remarks="".join(f"<li>{html.escape(remark)}</li>" for remark in verdict.remarks),
+        doubts=sections.doubt_list(results),
         figures=sections.key_figures(results),
         parameters=sections.parameter_table(results),
         quality=sections.quality_table(results) + sections.round_table(results),
@@ -71,14 +70,17 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     )
 
 
-def _is_complete(run: Run, results_path: Path) -> bool:
-    """Whether the results cover every finished phase as it is now."""
+def is_evaluated(run: Run) -> bool:
+    """Whether the results cover every finished phase, and the intervals where there are any, as they are now."""
+    results_path = run.run_dir / RESULTS_FILE
     if not results_path.is_file():
         return False
     results = json.loads(results_path.read_text())
     evaluated = [phase["stem"] for phase in results["phases"]]
-    newest = max(stage.state_path.stat().st_mtime for stage in run.stages)
-    current = "result" in results and evaluated == [stage.stem for stage in run.stages]
+    intervals = run.run_dir / INTERVALS_FILE
+    paths = [*(stage.state_path for stage in run.stages), *([intervals] if intervals.is_file() else [])]
+    newest = max(path.stat().st_mtime for path in paths)
+    current = "doubts" in results and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
 
 
@@ -87,7 +89,3 @@ def _known_truth(results: Mapping[str, Any]) -> Truth | None:
     if errors is None:
         return None
     return Truth({name: error["true"] for name, error in errors.items()}, False, None, {})
-
-
-def _asset(name: str) -> str:
-    return (files("pacnerf_lpo.report") / "assets" / name).read_text()

@@ -9,33 +9,23 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.evaluation.parameter_errors import Truth
-from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes
+from pacnerf_lpo.evaluation.prediction import (
+    Prediction,
+    StateRenderer,
+    read_prediction,
+    to_bytes,
+    visible_particles,
+)
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report.curves import Curve, read_curves
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quantised
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
-from pacnerf_lpo.scene.activation import alpha
-from pacnerf_lpo.types import ParticleState
 
 IMAGE_BUDGET = 6_500_000
 LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
 MAX_STAGES = 3
 MAX_PARTICLES = 10_000
-VISIBLE = 0.3
-CONTACT_CELLS = 1.5
-
-
-def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> int | None:
-    """First frame in which a particle feels the ground: its quadratic kernel, 1.5 cells wide, reaches it.
-
-    Args:
-        lowest: height of the lowest particle at each frame [m, (F,)]
-        spacing: grid spacing [m]
-        ground: height of the ground [m]
-    """
-    touching = lowest - ground < CONTACT_CELLS * spacing
-    return int(touching.argmax()) if touching.any() else None
 
 
 def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
@@ -64,11 +54,7 @@ def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = No
         ],
         "frames": list(video.frame_ids),
         "times": [round(time, 5) for time in video.times.tolist()],
-        "contact": contact_frame(
-            prediction.positions[:, visible_particles(last.state), 1].min(axis=1),
-            last.state.spacing,
-            last.state.physics.get("ground_height", 0.0),
-        ),
+        "contact": results["contact"],
         "images": build_images(run, stages),
         "residuals": [_residuals(results, stage) for stage in stages],
         "particles": build_particles(last, prediction),
@@ -128,12 +114,6 @@ def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
         "colours": base64_array(colours),
         "radius": 0.31 * stage.state.spacing * (len(visible) / len(chosen)) ** (1 / 3),
     }
-
-
-def visible_particles(state: ParticleState) -> np.ndarray:
-    """Indices of the particles at least 0.3 times as opaque as the most opaque one; the others are next to massless."""
-    opacity = alpha(state.density, 1.0)
-    return torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
 
 
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any], truth: Truth | None) -> dict[str, Any]:

@@ -30,11 +30,25 @@ def found_heading(results: Mapping[str, Any]) -> str:
     return " ".join(parts) or "every parameter was known"
 
 
+def doubt_list(results: Mapping[str, Any]) -> str:
+    """Every doubt with its likely cause and its remedy; empty where there is none."""
+    items = "".join(
+        f"<li><b>{html.escape(doubt['where'])}</b>: {html.escape(doubt['what'])}."
+        f"<small>Likely cause: {html.escape(doubt['cause'])}. Remedy: {html.escape(doubt['remedy'])}.</small></li>"
+        for doubt in results["doubts"]
+    )
+    count = len(results["doubts"])
+    head = "One reason to doubt this result" if count == 1 else f"{count} reasons to doubt this result"
+    return f"<div class=doubts><p>{head}</p><ul>{items}</ul></div>" if items else ""
+
+
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
     last, guess = result_phase(results), results["guess"]
     errors = last.get("truth_errors")
     head = "<th>parameter</th><th>guess</th><th></th><th>identified</th>"
+    intervals = results.get("intervals")
+    head += "" if intervals is None else f"<th>{100 * intervals['level']:.0f} % interval</th>"
     head += "<th>true</th><th>error</th>" if errors is not None else ""
     rows = []
     for name, found in last["parameters"].items():
@@ -46,10 +60,12 @@ def parameter_table(results: Mapping[str, Any]) -> str:
             f"<td>{_cell(guess[name])}</td><td class=arrow>{'known' if known else '→'}</td>",
             f"<td class=strong>{_cell(found)}</td>",
         ]
+        if intervals is not None:
+            cells.append(f"<td>{_interval(intervals['parameters'].get(name), found['unit'])}</td>")
         if errors is not None:
             cells.append(_truth_cells(errors.get(name), found["unit"]))
         rows.append(f"<tr>{''.join(cells)}</tr>")
-    rows.append(_velocity_row(last, errors is not None))
+    rows.append(_velocity_row(last, intervals is not None, errors is not None))
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
@@ -132,11 +148,19 @@ def _truth_cells(error: Mapping[str, Any] | None, unit: str) -> str:
     return f"<td>{html.escape(quantity(error['true'], unit))}</td><td>{describe_error(error)}</td>"
 
 
-def _velocity_row(phase: Mapping[str, Any], with_truth: bool) -> str:
+def _interval(found: Mapping[str, Any] | None, unit: str) -> str:
+    if found is None:
+        return ""
+    ends = " to ".join(quantity(found[end], unit) for end in ("low", "high"))
+    return html.escape(ends if found["determined"] else f"not determined ({ends})")
+
+
+def _velocity_row(phase: Mapping[str, Any], with_intervals: bool, with_truth: bool) -> str:
     row = (
         "<tr><td class=name><i>v<sub>0</sub></i> <span>initial velocity [m/s]</span></td><td></td><td></td>"
         f"<td class=strong>{_vector(phase['velocity'])}</td>"
     )
+    row += "<td></td>" if with_intervals else ""
     if with_truth:
         error = phase.get("velocity_error")
         row += f"<td>{_vector(error['true'])}</td><td>{error['error']:.3f}</td>" if error else "<td></td><td></td>"

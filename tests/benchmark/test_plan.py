@@ -17,6 +17,7 @@ from pacnerf_lpo.benchmark.keys import beginning_key, run_key
 from pacnerf_lpo.benchmark.plan import _files, _rounds_needed, plan_runs
 from pacnerf_lpo.benchmark.scenes import Scene, find_scenes
 from pacnerf_lpo.benchmark.suites import NINE, SHARED, SUITES
+from pacnerf_lpo.data import digest
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.parameter_errors import read_truth
 
@@ -38,7 +39,7 @@ def write_scene(folder: Path, views: int = 4, frames: int = 14) -> Path:
 
 @pytest.fixture
 def config(tmp_path: Path) -> dict:
-    keys.file_digest.cache_clear()
+    digest.file_digest.cache_clear()
     root = str(write_scene(tmp_path / "scene"))
     return {
         "seed_everything": 0,
@@ -77,7 +78,7 @@ def test_key_and_contents_of_the_data(config: dict, tmp_path: Path):
         times = path.stat()
         path.write_bytes(content)
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-        keys.file_digest.cache_clear()
+        digest.file_digest.cache_clear()
         return run_key(config)
 
     unused = [folder / "m_3_0.png", folder / "m_0_13.png"]  # a view and a frame that are not used
@@ -91,7 +92,7 @@ def test_key_does_not_depend_on_where_the_data_lies(config: dict, tmp_path: Path
     before = run_key(config)
     moved = tmp_path / "moved"
     (tmp_path / "scene").rename(moved)
-    keys.file_digest.cache_clear()
+    digest.file_digest.cache_clear()
     config["data"]["root"] = str(moved)
     config["truth"] = str(moved / "truth.json")
     assert run_key(config) == before
@@ -150,7 +151,7 @@ def test_no_scenes(tmp_path: Path, folder: str):
 
 def test_plan_of_real_configurations(tmp_path: Path):
     """One beginning for all corrections, which an overlay cannot switch on again, and none where it would differ."""
-    keys.file_digest.cache_clear()
+    digest.file_digest.cache_clear()
     root = str(write_scene(tmp_path / "torus", views=11))
     scene = Scene("torus", root, (CONFIGS / "scenes" / "torus.yaml",), "", original=True)
     runs = plan_runs(SUITES["table15"], [scene], CONFIGS, [CONFIGS / "cpu.yaml"], tmp_path)

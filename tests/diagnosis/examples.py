@@ -74,6 +74,8 @@ def comparison(names: tuple[str, ...] = ("E", "v_x")) -> Comparison:
         random.standard_normal(SHAPE),
         random.standard_normal((*SHAPE, count)),
         random.standard_normal((5, *SHAPE)),
+        np.ones(SHAPE),
+        np.zeros((*SHAPE, 0)),
         np.zeros((*SHAPE, 0)),
         random.standard_normal((*SHAPE, 4)),
         (),

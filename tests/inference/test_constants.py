@@ -19,6 +19,7 @@ DECIDING = {
 NUMERICAL = {
     "inference/calibration.py": {"DRAWS", "TAIL_DRAWS"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
+    "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "MEDIAN_DEVIATE", "CERTAIN"},
     "diagnosis/refitting.py": {"BENT", "ITERATIONS", "GIVE_UP"},

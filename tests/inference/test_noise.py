@@ -41,6 +41,26 @@ def test_directions_add_their_outer_product_to_the_covariance():
     np.testing.assert_allclose(covariance(less) - covariance(less_plain), (1 + 1 / 9) * B @ B.T, atol=1e-9)
 
 
+def test_noise_of_the_frame_to_which_all_are_relative_is_common_to_its_view():
+    """x_t = e_t - e_0: a constant shift of one view is as probable as its frame 0 is noisy, not sqrt(11) times less."""
+    own = np.where(LAYOUT.frame == 0, 0.0, toy.SENSOR)
+    shared = np.where(LAYOUT.frame == 0, toy.SENSOR, -toy.SENSOR)
+
+    def drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+        noise = toy.SENSOR * rng.standard_normal((count, toy.VIEWS, toy.FRAMES, len(toy.KINDS)))
+        first = noise[:, :, :1].copy()
+        noise -= first
+        noise[:, :, :1] = first
+        return noise.reshape(count, SIZE)
+
+    rng = np.random.default_rng(4)
+    noise = NoiseModel.from_replicates(drawn(rng, 8), own, LAYOUT, shared_sigma=shared)
+    shift = noise.whiten(toy.one_view(1, "x", np.where(np.arange(toy.FRAMES) == 0, 1.0, -1.0)))
+    scores = [shift @ noise.whiten_residual(null) / np.linalg.norm(shift) for null in drawn(rng, 400)]
+    assert np.std(scores) == pytest.approx(1.0, abs=0.15)  # four standard errors
+    assert np.mean([np.mean(noise.whiten_residual(null) ** 2) for null in drawn(rng, 50)]) == pytest.approx(1, abs=0.1)
+
+
 def test_entries_in_any_order_and_gaps_in_the_frames_are_the_same_problem():
     rng = np.random.default_rng(2)
     drawn, kept = WORLD.draw(np.random.default_rng(7), 16), rng.permutation(SIZE)[:150]
@@ -58,7 +78,7 @@ def test_entries_in_any_order_and_gaps_in_the_frames_are_the_same_problem():
     [
         (np.zeros((3, SIZE)), SENSOR, "at least 4"),
         (np.zeros((8, SIZE)), SENSOR[:-1], "sensor_sigma has shape"),
-        (np.zeros((8, SIZE)), 0 * SENSOR, "positive"),
+        (np.zeros((8, SIZE)), 0 * SENSOR, "must have a noise"),
         (np.full((8, SIZE), np.nan), SENSOR, "finite"),
     ],
 )

@@ -40,6 +40,8 @@ class BallData(pl.LightningDataModule):
     def rays(self, view: int) -> Rays:
         return self.cached[view]
 
+    first_rays = rays
+
     def train_dataloader(self):
         return torch.utils.data.DataLoader(self.trainer.lightning_module.batches(self), batch_size=None)
 

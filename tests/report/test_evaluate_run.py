@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import time
 
 import numpy as np
 import pytest
 import torch
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.evaluation.evaluate import evaluate_run, intersection_over_union
+from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, evaluate_run, intersection_over_union
 from pacnerf_lpo.evaluation.prediction import predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.evaluation.tables import markdown_table
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.report.html import is_evaluated
+from pacnerf_lpo.report.sections import parameter_table
 from tests.report.example_run import write_example_run
 
 
@@ -120,3 +124,24 @@ def test_intersection_over_union():
     one = torch.tensor([True, True, False, False])
     assert intersection_over_union(one, torch.tensor([True, False, True, False])) == pytest.approx(1 / 3)
     assert intersection_over_union(~one & one, ~one & one) == 1
+
+
+def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_path):
+    copied = tmp_path / "run"
+    shutil.copytree(evaluated_run, copied)
+    names = list(results["free"])
+    parameters = {
+        name: {"value": 2e5, "low": 1e5, "high": 3e5, "determined": index == 0} for index, name in enumerate(names)
+    }
+    content = {"phase": "02_r1_physics", "level": 0.9, "parameters": parameters, "undetermined": []}
+    assert is_evaluated(Run(copied))
+    (copied / INTERVALS_FILE).write_text(json.dumps(content))
+    os.utime(copied / INTERVALS_FILE, (time.time() + 10, time.time() + 10))
+    assert not is_evaluated(Run(copied))
+    again = evaluate_run(copied)
+    assert again["intervals"] == content
+    table = markdown_table(again)
+    assert "| parameter | guess | identified | 90 % interval |" in table and "[1e+05, 3e+05] Pa |" in table
+    assert table.count("not determined") == len(names) - 1
+    page = parameter_table(again)
+    assert "<th>90 % interval</th>" in page and page.count("not determined") == len(names) - 1

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pacnerf_lpo.evaluation.prediction import predict
+from pacnerf_lpo.evaluation.prediction import contact_frame, predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.curves import read_curves, split_unit
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
 from pacnerf_lpo.report.html import write_report
-from pacnerf_lpo.report.payload import contact_frame
+from pacnerf_lpo.report.sections import doubt_list
 from pacnerf_lpo.report.verdict import judge
 
 
@@ -223,9 +223,8 @@ def test_atlas_and_quantisation():
     np.testing.assert_allclose(np.array(lower) + integers / 65535 * np.array(extent), points, atol=1e-4)
 
 
-def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0.95, second: float = 1.0):
-    rms = np.array([[train] * 6, [second * train] * 6, [test] * 6])
-    rms[:, 3:] *= after
+def verdict_of(train: float, test: float, overlap: float = 0.95):
+    rms = np.array([[train] * 6, [train] * 6, [test] * 6])
     phase = {
         "images": {
             "rms": rms.tolist(),
@@ -233,7 +232,7 @@ def verdict_of(train: float, test: float, after: float = 1.0, overlap: float = 0
             "silhouette_iou": np.full((3, 6), overlap).tolist(),
         }
     }
-    return judge({"views": {"train": [0, 4], "test": [7]}}, phase, contact=3)
+    return judge({"views": {"train": [0, 4], "test": [7]}}, phase)
 
 
 def test_verdict_grades_by_the_share_of_the_held_out_image():
@@ -244,8 +243,14 @@ def test_verdict_grades_by_the_share_of_the_held_out_image():
     assert "farther from the video than an empty scene" in verdict_of(0.02, 0.3).headline
 
 
-def test_verdict_remarks_name_sparse_views_and_contact():
-    assert verdict_of(0.02, 0.02).remarks == ()
-    assert "where no camera looked" in verdict_of(0.01, 0.05).remarks[0]
-    assert "From contact on (frame 3)" in verdict_of(0.02, 0.02, after=3.0).remarks[0]
-    assert "Training view 4 stands out" in verdict_of(0.02, 0.02, second=3.0).remarks[0]
+def test_doubts_stand_under_the_verdict_with_cause_and_remedy(evaluated_run, page):
+    doubts = json.loads((evaluated_run / "results.json").read_text())["doubts"]
+    assert "no_contact" not in [doubt["name"] for doubt in doubts]  # its phases say nothing about a contact frame
+    head = page[: page.index('id="comparison"')]
+    assert (doubts and f"{len(doubts)} reason" in head) or "One reason" in head
+    for doubt in doubts:
+        assert all(html.escape(doubt[field]) in head for field in ("what", "cause", "remedy"))
+
+
+def test_a_page_without_doubts_says_nothing_of_them():
+    assert doubt_list({"doubts": []}) == ""

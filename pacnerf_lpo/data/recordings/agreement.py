@@ -7,10 +7,12 @@ plane of every view; where it stays away from planes, or nothing is left, some v
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
+from pacnerf_lpo.data.recordings.clocks import Sighting, nearest_point
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.tangents import Planes, ball, bounds
 from pacnerf_lpo.errors import UserInputError
@@ -36,30 +38,76 @@ def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> floa
     Raises:
         UserInputError: the views contradict each other; names the camera if without it they do not.
     """
-    gap = _largest_gap(views)
+    gap = largest_gap(views)
     if gap > GAP:
         _blame(views, gap, recording)
     lower, upper = bounds(Planes.of([view[0] for view in views]))
     return float((upper - lower).max())
 
 
-def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) -> None:
-    without = [_largest_gap([*views[:number], *views[number + 1 :]]) for number in range(len(views))]
-    best = int(np.argmin(without))
-    if len(views) >= ENOUGH and without[best] < max(GAP, 0.5 * gap):
-        name = recording.cameras[best].name
+def check_in_front(sightings: Sequence[Sighting], recording: Recording) -> None:
+    """The body lies before the cameras, not behind them. Raises UserInputError where it is behind most of them."""
+    place = nearest_point(sightings)
+    behind = [float((place - sighting.pose[:, 3]) @ sighting.pose[:, 2]) > 0.0 for sighting in sightings]
+    if sum(behind) > len(behind) / 2:
         raise UserInputError(
-            f"{recording.source}: camera {name} disagrees with the other views: its pose, its clock or its matte is "
-            f"wrong; calibrate it again, give its masks or background plate, or use --leave_out {name}"
+            f"{recording.source}: what {sum(behind)} of {len(behind)} cameras show meets behind them; the layout "
+            f"{recording.layout} has other camera axes, OpenGL's (looking along -z) for OpenCV's (along +z) or the "
+            "reverse: turn y and z of each pose round, or check --format"
+        )
+
+
+def check_different(images: Sequence[Sequence[Path]], recording: Recording) -> None:
+    """No two cameras show the same first and last image. Raises UserInputError."""
+    seen: dict[bytes, str] = {}
+    for camera, own in zip(recording.cameras, images, strict=True):
+        shown = own[0].read_bytes() + own[-1].read_bytes()
+        if shown in seen:
+            raise UserInputError(
+                f"{recording.source}: cameras {seen[shown]} and {camera.name} show the same images; copy the right "
+                f"ones, or use --leave_out {camera.name}"
+            )
+        seen[shown] = camera.name
+
+
+def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) -> None:
+    wrong = odd_one_out(views, gap, GAP)
+    if wrong is not None:
+        name = recording.cameras[wrong].name
+        raise UserInputError(
+            f"{recording.source}: camera {name} disagrees with the other views: its pose, its lens, its clock or its "
+            f"matte is wrong; calibrate it again, give its masks or background plate, or use --leave_out {name}"
         )
     raise UserInputError(
         f"{recording.source}: the outlines of the views do not belong to one body in space. Poses may be wrong: "
-        "rotations transposed, world to camera instead of camera to world, axes mirrored, cameras swapped, calibration "
-        "of other videos; or the mattes of several views, then give masks or background plates"
+        "rotations transposed, world to camera instead of camera to world, axes or videos mirrored, cameras swapped, "
+        "camera positions given for translations, calibration of other videos; or the lenses; or the mattes of several "
+        "views, then give masks or background plates"
     )
 
 
-def _largest_gap(views: Sequence[Sequence[Planes]]) -> float:
+def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> int | None:
+    """The view without which the others agree, or do so twice as well; None where no view alone is to blame.
+
+    Args:
+        views: tangent planes of every frame, by camera. gap: between all of them. limit: of gaps between right views.
+    """
+    if len(views) < ENOUGH:
+        return None
+    without = [largest_gap([*views[:number], *views[number + 1 :]]) for number in range(len(views))]
+    best = int(np.argmin(without))
+    return best if without[best] < max(limit, 0.5 * gap) else None
+
+
+def largest_gap(views: Sequence[Sequence[Planes]]) -> float:
+    """How far views contradict each other in the first, the middle or the last frame, relative to the body.
+
+    Args:
+        views: tangent planes of every frame, by camera.
+
+    Returns:
+        The largest rms distance of a view's planes from what all views allow; infinite where they allow nothing.
+    """
     last = len(views[0]) - 1
     return max(_gap([view[frame] for view in views]) for frame in (0, last // 2, last))
 

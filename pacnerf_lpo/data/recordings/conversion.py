@@ -6,34 +6,42 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
-from tqdm import tqdm
 
 from pacnerf_lpo.data.index import NAME
+from pacnerf_lpo.data.recordings.agreement import check_different, check_in_front
 from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
-from pacnerf_lpo.data.recordings.recording import Camera, Recording
-from pacnerf_lpo.data.recordings.tangents import Planes, outline_planes
-from pacnerf_lpo.data.recordings.timeline import synchronous
+from pacnerf_lpo.data.recordings.questions import asked, timed
+from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
+from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
 from pacnerf_lpo.errors import UserInputError
-
-LEAST_OBJECT = 20
-"""Pixels of the object at the first frame, below which its matte has failed."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A written scene: its folder, the recording as used, times [s, (F,)], findings, and how each camera was matted."""
+    """A written scene.
+
+    folder: where it is. recording: as used. times: [s, (F,)]. findings: what was measured.
+    mattes: how each camera was matted
+    offsets: how much later than these times each camera's frames were taken [s, (V,)]
+    clocks: the same in words
+    mended: repeated, missing, filled-in and cut-off frames, a line each
+    """
 
     folder: Path
     recording: Recording
     times: np.ndarray
     findings: Findings
     mattes: tuple[str, ...]
+    offsets: np.ndarray
+    clocks: str
+    mended: tuple[str, ...]
 
 
 def convert(recording: Recording, folder: Path) -> Scene:
@@ -47,57 +55,75 @@ def convert(recording: Recording, folder: Path) -> Scene:
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
-    recording, times = synchronous(recording)
+    check_recording(recording)
+    recording, stamps = timed(recording)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as work:
         images = Path(work, "data")
         images.mkdir()
         mattes = [Mattes(camera) for camera in recording.cameras]
         size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
-        views = [_write_camera(images, number, matted, size) for number, matted in enumerate(mattes)]
-        findings = investigate(views, times, recording)
-        Path(work, NAME).write_text(json.dumps(_entries(recording, times, findings)))
+        shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
+        if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
+            check_different([shot.images for shot in shots], recording)
+        check_in_front([shot.sighting for shot in shots], recording)
+        shots, clocks = synchronised(shots)
+        corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
+        timeline = common_times(recording, corrected)
+        for view, matted in enumerate(mattes):
+            _write_camera(images, view, matted, size, shots[view], timeline.places[view])
+        now = timeline.start + timeline.times
+        views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
+        recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
+        Path(work, NAME).write_text(json.dumps(_entries(recording, timeline, findings)))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
             shutil.move(os.path.join(work, name), folder / name)
-    return Scene(folder, recording, times, findings, tuple(m.way for m in mattes))
+    names = [camera.name for camera in recording.cameras]
+    mended = tuple(_mended(names, shots, timeline))
+    ways = tuple(m.way for m in mattes)
+    return Scene(folder, recording, timeline.times, findings, ways, timeline.offsets, clocks.said(names), mended)
 
 
-def _write_camera(images: Path, view: int, mattes: Mattes, size: tuple[int, int]) -> list[Planes]:
-    """Write the images of one camera; returns the tangent planes of every frame."""
-    camera, planes = mattes.camera, []
-    for number, pixels in enumerate(
-        tqdm(mattes, total=len(camera.frames), desc=f"camera {camera.name}", delay=2.0, leave=False)
-    ):
-        _save(images / f"m_{view}_{number}.png", pixels, size)
-        planes.append(outline_planes(pixels[..., 3], camera.intrinsic, camera.pose))
-        if number == 0:
-            _check_object(camera, mattes.way, pixels[..., 3])
+def _write_camera(
+    images: Path, view: int, mattes: Mattes, size: tuple[int, int], shots: Shots, places: np.ndarray
+) -> None:
+    """Write what one camera shows at the common times: images, background and occluder."""
+    if shots.areas[round(places[0])] < LEAST_OBJECT:
+        raise no_object(mattes, int(shots.frames[round(places[0])]))
+    for frame, place in enumerate(places):
+        save(images / f"m_{view}_{frame}.png", image_at(shots, place), size)
+    for own in images.glob(f"own_{view}_*.png"):
+        own.unlink()
     if mattes.plate is not None:
-        _save(images / f"r_{view}_-1.png", np.dstack((mattes.plate, np.ones(mattes.plate.shape[:2]))), size)
+        save(images / f"r_{view}_-1.png", np.dstack((mattes.plate, np.ones(mattes.plate.shape[:2]))), size)
     valid = np.zeros(size[::-1], bool)
     valid[: mattes.size[1], : mattes.size[0]] = mattes.lens.valid
     if not valid.all():
-        _save(images / f"r_{view}_-2.png", np.dstack((np.zeros((*valid.shape, 3)), ~valid)), size)
-    return planes
+        save(images / f"r_{view}_-2.png", np.dstack((np.zeros((*valid.shape, 3)), ~valid)), size)
 
 
-def _save(path: Path, pixels: np.ndarray, size: tuple[int, int]) -> None:
-    """Save colour and opacity [0..1, (H, W, 4)], extended by transparency to a size (width, height)."""
-    padded = np.zeros((size[1], size[0], 4))
-    padded[: pixels.shape[0], : pixels.shape[1]] = pixels
-    Image.fromarray(np.round(255.0 * padded).astype(np.uint8)).save(path)
+def _mended(names: Sequence[str], shots: Sequence[Shots], timeline: Timeline) -> Iterator[str]:
+    for name, shot, places in zip(names, shots, timeline.places, strict=True):
+        if shot.said:
+            yield f"camera {name}: {'; '.join(shot.said)}"
+        filled = np.flatnonzero(places != np.round(places))
+        if len(filled):
+            yield f"camera {name}: filled in between two images: frames {frame_ranges(filled)}"
+        if len(shot.cut_off):
+            yield (
+                f"camera {name}: the image cuts the object off in its frames {frame_ranges(shot.cut_off)}; "
+                "what is cut off there says nothing about box, ground and contact"
+            )
 
 
-def _check_object(camera: Camera, way: str, opacity: np.ndarray) -> None:
-    if np.count_nonzero(opacity > 0.5) < LEAST_OBJECT:
-        raise UserInputError(
-            f"{camera.frames[0].file}: no object is found in camera {camera.name} by its {way}; give masks, or an "
-            "image of the empty background"
-        )
+def frame_ranges(numbers: Sequence[int] | np.ndarray) -> str:
+    """3-5, 8 for 3, 4, 5, 8."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
-def _entries(recording: Recording, times: np.ndarray, found: Findings) -> list[dict]:
+def _entries(recording: Recording, timeline: Timeline, found: Findings) -> list[dict]:
     entries = []
     for view, camera in enumerate(recording.cameras):
         pose = found.rotation @ camera.pose
@@ -106,9 +132,10 @@ def _entries(recording: Recording, times: np.ndarray, found: Findings) -> list[d
             {
                 "file_path": f"./data/r_{view}_{frame}.png",
                 "time": float(time),
+                "time_offset": float(timeline.offsets[view]),
                 "c2w": pose.tolist(),
                 "intrinsic": camera.intrinsic.tolist(),
             }
-            for frame, time in enumerate(times)
+            for frame, time in enumerate(timeline.times)
         ]
     return entries

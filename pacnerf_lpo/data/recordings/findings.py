@@ -11,17 +11,12 @@ import numpy as np
 from pacnerf_lpo.data.recordings.agreement import common_size
 from pacnerf_lpo.data.recordings.conventions import rotation_onto
 from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
-from pacnerf_lpo.data.recordings.recording import Recording
+from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording
 from pacnerf_lpo.data.recordings.tangents import Planes, bounds
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import Unmeasured, UserInputError
 
 log = logging.getLogger(__name__)
 
-GRAVITY = 9.81
-"""[m/s^2]"""
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Metres per unit."""
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
 LEFT_PARABOLA = 0.02
 """So far from the parabola before it, relative to the size of the body, a body is no longer in free flight."""
 RESTING = 0.02
@@ -40,6 +35,15 @@ PLAUSIBLE = (0.5, 2.0)
 NO_CONTACT = "the body is not seen to fall onto a ground; use a longer video, which begins before the contact"
 TILTED = 5.0
 """A stated up direction may be so far from the measured one [degrees]."""
+ASTRAY = 45.0
+"""From here on it is another axis: no wind in which videos are taken pushes harder than gravity [degrees]."""
+LIKELY = (0.8, 1.1)
+"""Accelerations relative to gravity beyond which more than a little drag is going on."""
+ELSEWHERE = 0.5
+"""A body cannot come to rest this far from the ground, relative to its size; a stated ground that says so is wrong."""
+SINKS = 0.15
+"""A body whose lowest point sinks by more than this part of its size after contact moves down a slope, or no ground
+holds it: three times the uncertainty of that point."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,9 @@ class Found:
 class Findings:
     """What was found out.
 
-    rotation, scale: x -> scale * rotation x takes the recording's world to metres and y up [(3, 3)]
+    rotation, scale: x -> scale * rotation x takes the recording's world to metres and y along the ground's normal
+    gravity: in these axes [m/s^2, (3,)]
+    velocity: of the body at frame 0, in these axes [m/s, (3,)]
     up_why, scale_why: where the two come from
     ground: height of the ground along y, to be subtracted [m]
     hit_frame: first frame in which the body touches the ground
@@ -64,6 +70,8 @@ class Findings:
 
     rotation: np.ndarray
     scale: float
+    gravity: np.ndarray
+    velocity: np.ndarray
     up_why: str
     scale_why: str
     ground: Found
@@ -93,25 +101,29 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     for _ in range(2):
         motion = fit_ballistic(frames[:flight], times[:flight])
         up, up_why = find_up(recording, motion)
-        heights = np.array([lowest_point(planes, up) for planes in frames])
+        normal = up if recording.normal is None else np.array(recording.normal)
+        heights = np.array([lowest_point(planes, normal) for planes in frames])
         ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
-        reached = find_contact(heights, ground, motion, up, times, flight)
+        if recording.ground is not None:
+            _compare_grounds(recording, ground, size)
+            ground, ground_why = recording.ground, f"stated by the layout {recording.layout} or by an option"
+        reached = find_contact(heights, ground, motion, normal, times, flight)
         if reached is None:
             raise UserInputError(f"{recording.source}: {NO_CONTACT}")
         hit = reached
         flight = min(max(hit, 3), len(times) - 1)
     scale, scale_why = find_scale(recording, motion)
     hit_why = f"its free fall reaches the ground between frames {hit - 1} and {hit}; exact to a frame"
-    if recording.ground is not None:
-        _compare_grounds(recording.ground, ground, size)
-        ground, ground_why = recording.ground, f"stated by the layout {recording.layout} or by an option"
-    rotation = rotation_onto(up, np.array([0.0, 1.0, 0.0]))
+    check_slope(heights, hit, size, _angle(up, normal))
+    rotation = rotation_onto(normal, np.array([0.0, 1.0, 0.0]))
     lower, upper = bounds(frames[0].moved(rotation, scale))
     lower[1], upper[1] = max(0.0, lower[1] - scale * ground), upper[1] - scale * ground
     return Findings(
         rotation,
         scale,
-        up_why,
+        -recording.gravity * rotation @ up,
+        scale * rotation @ motion.velocity,
+        up_why if recording.normal is None else f"{up_why}; the ground is tilted by {_angle(up, normal):.1f} degrees",
         scale_why,
         Found(scale * ground, ground_why),
         Found(hit, hit_why),
@@ -150,17 +162,19 @@ def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
     if recording.up is not None:
         up = np.array(recording.up, float)
         angle = _angle(up, measured)
-        if error < UP_ERROR and angle > 90.0:
+        if error < UP_ERROR and angle > ASTRAY:
             raise UserInputError(
-                f"{recording.source}: the body falls against the stated up direction {_vector(up)}; give --up"
+                f"{recording.source}: the body falls {'against' if angle > 135.0 else f'{angle:.0f} degrees off'} the "
+                f"stated up direction {_vector(up)}; give --up"
             )
         if error < UP_ERROR and angle > TILTED + 2.0 * error:
             log.warning("the body falls %.0f degrees off the stated up direction %s; check --up", angle, _vector(up))
         return up, f"stated by the layout {recording.layout} or by --up"
-    if not error < UP_ERROR:
-        raise UserInputError(
+    if not error < UP_ERROR or not recording.gravity:
+        raise Unmeasured(
             f"{recording.source}: which side is up cannot be measured, the body hardly falls before it touches "
-            f"something (uncertain by {error:.2g} degrees); give --up"
+            f"something (uncertain by {error:.2g} degrees); give --up",
+            "up",
         )
     nearest = min((np.array(axis, float) for axis in AXES.values()), key=lambda axis: _angle(axis, measured))
     angle = _angle(nearest, measured)
@@ -177,29 +191,46 @@ def find_scale(recording: Recording, motion: Ballistic) -> tuple[float, str]:
     """
     size = float(np.linalg.norm(motion.acceleration))
     error = float(np.linalg.norm(motion.error)) / max(size, 1e-30)
-    measured = GRAVITY / max(size, 1e-30)
-    near = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / measured)))
-    falls = f"the body falls at {GRAVITY * UNITS[near] / measured:.3g} m/s^2"
-    ratio = (UNITS[near] if recording.unit is None else recording.unit) / measured
+    gravity = recording.gravity
+    if not gravity and recording.unit is not None:
+        return recording.unit, f"stated by the layout {recording.layout} or by --unit"
+    measured = gravity / max(size, 1e-30)
+    near = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / max(measured, 1e-30))))
+    falls = f"the body falls at {size * UNITS[near]:.3g} m/s^2"
+    ratio = (UNITS[near] if recording.unit is None else recording.unit) / max(measured, 1e-30)
     plausible = PLAUSIBLE[0] - 3.0 * error < ratio < PLAUSIBLE[1] + 3.0 * error
     if recording.unit is not None:
         if not plausible:
             raise UserInputError(
-                f"{recording.source}: with {recording.unit:g} m per unit the body falls at {GRAVITY * ratio:.3g} m/s^2 "
-                f"instead of {GRAVITY}; with --unit {near} {falls}; check --unit and --fps"
+                f"{recording.source}: with {recording.unit:g} m per unit the body falls at {gravity * ratio:.3g} m/s^2 "
+                f"instead of {gravity:g}; with --unit {near} {falls}; check --unit, --fps and --gravity"
             )
+        _doubt(ratio, error, gravity)
         return recording.unit, f"stated by the layout {recording.layout} or by --unit"
-    if not error < SCALE_ERROR:
-        raise UserInputError(
+    if not error < SCALE_ERROR or not gravity:
+        raise Unmeasured(
             f"{recording.source}: the scale cannot be measured, the body hardly falls before it touches something; "
-            "give --unit"
+            "give --unit",
+            "unit",
         )
     if abs(ratio - 1.0) < UNIT_SNAP or (recording.metric and plausible):
+        _doubt(ratio, error, gravity)
         return UNITS[near], f"{near}, as in it {falls}"
     return measured, (
-        f"free fall at {GRAVITY} m/s^2, to {100 * max(error, 0.01):.0f} %; "
+        f"free fall at {gravity:g} m/s^2, to {100 * max(error, 0.01):.0f} %; "
         "another gravity, or drag, would pass for scale"
     )
+
+
+def _doubt(ratio: float, error: float, gravity: float) -> None:
+    """Warn where the body falls unlike a body under gravity, given the acceleration relative to it and its error."""
+    if not LIKELY[0] - 3.0 * error < ratio < LIKELY[1] + 3.0 * error:
+        log.warning(
+            "the body falls at %.3g m/s^2 instead of %.3g: unless drag or wind does that, check the focal lengths, "
+            "--unit and --fps",
+            ratio * gravity,
+            gravity,
+        )
 
 
 def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, str]:
@@ -236,13 +267,29 @@ def find_contact(
     return int(below[0]) if len(below) and below[0] > 0 else None
 
 
-def _compare_grounds(stated: float, measured: float, size: float) -> None:
-    if abs(measured - stated) > 0.1 * size:
+def check_slope(heights: np.ndarray, hit: int, size: float, tilt: float) -> None:
+    """Warn where the body does not stay on the ground as it is believed to lie; ``tilt`` [degrees] against gravity."""
+    after = heights[hit:][np.isfinite(heights[hit:])]
+    if len(after) > 1 and after[0] - after[-1] > SINKS * size:
         log.warning(
-            "the body comes to rest %.0f %% of its size %s the stated ground; give --ground",
-            100 * abs(measured - stated) / size,
-            "above" if measured > stated else "below",
+            "after contact the lowest point of the body sinks by %.0f %% of its size: the ground, tilted by %.0f "
+            "degrees here, may be a slope (give --ground_normal), or the contact later (cut the videos)",
+            100 * (after[0] - after[-1]) / size,
+            tilt,
         )
+
+
+def _compare_grounds(recording: Recording, measured: float, size: float) -> None:
+    off = (measured - (recording.ground or 0.0)) / size
+    side = "above" if off > 0 else "below"
+    said = (
+        f"the body comes to rest {100 * abs(off):.0f} % of its size {side} the stated ground, at {measured:.4g} units "
+        "of the calibration; check --ground and --ground_normal"
+    )
+    if abs(off) > ELSEWHERE:
+        raise UserInputError(f"{recording.source}: {said}")
+    if abs(off) > 0.1:
+        log.warning(said)
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:

@@ -18,7 +18,7 @@ from pacnerf_lpo.data.recordings.readers import (
     spring_gaus_synthetic,
     toml_calibration,
 )
-from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
 LAYOUTS = (
@@ -66,9 +66,7 @@ def read_recording(folder: Path, name: Format | None = None) -> Recording:
     if not fitting:
         looked_for = "; ".join(layout.looks_for for layout in LAYOUTS)
         raise UserInputError(f"{folder}: no known layout. Looked for: {looked_for}. There lies: {_content(folder)}")
-    recording = fitting[0].read(folder)
-    check_recording(recording)
-    return recording
+    return fitting[0].read(folder)
 
 
 def _content(folder: Path) -> str:

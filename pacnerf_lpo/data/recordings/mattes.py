@@ -10,7 +10,7 @@ from pacnerf_lpo.data.images import on_white, read_png
 from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.data.recordings.background import still_background
 from pacnerf_lpo.data.recordings.media import library, read_frames
-from pacnerf_lpo.data.recordings.recording import Camera, check_image_size
+from pacnerf_lpo.data.recordings.recording import Camera, check_image_size, check_lens
 from pacnerf_lpo.errors import UserInputError
 
 WHITE = 1.0 - 1.5 / 255.0
@@ -62,6 +62,7 @@ class Mattes:
         first = next(read_frames(camera.frames[:1]))
         self.size = first.shape[1], first.shape[0]
         check_image_size(str(camera.frames[0].file), camera, self.size)
+        check_lens(str(camera.frames[0].file), camera, self.size)
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
         self.cut: Callable[[np.ndarray, np.ndarray | None], np.ndarray]

@@ -12,8 +12,24 @@ import numpy as np
 from pacnerf_lpo.data.recordings.conventions import check_rotation
 from pacnerf_lpo.errors import UserInputError
 
+GRAVITY = 9.81
+"""On Earth [m/s^2]."""
 LENS_COEFFICIENTS = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """How many coefficients each lens model has: k1 k2 p1 p2 [k3 ...] and k1 ... k4, in OpenCV's order."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres per unit."""
+AXES: dict[str, tuple[float, float, float]] = {
+    "x": (1, 0, 0),
+    "y": (0, 1, 0),
+    "z": (0, 0, 1),
+    "-x": (-1, 0, 0),
+    "-y": (0, -1, 0),
+    "-z": (0, 0, -1),
+}
+RADIAL = ((0, 1, 4), (5, 6, 7))
+"""Places of the radial coefficients k1 k2 k3 and k4 k5 k6 of OpenCV's rational model."""
+REACH = 10.0
+"""Undistorted directions are tried up to so many times the corner of the image."""
 OFF_CENTRE = 0.25
 """A principal point farther from the centre than this part of the image was calibrated for another size."""
 
@@ -79,7 +95,9 @@ class Recording:
     source: folder it was read from
     unit: metres per unit of length of the poses
     up: unit vector against gravity, in the poses' world [(3,)]
-    ground: height of the ground along ``up``, in the poses' unit
+    normal: unit normal of the ground, in the poses' world [(3,)]; None: ``up``
+    ground: height of the ground along its normal, in the poses' unit
+    gravity: strength [m/s^2]
     metric: the unit is that of a measured calibration board, so m, cm or mm, if only the layout said which
     """
 
@@ -90,6 +108,57 @@ class Recording:
     up: tuple[float, float, float] | None = None
     ground: float | None = None
     metric: bool = False
+    normal: tuple[float, float, float] | None = None
+    gravity: float = GRAVITY
+
+    def with_unit(self, unit: str) -> Recording:
+        """The same recording with lengths in m, cm, mm, or so many metres. Raises UserInputError for anything else."""
+        try:
+            metres = UNITS[unit] if unit in UNITS else float(unit)
+        except ValueError:
+            metres = float("nan")
+        if not (metres > 0 and np.isfinite(metres)):
+            raise UserInputError(f"--unit {unit}: give {', '.join(UNITS)}, or how many metres one unit is")
+        return replace(self, unit=metres)
+
+    def with_up(self, up: str) -> Recording:
+        """The same recording with an up direction: an axis, three numbers, or ``fall`` for the direction of free fall.
+
+        Raises:
+            UserInputError: it is none of these.
+        """
+        if up == "fall":
+            return replace(self, up=None)
+        try:
+            vector = np.array(AXES[up] if up in AXES else [float(part) for part in up.strip("[]() ").split(",")])
+        except ValueError:
+            vector = np.zeros(0)
+        length = float(np.linalg.norm(vector))
+        if vector.shape != (3,) or not (length > 0 and np.isfinite(length)):
+            raise UserInputError(
+                f"--up {up}: give an axis ({', '.join(AXES)}), three numbers such as [0,0.17,0.98], or fall"
+            )
+        x, y, z = (vector / length).tolist()
+        return replace(self, up=(x, y, z))
+
+    def with_ground(self, height: float | None, normal: Sequence[float] | None) -> Recording:
+        """The same recording with a ground stated. Raises UserInputError where the normal is none."""
+        if normal is None:
+            return replace(self, ground=self.ground if height is None else height)
+        length = float(np.linalg.norm(normal))
+        if len(normal) != 3 or not (length > 0 and np.isfinite(length)):
+            raise UserInputError(
+                f"--ground_normal {list(normal)}: give three numbers, the direction at a right angle to the ground in "
+                "the calibration's axes, for instance [0,0.17,0.98] for a slope of 10 degrees"
+            )
+        x, y, z = (float(value) / length for value in normal)
+        return replace(self, normal=(x, y, z), ground=height)  # a height along another normal means nothing
+
+    def with_gravity(self, gravity: float) -> Recording:
+        """The same recording under gravity of this strength [m/s^2]. Raises UserInputError for a negative one."""
+        if not (gravity >= 0 and np.isfinite(gravity)):
+            raise UserInputError(f"--gravity {gravity:g}: give its strength in m/s^2, 9.81 on Earth, 0 for none")
+        return replace(self, gravity=gravity)
 
     def with_frame_rate(self, fps: float) -> Recording:
         """The same recording with times counted at ``fps`` frames a second, whatever its files say."""
@@ -170,4 +239,28 @@ def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
         raise UserInputError(
             f"{where}: {size[0]} x {size[1]} pixels do not fit the intrinsics of camera {camera.name}, whose principal "
             f"point is ({centre[0]:.4g}, {centre[1]:.4g}); {mend}"
+        )
+
+
+def check_lens(where: str, camera: Camera, size: tuple[int, int]) -> None:
+    """The lens maps directions to an image of this width and height [pixels] one to one, up to its corners.
+
+    Raises:
+        UserInputError: its radial coefficients fold the image.
+    """
+    corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - camera.intrinsic[:2, 2]
+    farthest = float(np.linalg.norm(corners / camera.intrinsic[[0, 1], [0, 1]], axis=1).max())
+    k = np.array([*camera.lens.coefficients, *(0.0,) * 8][:8])
+    if camera.lens.model == "fisheye":
+        angle = np.linspace(0.0, np.pi, 2000)
+        reached = angle * (1.0 + np.polyval([*k[3::-1], 0.0], angle**2))
+    else:
+        r = np.linspace(0.0, REACH * farthest, 2000)
+        above, below = (1.0 + np.polyval([k[third], k[second], k[first], 0.0], r**2) for first, second, third in RADIAL)
+        reached = r * above / below
+    folds = np.flatnonzero(np.diff(reached) <= 0.0)
+    if camera.lens.distorts and reached[: folds[0] + 1 if len(folds) else None].max() < farthest:
+        raise UserInputError(
+            f"{where}: the distortion coefficients of camera {camera.name} fold the image before its corners; their "
+            "order is k1 k2 p1 p2 k3 (fisheye: k1 k2 k3 k4), their sign that of OpenCV; calibrate again"
         )

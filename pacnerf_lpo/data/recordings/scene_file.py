@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.recordings.conversion import Scene
+from pacnerf_lpo.scene_folder import SCENE_FILE
 
-NAME = "scene.yaml"
 MARGIN = 0.06
 """Free room around the outlines' box, relative to its longest edge."""
 SPACING = 0.25
 """Coarsest voxel relative to the longest edge of the body: two halvings leave sixteen voxels along it."""
+NEXT = "\n#   "
 RATE = 300.0
 """Substeps per second times the coarsest voxel [m/s]: bodies of up to 1 MPa stay stable after two halvings."""
 
@@ -29,16 +30,17 @@ def write_scene_file(scene: Scene) -> Path:
     size = float((found.upper - found.lower).max())
     lower = found.lower - MARGIN * size
     lower[1] = max(0.0, lower[1])
-    spacing = float(f"{SPACING * size:.2g}")
+    spacing = voxel_for(size)
     frame_rate = float(f"{1.0 / float(np.diff(scene.times).mean()):.6g}")
-    substep_rate = frame_rate * math.ceil(RATE / spacing / frame_rate)
-    path = scene.folder / NAME
+    substep_rate = steps_for(spacing, frame_rate)
+    path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
 # Written by pacnerf-lpo init from {scene.recording.source}, layout {scene.recording.layout}.
 # Every value can be changed; the images and poses beside this file are in metres, y up, the ground at y = 0.
 # cameras: {_cameras(scene)}
 # mattes: {_mattes(scene)}
+# clocks: {"".join(line + NEXT for line in (scene.clocks, *scene.mended)).removesuffix(NEXT)}
 # up: {found.up_why}
 # scale: 1 unit of the calibration = {found.scale:.6g} m: {found.scale_why}
 # ground: {found.ground.why}
@@ -46,7 +48,8 @@ data:
   root: {_quoted(str(scene.folder.resolve()))} # this folder; change it when the folder is moved
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
-physics:
+{_velocity(scene)}physics:
+  gravity: {_corner(found.gravity)} # m/s^2; its strength is stated (--gravity), its direction is that of up
   material: # a guess, not measured: a soft elastic body; exchange it if it is a fluid, plasticine or sand
     class_path: NeoHookean
     init_args: # where identification starts, SI units; a factor of ten off is fine
@@ -65,16 +68,19 @@ phases:
     class_path: VelocityModule
     init_args:
       hit_frame: {found.hit_frame.value:.0f} # first frame on the ground; {found.hit_frame.why}
-  physics:
-    class_path: PhysicsIDModule
-    init_args:
-      method:
-        class_path: PaperAdam
-        init_args:
-          learning_rates: {{E: 0.1, nu: 0.01}} # the papers' values for elastic scenes
 """
     )
     return path
+
+
+def voxel_for(size: float) -> float:
+    """Coarsest voxel of a body whose longest edge is ``size`` [m]."""
+    return float(f"{SPACING * size:.2g}")
+
+
+def steps_for(spacing: float, frame_rate: float) -> float:
+    """Integration steps per second for a coarsest voxel [m], a whole number for each of ``frame_rate`` frames [1/s]."""
+    return frame_rate * math.ceil(RATE / spacing / frame_rate)
 
 
 def _cameras(scene: Scene) -> str:
@@ -95,8 +101,16 @@ def _clock(scene: Scene) -> str:
     return f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
 
 
+def _velocity(scene: Scene) -> str:
+    """The body's velocity at frame 0, where cameras that are out of step see it at different places."""
+    if not scene.offsets.any():
+        return ""
+    velocity = _corner(scene.findings.velocity)
+    return f"  velocity: {velocity} # m/s, from free fall; lines the cameras up at frame 0\n"
+
+
 def _corner(corner: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value:.4g}" for value in corner.tolist()) + "]"
+    return "[" + ", ".join(f"{value + 0.0:.4g}" for value in corner.round(6).tolist()) + "]"
 
 
 def _quoted(text: str) -> str:

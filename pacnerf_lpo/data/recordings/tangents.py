@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import contourpy
 import numpy as np
+from scipy import ndimage
 from scipy.optimize import linprog
 
 DIRECTIONS = 72
@@ -40,34 +41,68 @@ class Planes:
         return Planes(self.normals @ rotation.T, scale * self.offsets)
 
 
-EMPTY = Planes(np.empty((0, 3)), np.empty(0))
+def outline_points(
+    silhouette: np.ndarray, intrinsic: np.ndarray, valid: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of an outline [x / z right and y / z up, (K, 2)], and which of them are away from what the image cuts off
+    [(K,), bool]; none where nothing is seen.
+
+    The outline is the level 0.5 of the opacity, to a fraction of a pixel.
+
+    Args:
+        silhouette: opacity [0..1, (H, W)].
+        intrinsic: [pixels, (3, 3)].
+        valid: False where the image shows nothing [(H, W), bool]; None: it shows something everywhere.
+    """
+    if np.count_nonzero(silhouette > 0.5) < SMALLEST:
+        return np.empty((0, 2)), np.empty(0, bool)
+    lines = contourpy.contour_generator(z=np.pad(silhouette, 1), line_type="Separate").lines(0.5)
+    pixels = np.concatenate([np.asarray(line) for line in lines]) - 0.5  # the pad is one pixel, centres are at +0.5
+    height, width = silhouette.shape
+    inside = np.all((pixels > BORDER) & (pixels < (width - BORDER, height - BORDER)), axis=1)
+    if valid is not None and not valid.all():
+        room = ndimage.distance_transform_edt(valid)
+        column, row = np.clip(pixels.astype(int), 0, (width - 1, height - 1)).T
+        inside &= room[row, column] > BORDER
+    return (pixels - intrinsic[:2, 2]) / (intrinsic[0, 0], -intrinsic[1, 1]), inside
+
+
+def outline_tangents(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """How far an outline reaches in each of :data:`DIRECTIONS` directions of the image plane [(DIRECTIONS,)].
+
+    NaN where nothing is seen, and where the outermost point lies at the image border.
+
+    Args:
+        points, inside: of :func:`outline_points`.
+    """
+    if len(points) == 0:
+        return np.full(DIRECTIONS, np.nan)
+    along = _across() @ points.T
+    return np.where(inside[along.argmax(axis=1)], along.max(axis=1), np.nan)
+
+
+def tangent_planes(tangents: np.ndarray, pose: np.ndarray) -> Planes:
+    """The planes through the tangents of an outline [(DIRECTIONS,), NaN for none] in a camera of a pose (3, 4)."""
+    known = np.isfinite(tangents)
+    normals = np.column_stack((_across(), tangents))[known]
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ pose[:, :3].T
+    return Planes(normals, normals @ pose[:, 3])
 
 
 def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarray) -> Planes:
-    """Planes through the tangents of an outline in :data:`DIRECTIONS` directions; none where nothing is seen.
-
-    The outline is the level 0.5 of the opacity, to a fraction of a pixel. Tangents that touch it at the image border
-    are left out.
+    """The tangent planes of an outline; none where nothing is seen. Tangents at the image border are left out.
 
     Args:
         silhouette: opacity [0..1, (H, W)].
         intrinsic: [pixels, (3, 3)].
         pose: camera to world, OpenGL axes (3, 4).
     """
-    if np.count_nonzero(silhouette > 0.5) < SMALLEST:
-        return EMPTY
-    lines = contourpy.contour_generator(z=np.pad(silhouette, 1), line_type="Separate").lines(0.5)
-    pixels = np.concatenate([np.asarray(line) for line in lines]) - 0.5  # the pad is one pixel, centres are at +0.5
-    points = (pixels - intrinsic[:2, 2]) / (intrinsic[0, 0], -intrinsic[1, 1])
+    return tangent_planes(outline_tangents(*outline_points(silhouette, intrinsic)), pose)
+
+
+def _across() -> np.ndarray:
     angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    across = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
-    along = across @ points.T
-    touching = along.argmax(axis=1)
-    height, width = silhouette.shape
-    inside = np.all((pixels > BORDER) & (pixels < (width - BORDER, height - BORDER)), axis=1)[touching]
-    normals = np.column_stack((across, along.max(axis=1)))[inside]
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ pose[:, :3].T
-    return Planes(normals, normals @ pose[:, 3])
+    return np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
 
 def extent(planes: Planes, direction: np.ndarray) -> float:

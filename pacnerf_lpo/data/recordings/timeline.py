@@ -2,76 +2,130 @@
 
 from __future__ import annotations
 
-import logging
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.data.checks import STEP_TOLERANCE
-from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.data.recordings.recording import Camera, Recording
+from pacnerf_lpo.errors import Unmeasured, UserInputError
 
-log = logging.getLogger(__name__)
-
-LATE = 0.35
-"""A frame this part of a step away from its time is another frame: one was dropped."""
+AS_TAKEN = 0.05
+"""Frames this near to their time, relative to a step, are used as they are: a body moves some 0.3 pixels until then."""
+FILLED = 2.5
+"""Two frames so many steps apart have one missing frame between them, which can be filled in; more cannot."""
+MANY = 0.25
+"""Where more than this part of a camera's frames has to be filled in, it has another frame rate, and no offset."""
 FEWEST = 4
 """Frames: three for the acceleration, one after contact."""
 
 
-def synchronous(recording: Recording) -> tuple[Recording, np.ndarray]:
-    """The recording with as many frames in every camera, all taken at the same times, and these [s, (F,)], from 0.
+@dataclass(frozen=True)
+class Timeline:
+    """Common times, and what each camera shows at them.
 
-    The step is that of the slowest camera, the span that in which all cameras see; of the others the nearest frame is
-    taken, and a warning says by how much it is off.
+    times: [s, (F,)], evenly spaced, from 0
+    start: the first of them on the cameras' corrected clocks [s]
+    places: number of the camera's own frame shown at each time, fractional where two are to be merged [(F,) each]
+    offsets: how much later than these times each camera's frames were taken [s, (V,)]
+    """
+
+    times: np.ndarray
+    start: float
+    places: tuple[np.ndarray, ...]
+    offsets: np.ndarray
+
+    @property
+    def step(self) -> float:
+        """Time between frames [s]."""
+        return float(self.times[1])
+
+
+def stated_times(recording: Recording) -> list[np.ndarray]:
+    """When each camera's images were taken, as stamped or counted [s, (F,) each].
 
     Raises:
-        UserInputError: times are missing, the cameras do not overlap, or one of them has dropped a frame.
+        UserInputError: times are missing or do not increase.
     """
-    stamps = [_times(recording, camera) for camera in recording.cameras]
-    step = max(float(np.median(np.diff(times))) for times in stamps)
-    start, end = max(float(times[0]) for times in stamps), min(float(times[-1]) for times in stamps)
-    count = int(np.floor((end - start) / step + LATE)) + 1
+    return [_times(recording, camera) for camera in recording.cameras]
+
+
+def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline:
+    """The times at which all cameras see, in steps of the slowest one, and what to show of each.
+
+    A camera that is out of step by a constant keeps its images, and its offset is stated; missing frames, and all of a
+    camera with another frame rate, are filled in between two images.
+
+    Args:
+        recording: for messages. stamps: when each camera's frames were taken, clocks corrected [s, (F,) each].
+
+    Raises:
+        UserInputError: the cameras do not overlap, or several frames in a row are missing.
+    """
+    steps = [float(np.median(np.diff(times))) for times in stamps]
+    step = max(steps)
+    first, end = max(float(times[0]) for times in stamps), min(float(times[-1]) for times in stamps)
+    leader = _leader(stamps, steps, step)
+    start = leader + step * np.ceil((first - leader) / step - 0.5 - AS_TAKEN)
+    count = int(np.floor((end - start) / step + 0.5 + AS_TAKEN)) + 1
     if count < FEWEST:
         raise UserInputError(
-            f"{recording.source}: all cameras together see {max(0.0, end - start):.3g} s, {max(count, 0)} frames; at "
+            f"{recording.source}: all cameras together see {max(0.0, end - first):.3g} s, {max(count, 0)} frames; at "
             f"least {FEWEST} are needed, and videos that begin at the same moment"
         )
     grid = start + step * np.arange(count)
-    cameras = tuple(_resampled(recording, *pair, grid) for pair in zip(recording.cameras, stamps, strict=True))
-    return replace(recording, cameras=cameras), grid - start
+    shown = [_shown(recording, *pair, grid) for pair in zip(recording.cameras, stamps, strict=True)]
+    return Timeline(grid - start, start, tuple(places for places, _ in shown), np.array([off for _, off in shown]))
+
+
+def _leader(stamps: Sequence[np.ndarray], steps: Sequence[float], step: float) -> float:
+    """First stamp of the camera of the common step with which most others are in step."""
+    slow = [times[0] for times, own in zip(stamps, steps, strict=True) if own > (1.0 - AS_TAKEN) * step]
+
+    def apart(time: float) -> float:
+        phases = (np.array(slow) - time) / step
+        return float(np.minimum(np.abs(phases - np.round(phases)), 2.0 * AS_TAKEN).sum())
+
+    return float(min(slow, key=apart))
 
 
 def _times(recording: Recording, camera: Camera) -> np.ndarray:
     times = [frame.time for frame in camera.frames if frame.time is not None]
     if len(times) < len(camera.frames):
-        raise UserInputError(
+        raise Unmeasured(
             f"{recording.source}, camera {camera.name}: the layout {recording.layout} does not say when its images "
-            "were taken; give the frames per second by --fps"
+            "were taken; give the frames per second by --fps",
+            "fps",
         )
-    if len(times) < 2 or not np.all(np.diff(times) > 0):
+    if len(times) < FEWEST:
+        raise UserInputError(
+            f"{recording.source}, camera {camera.name}: it has {len(times)} frame{'s' * (len(times) != 1)}, at least "
+            f"{FEWEST} are needed; give its whole video, or use --leave_out {camera.name}"
+        )
+    if not np.all(np.diff(times) > 0):
         raise UserInputError(
             f"{recording.source}, camera {camera.name}: its {len(times)} times do not increase; give --fps"
         )
     return np.array(times)
 
 
-def _resampled(recording: Recording, camera: Camera, times: np.ndarray, grid: np.ndarray) -> Camera:
+def _shown(recording: Recording, camera: Camera, times: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, float]:
+    """Which of a camera's frames are shown, and how much later than the grid they were taken [s]."""
     step = grid[1] - grid[0]
     nearest = np.abs(times[None] - grid[:, None]).argmin(axis=1)
-    off = np.abs(times[nearest] - grid)
-    worst = int(off.argmax())
-    if off[worst] > LATE * step:
+    off = times[nearest] - grid
+    offset = float(np.median(off))
+    taken = np.abs(off - offset) <= AS_TAKEN * step
+    if np.mean(~taken) > MANY:
+        offset, taken = 0.0, np.abs(off) <= AS_TAKEN * step
+    wanted = np.clip(grid + offset, times[0], times[-1])
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    gap = np.where(taken, 0.0, times[after] - times[after - 1])
+    worst = int(gap.argmax())
+    if gap[worst] > FILLED * step:
         raise UserInputError(
-            f"{recording.source}, camera {camera.name}: no frame near {grid[worst]:.4g} s, the nearest is "
-            f"{1e3 * off[worst]:.3g} ms away; it was dropped, cut the videos there or give --fps"
+            f"{recording.source}, camera {camera.name}: no frames between {times[after[worst] - 1]:.4g} and "
+            f"{times[after[worst]]:.4g} s; they were dropped; cut all videos there, or use --leave_out {camera.name}"
         )
-    if off[worst] > STEP_TOLERANCE * step:
-        log.warning(
-            "camera %s: frames are up to %.2g of a frame away from those of the others; physics.effects can have a "
-            "TimeOffset for it",
-            camera.name,
-            off[worst] / step,
-        )
-    frames: list[Frame] = [camera.frames[place] for place in nearest]
-    return replace(camera, frames=tuple(frames))
+    between = np.interp(wanted, times, np.arange(len(times)))
+    return np.where(taken, nearest, between), offset if abs(offset) > 1e-3 * step else 0.0

@@ -14,7 +14,8 @@ from numpy.polynomial import polynomial
 from scipy.optimize import nnls
 
 from pacnerf_lpo.data.recordings.conventions import rotation_onto
-from pacnerf_lpo.data.recordings.findings import AXES, GRAVITY, PLAUSIBLE, UNITS, Found
+from pacnerf_lpo.data.recordings.findings import PLAUSIBLE, Found
+from pacnerf_lpo.data.recordings.recording import AXES, GRAVITY, UNITS
 from pacnerf_lpo.data.trajectories.noise import Noise, noise_of
 from pacnerf_lpo.data.trajectories.trajectory import LEAST_SAMPLES, Trajectory
 from pacnerf_lpo.errors import UserInputError
@@ -61,6 +62,9 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
         UserInputError: gravity shows no direction, another one than the stated, or another unit.
     """
     first = recordings[0]
+    for option, value, known in (("--up", up, AXES), ("--unit", unit, UNITS)):
+        if value is not None and value not in known:
+            raise UserInputError(f"{first.source}: {option} {value}: of positions, give one of {', '.join(known)}")
     stated = first.unit if unit is None else UNITS[unit]
     scale = 1.0 if stated is None else stated
     if up is None and not first.upward and not all(one.measured.all() for one in recordings):

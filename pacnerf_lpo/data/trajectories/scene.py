@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.data.recordings.files import read_values
-from pacnerf_lpo.data.recordings.findings import GRAVITY
+from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.shapes import Shape, named_shape
 from pacnerf_lpo.data.trajectories.flight import Direction, Findings
 from pacnerf_lpo.data.trajectories.noise import Noise

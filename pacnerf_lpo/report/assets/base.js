@@ -1,7 +1,7 @@
 "use strict";
 const DATA = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
-const shared = { stage: Math.max(0, DATA.images.stages.length - 1), view: 0, frame: 0 };
+const shared = { stage: Math.max(0, (DATA.images ? DATA.images.stages.length : 0) - 1), view: 0, frame: 0 };
 const listeners = [];
 
 /* Change what is looked at; every linked picture and chart follows. */

@@ -25,7 +25,7 @@ function logTicks(low, high) {
 }
 
 /* Lines over a common x axis.
-   options: series [{label, x, y, colour, dash, faint, dots: no line}], bands [{label, from, to}], log, zero, truth, height, xLabel, format(y),
+   options: series [{label, x, y, colour, dash, faint, dots: no line}], bands [{label, from, to}], log, zero, truth (a level), truthLabel, height, xLabel, format(y),
    range: {x, low, high} shaded behind the lines, direct: labels at the ends of the lines, continuous: x is no count, cursor, pick(x). */
 function lineChart(host, options) {
   host.textContent = "";
@@ -67,7 +67,8 @@ function lineChart(host, options) {
   if (options.xLabel) svgElement("text", { x: width - right, y: height - 3, "text-anchor": "end" }, svg, options.xLabel);
   if (options.truth !== null && options.truth !== undefined) {
     svgElement("line", { class: "truth", x1: left, x2: width - right, y1: toY(options.truth), y2: toY(options.truth) }, svg);
-    svgElement("text", { x: width - right, y: toY(options.truth) - 5, "text-anchor": "end" }, svg, "true");
+    const named = options.truthLabel ? { x: left + 6, "text-anchor": "start" } : { x: width - right, "text-anchor": "end" };
+    svgElement("text", { ...named, y: toY(options.truth) - 5 }, svg, options.truthLabel || "true");
   }
   const ends = [];
   for (const series of options.series) {

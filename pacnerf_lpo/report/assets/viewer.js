@@ -6,7 +6,6 @@
   const at = (frame, i, k) => axis[k][0] + axis[k][1] * packed[3 * (frame * count + i) + k];
   const centre = [0, 1, 2].map((k) => cloud.lower[k] + cloud.extent[k] / 2);
   const size = Math.max(...cloud.extent);
-  const eye = { yaw: 0.6, pitch: 0.35, distance: 2.1 * size };
   let frame = 0;
 
   /* Speed [m/s] between neighbouring frames, or distance from the start [m], of every particle. */
@@ -36,28 +35,6 @@
     return limits[kind];
   }
 
-  function projector(width, height) {
-    const [sy, cy, sp, cp] = [Math.sin(eye.yaw), Math.cos(eye.yaw), Math.sin(eye.pitch), Math.cos(eye.pitch)];
-    const focal = 1.25 * Math.min(width, height * 1.3);
-    return (x, y, z) => {
-      const [dx, dy, dz] = [x - centre[0], y - centre[1], z - centre[2]];
-      const right = cy * dx - sy * dz, toward = sy * dx + cy * dz;
-      const up = cp * dy - sp * toward, depth = eye.distance - (cp * toward + sp * dy);
-      return [width / 2 + focal * right / depth, height / 2 - focal * up / depth, depth, focal / depth];
-    };
-  }
-
-  function drawGround(project) {
-    context.strokeStyle = colourOf("--line"); context.lineWidth = 1;
-    const step = 10 ** Math.round(Math.log10(size / 4)), reach = Math.ceil(0.9 * size / step);
-    const [cx, cz] = [Math.round(centre[0] / step), Math.round(centre[2] / step)];
-    for (let k = -reach; k <= reach; k++) for (const along of [0, 1]) {
-      const ends = [-reach, reach].map((end) => along ? project((cx + k) * step, 0, (cz + end) * step) : project((cx + end) * step, 0, (cz + k) * step));
-      if (ends.some((p) => p[2] < 0.05)) continue;
-      context.beginPath(); context.moveTo(ends[0][0], ends[0][1]); context.lineTo(ends[1][0], ends[1][1]); context.stroke();
-    }
-  }
-
   /* Every particle as a small shaded ball into a picture with a depth buffer. */
   function drawBalls(project, width, height) {
     const picture = context.createImageData(width, height), pixels = new Uint32Array(picture.data.buffer);
@@ -83,12 +60,11 @@
 
   const layer = document.createElement("canvas");
   function draw() {
-    const density = Math.min(devicePixelRatio || 1, 1.5), wide = canvas.clientWidth || 800;
-    const width = Math.round(wide * density), height = Math.round(Math.min(wide * 0.56, 560) * density);
-    if (canvas.width !== width || canvas.height !== height) { canvas.width = layer.width = width; canvas.height = layer.height = height; }
+    const [width, height] = view.fit();
+    if (layer.width !== width || layer.height !== height) { layer.width = width; layer.height = height; }
     context.clearRect(0, 0, width, height);
-    const project = projector(width, height);
-    drawGround(project);
+    const project = view.projector(width, height);
+    view.ground(context, project, centre, size, 0);
     layer.getContext("2d").putImageData(drawBalls(project, width, height), 0, 0);
     context.drawImage(layer, 0, 0);
     byId("time").value = frame;
@@ -107,18 +83,7 @@
 
   let pending = false;
   const redraw = () => { if (!pending) { pending = true; requestAnimationFrame(() => { pending = false; draw(); }); } };
-  canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
-  canvas.onpointermove = (event) => {
-    if (!event.buttons) return;
-    eye.yaw -= event.movementX * 0.008;
-    eye.pitch = Math.min(Math.max(eye.pitch + event.movementY * 0.008, 0.03), 1.5);
-    redraw();
-  };
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    eye.distance = Math.min(Math.max(eye.distance * Math.exp(event.deltaY * 0.001), 0.6 * size), 8 * size);
-    redraw();
-  }, { passive: false });
+  const view = space(canvas, centre, size, 2.1 * size, redraw);
   byId("time").max = cloud.frames - 1;
   byId("time").oninput = (event) => { frame = Number(event.target.value); redraw(); };
   byId("paint").onchange = redraw;

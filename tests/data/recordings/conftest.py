@@ -61,5 +61,18 @@ def made(tmp_path_factory):
     return make
 
 
+@pytest.fixture
+def write(tmp_path):
+    """A fresh copy of a layout that a test may spoil."""
+
+    def make(name: str) -> Path:
+        folder = tmp_path / "case" / name
+        folder.mkdir(parents=True)
+        WRITERS[name](folder)
+        return folder
+
+    return make
+
+
 def _place(name: str) -> int:
     return NAMES.index(name) if name in NAMES else int(re.sub(r"\D", "", name))

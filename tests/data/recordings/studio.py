@@ -5,6 +5,7 @@ A layout's test films it in a world of its own: other axes, another origin and u
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -20,14 +21,12 @@ from pacnerf_lpo.data.synthetic import hemisphere_rig
 
 SIZE, VIEWS, FRAMES, FPS = 96, 6, 11, 24.0
 RADIUS, START, VELOCITY, GRAVITY = 0.2, np.array([0.05, 0.75, -0.1]), np.array([0.3, -0.5, 0.1]), 9.81
-LANDING = (-0.5 + np.sqrt(0.25 + 2.0 * GRAVITY * (START[1] - RADIUS))) / GRAVITY
-"""Moment of contact [s]: 0.5 t + g t^2 / 2 = height of the lowest point."""
-CONTACT = int(np.ceil(LANDING * FPS))
 PINHOLE = Lens()
 SOFT = Lens("opencv", (-0.12, 0.03, 0.002, -0.001, 0.0))
 FISHEYE = Lens("fisheye", (0.05, -0.02, 0.01, 0.0))
 NAMES = ("left", "right", "front", "back", "top", "door")
 SUPERSAMPLING = 4
+IN_STEP = (0.0,) * VIEWS
 
 
 @dataclass(frozen=True)
@@ -91,22 +90,46 @@ def opencv_intrinsic() -> np.ndarray:
     return intrinsic() - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
 
-def body(frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and half axes of the ellipsoid [m]: a ball in flight, standing on the ground and flattening afterwards."""
+def body(frame: float, tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and half axes of the ellipsoid [m]: a ball in flight, standing on the ground and flattening afterwards.
+
+    tilt: of gravity against the ground's normal, towards +x [rad].
+    """
     time = frame / FPS
-    centre = START + VELOCITY * time - [0.0, 0.5 * GRAVITY * time**2, 0.0]
-    if time < LANDING:
+    gravity = GRAVITY * np.array([np.sin(tilt), -np.cos(tilt), 0.0])
+    landing = landing_time(tilt)
+    centre = START + VELOCITY * time + 0.5 * gravity * time**2
+    if time < landing:
         return centre, np.full(3, RADIUS)
-    speed = -VELOCITY[1] + GRAVITY * LANDING
-    flat = 0.65 + 0.35 * np.exp(-(time - LANDING) * speed / (0.35 * RADIUS))
-    where = START + VELOCITY * LANDING
+    speed = -VELOCITY[1] - gravity[1] * landing
+    flat = 0.65 + 0.35 * np.exp(-(time - landing) * speed / (0.35 * RADIUS))
+    where = START + VELOCITY * landing + 0.5 * gravity * landing**2
     wide = RADIUS / np.sqrt(flat)
     return np.array([where[0], flat * RADIUS, where[2]]), np.array([wide, flat * RADIUS, wide])
 
 
+def landing_time(tilt: float = 0.0) -> float:
+    """Moment of contact [s]: 0.5 t + g cos(tilt) t^2 / 2 = height of the lowest point."""
+    g = GRAVITY * np.cos(tilt)
+    return float((-0.5 + np.sqrt(0.25 + 2.0 * g * (START[1] - RADIUS))) / g)
+
+
+CONTACT = int(np.ceil(landing_time() * FPS))
+
+
 @lru_cache(maxsize=8)
-def films(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
-    """Colour and opacity [0..1, (VIEWS, FRAMES, SIZE, SIZE, 4)], in metres and y up: worlds do not change images."""
+def films(lens: Lens = PINHOLE, off_centre: bool = True, late: tuple[float, ...] = IN_STEP) -> np.ndarray:
+    """Colour and opacity [0..1, (VIEWS, FRAMES, SIZE, SIZE, 4)], in metres and y up: worlds do not change images.
+
+    late: how much later than their stamp the frames of each camera are taken [frames].
+    """
+    return np.stack([film(view, np.arange(FRAMES) + late[view], lens, off_centre) for view in range(VIEWS)])
+
+
+def film(
+    view: int, moments: Sequence[float], lens: Lens = PINHOLE, off_centre: bool = True, tilt: float = 0.0
+) -> np.ndarray:
+    """What one camera sees at moments [frames], before nothing [0..1, (len(moments), SIZE, SIZE, 4)]."""
     k = intrinsic() if off_centre else centred()
     fine = (np.arange(SIZE * SUPERSAMPLING) + 0.5) / SUPERSAMPLING
     pixels = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
@@ -116,11 +139,8 @@ def films(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
         rays = undistort(rays[:, None], np.eye(3), np.array(lens.coefficients), criteria=criteria)[:, 0]
     rays = np.column_stack((rays[:, 0], -rays[:, 1], -np.ones(len(rays))))
-    found = np.zeros((VIEWS, FRAMES, SIZE, SIZE, 4))
-    for view, pose in enumerate(rig()):
-        for frame in range(FRAMES):
-            found[view, frame] = _trace(rays @ pose[:, :3].T, pose[:, 3], *body(frame))
-    return found
+    pose = rig()[view]
+    return np.stack([_trace(rays @ pose[:, :3].T, pose[:, 3], *body(moment, tilt)) for moment in moments])
 
 
 def _trace(directions: np.ndarray, origin: np.ndarray, centre: np.ndarray, axes: np.ndarray) -> np.ndarray:
@@ -145,11 +165,14 @@ def background(view: int) -> np.ndarray:
     return np.array([0.1, 0.35, 0.45]) + np.array([0.15, 0.35, 0.35]) * smooth
 
 
-def raw(lens: Lens = PINHOLE, off_centre: bool = True) -> np.ndarray:
+def raw(lens: Lens = PINHOLE, off_centre: bool = True, late: tuple[float, ...] = IN_STEP) -> np.ndarray:
     """The films in front of their backgrounds [0..1, (VIEWS, FRAMES, SIZE, SIZE, 3)]."""
-    film = films(lens, off_centre)
-    behind = np.stack([background(view) for view in range(VIEWS)])[:, None]
-    return film[..., 3:] * film[..., :3] + (1.0 - film[..., 3:]) * behind
+    return np.stack([before_background(view, shown) for view, shown in enumerate(films(lens, off_centre, late))])
+
+
+def before_background(view: int, film: np.ndarray) -> np.ndarray:
+    """A film of one camera in front of its background [0..1, (F, SIZE, SIZE, 3)]."""
+    return film[..., 3:] * film[..., :3] + (1.0 - film[..., 3:]) * background(view)
 
 
 def save(path: Path, pixels: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import yaml
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.recordings.layouts import read_recording
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS, write_json
+from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, raw, save
 
 
@@ -22,19 +22,6 @@ def refused(capsys, source: Path, *options) -> str:
     assert [path.name for path in source.parent.iterdir()] == [source.name]
     lines = capsys.readouterr().err.strip().splitlines()
     return lines[-1]
-
-
-@pytest.fixture
-def write(tmp_path):
-    """A fresh copy of a layout that a test may spoil."""
-
-    def make(name: str) -> Path:
-        folder = tmp_path / "case" / name
-        folder.mkdir(parents=True)
-        WRITERS[name](folder)
-        return folder
-
-    return make
 
 
 @pytest.fixture
@@ -256,16 +243,6 @@ def test_an_object_that_hides_its_own_background_is_noticed(write, capsys):
         image[20:45, 30:70] = [0.8, 0.3, 0.1] if frame < 8 else image[20:45, 30:70]
         save(folder / "color/3" / f"{frame}.png", image)
     assert "camera 3 disagrees with the other views" in refused(capsys, folder)
-
-
-def test_one_camera_late(write, capsys):
-    """By three frames, an eighth of a second."""
-    folder = write("phystwin")
-    for frame in reversed(range(3, FRAMES)):
-        save(folder / "color/4" / f"{frame}.png", raw()[4, frame - 3])
-    for frame in range(3):
-        save(folder / "color/4" / f"{frame}.png", raw()[4, 0])
-    assert "camera 4 disagrees with the other views: its pose, its clock" in refused(capsys, folder)
 
 
 def test_nothing_moves(write, capsys):

@@ -9,6 +9,7 @@ import pacnerf_lpo.phases  # noqa: F401  (short class names exist once their mod
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.layouts import LAYOUTS, read_recording
+from pacnerf_lpo.data.recordings.scene_file import MARGIN
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm.physics import Physics
 from tests.data.recordings.layouts import WRITERS
@@ -67,11 +68,15 @@ def test_the_same_scene(made, name):
     assert abs((scale * rotation @ landed + shift)[1]) < 3e-3
     assert done.config["phases"]["velocity"]["init_args"]["hit_frame"] == CONTACT
 
-    voxel = done.config["phases"]["static"]["init_args"]["base_spacing"]
-    centre = scale * rotation @ START + shift
-    lower, upper = (np.array(done.config["data"][f"box_{side}"]) for side in ("lower", "upper"))
-    assert np.all(np.abs(lower - (centre - RADIUS)) < voxel) and np.all(np.abs(upper - (centre + RADIUS)) < voxel)
+    config, centre = done.config, scale * rotation @ START + shift
+    voxel = config["phases"]["static"]["init_args"]["base_spacing"] / 4  # after two halvings
+    lower, upper = (np.array(config["data"][f"box_{side}"]) for side in ("lower", "upper"))
+    room = MARGIN * (upper - lower).max() / (1.0 + 2.0 * MARGIN)
+    assert np.all(np.abs(lower + room - (centre - RADIUS)) < voxel)
+    assert np.all(np.abs(upper - room - (centre + RADIUS)) < voxel)
     assert np.all(lower <= centre - RADIUS) and np.all(upper >= centre + RADIUS)
+    np.testing.assert_allclose(config["physics"]["gravity"], [0.0, -9.81, 0.0], atol=0.09)  # 0.5 degrees
+    assert all(entry["time_offset"] == 0.0 for entry in done.entries), "the studio's cameras are in step"
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -1,6 +1,5 @@
 """One time axis for cameras that count differently, and one image size for cameras that have several."""
 
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from PIL import Image
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
-from pacnerf_lpo.data.recordings.timeline import synchronous
+from pacnerf_lpo.data.recordings.timeline import Timeline, common_times, stated_times
 from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.layouts import WRITERS
 from tests.data.recordings.studio import CONTACT, NAMES, SIZE
@@ -25,40 +24,52 @@ def recording(*stamps) -> Recording:
     return Recording("x", Path("films"), tuple(cameras))
 
 
-def files(camera: Camera) -> list[str]:
-    return [frame.file.stem for frame in camera.frames]
+def schedule(*stamps) -> Timeline:
+    found = recording(*stamps)
+    return common_times(found, stated_times(found))
 
 
 def test_different_frame_rates_and_starts():
     """60 a second from 0 s, 30 a second from 0.1 s: every second frame of the first, from its sixth on."""
-    found, times = synchronous(recording(np.arange(40) / 60, 0.1 + np.arange(10) / 30))
-    np.testing.assert_allclose(times, np.arange(10) / 30, atol=1e-12)
-    assert files(found.cameras[0]) == [f"0_{6 + 2 * i}" for i in range(10)]
-    assert files(found.cameras[1]) == [f"1_{i}" for i in range(10)]
+    found = schedule(np.arange(40) / 60, 0.1 + np.arange(10) / 30)
+    np.testing.assert_allclose(found.times, np.arange(10) / 30, atol=1e-12)
+    np.testing.assert_array_equal(found.places[0], 6 + 2 * np.arange(10))
+    np.testing.assert_array_equal(found.places[1], np.arange(10))
+    assert found.start == pytest.approx(0.1) and not found.offsets.any()
 
 
-def test_jitter_is_taken_and_said(caplog):
-    jitter = np.arange(10) / 30 + 0.004 * (-1.0) ** np.arange(10)
-    with caplog.at_level(logging.WARNING):
-        _, times = synchronous(recording(np.arange(10) / 30, jitter - jitter[0]))
-    np.testing.assert_allclose(np.diff(times), np.diff(times)[0])
-    assert "camera" in caplog.text and "of a frame away" in caplog.text
+def test_a_constant_offset_is_kept_and_stated():
+    """Two in step and one 0.3 of a frame later: its frames are taken as they are."""
+    times = np.arange(10) / 30
+    found = schedule(times, times + 0.01, times)
+    np.testing.assert_allclose(found.offsets, [0.0, 0.01, 0.0], atol=1e-12)
+    assert all(np.array_equal(places, np.arange(10)) for places in found.places)
 
 
-def test_a_dropped_frame_is_named():
+def test_frame_rates_that_do_not_divide_are_filled_in():
+    found = schedule(np.arange(12) / 24, np.arange(20) / 40)
+    np.testing.assert_allclose(found.places[1], np.arange(len(found.times)) * 40 / 24, atol=1e-9)
+    assert found.offsets[1] == 0.0 and len(found.times) == 12
+
+
+def test_one_dropped_frame_is_filled_in_and_several_are_named():
     times = np.arange(12) / 30
-    with pytest.raises(UserInputError, match=r"camera 1: no frame near 0\.2 s"):
-        synchronous(recording(times, np.delete(times, 6)))
+    found = schedule(times, np.delete(times, 6))
+    assert found.places[1][5:8].tolist() == [5.0, 5.5, 6.0]
+    with pytest.raises(UserInputError, match=r"camera 1: no frames between 0\.1667 and 0\.2667 s"):
+        schedule(times, np.delete(times, [6, 7]))
 
 
 def test_no_overlap_and_no_times():
     times = np.arange(6) / 30
     with pytest.raises(UserInputError, match="at least 4 are needed"):
-        synchronous(recording(times, times + 1.0))
+        schedule(times, times + 1.0)
     with pytest.raises(UserInputError, match="--fps"):
-        synchronous(recording(times, [None] * 6))
+        schedule(times, [None] * 6)
     with pytest.raises(UserInputError, match="do not increase"):
-        synchronous(recording(times, np.zeros(6)))
+        schedule(times, np.zeros(6))
+    with pytest.raises(UserInputError, match="it has 2 frames"):
+        schedule(times, times[:2])
 
 
 def test_cameras_of_different_size(tmp_path):

@@ -16,6 +16,8 @@ from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens
 from pacnerf_lpo.errors import UserInputError
 
 MASKS, PLATES = "masks", "backgrounds"
+FULL_TURN = 2.0 * np.pi + 1e-3
+"""No rotation vector is longer [rad]."""
 PLACES = (".", "videos", "images", "recordings")
 
 
@@ -33,6 +35,11 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
     lens = _first(values, "dist", "distortions", "distortion_coefficients", "distortion", "D", "dist_coeffs")
     turn = entry(where, values, "R", "rotation", "rvec", "r")
     rotation = numbers(f"{where}, rotation", turn, (3, 3), (9,), (3,))
+    if rotation.size == 3 and np.linalg.norm(rotation) > FULL_TURN:
+        raise UserInputError(
+            f"{where}: its rotation vector turns by {np.linalg.norm(rotation):.0f} radians; it may be in degrees or "
+            "hold Euler angles; write OpenCV's rvec in radians, or the 3 x 3 rotation"
+        )
     rotation = rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3)
     translation = numbers(f"{where}, translation", entry(where, values, "t", "T", "translation", "tvec"), (3,))
     size = _first(values, "size", "image_size", "resolution")

@@ -21,7 +21,8 @@ def read(folder: Path) -> Recording:
     cameras = []
     for view in index.views():
         files, shot = Files(images, (view,), tuple(frames), matted), index.camera(view)
-        shots = tuple(Frame(files.image(view, frame), index.shots[view, frame].time) for frame in frames)
+        taken = [index.shots[view, frame].time + index.shots[view, frame].offset for frame in frames]
+        shots = tuple(Frame(files.image(view, frame), time) for frame, time in zip(frames, taken, strict=True))
         plate = files.plate(view) if not matted and files.plate(view).exists() else None
         cameras.append(
             Camera(str(view), shot.intrinsic, shot.camera_to_world, shots, plate=plate, on_white=matted),

@@ -1,0 +1,74 @@
+"""What a careful colleague would say about a fit: every doubt in one place, from states, courses and images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.evaluation.doubts.doubt import Doubt
+from pacnerf_lpo.evaluation.doubts.identification import (
+    doubts_about_identification,
+    doubts_about_parameters,
+    doubts_about_velocity,
+)
+from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
+from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
+from pacnerf_lpo.evaluation.doubts.recording import (
+    doubts_about_contact,
+    doubts_about_ground,
+    doubts_about_pixels,
+    doubts_about_views,
+    measure_fall,
+    pixel_size,
+)
+from pacnerf_lpo.evaluation.run_directory import Stage
+from pacnerf_lpo.mpm.physics import Physics
+
+__all__ = ["Doubt", "doubts_of_phase", "doubts_of_run"]
+
+
+def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> list[Doubt]:
+    """The doubts that a finished phase raises.
+
+    Args:
+        data: the video, prepared.
+        physics: the model of the run.
+        stage: the phase, with its state and its course.
+    """
+    state, course = stage.state, stage.record.course
+    if stage.record.phase == "static":
+        return [*doubts_about_views(data), *doubts_about_pixels(data, state)]
+    if stage.record.phase == "velocity":
+        fall, hit_frame = measure_fall(data), course.get("frames")
+        found = [] if fall is None else doubts_about_ground(fall, physics.ground_height, state.spacing)
+        if hit_frame is None:
+            return found
+        found += [] if fall is None else doubts_about_contact(fall, hit_frame)
+        seconds = float(data.video.times[hit_frame - 1] - data.video.times[0])
+        return [*found, *doubts_about_velocity(course, state, pixel_size(data, state), seconds)]
+    if stage.record.phase == "physics":
+        return [
+            *doubts_about_parameters(physics, state, course.get("searched", {})),
+            *doubts_about_identification(course, physics),
+            *doubts_about_methods(stage.record.methods, physics),
+        ]
+    return []
+
+
+def doubts_of_run(
+    data: VideoData, physics: Physics, stages: Sequence[Stage], results: Mapping[str, Any]
+) -> list[Doubt]:
+    """The doubts about a result: those of the last phase of each kind, and those that its images raise.
+
+    Args:
+        data: the video, prepared.
+        physics: the model of the run.
+        stages: the phases up to the one whose result counts.
+        results: of their evaluation.
+    """
+    latest = {stage.record.phase: stage for stage in stages}
+    found = [doubt for stage in latest.values() for doubt in doubts_of_phase(data, physics, stage)]
+    seen = [phase for phase in results["phases"] if "images" in phase and phase["stem"] in {s.stem for s in stages}]
+    moving = [phase for phase in seen if phase["phase"] != "static"]
+    return [*found, *doubts_about_images(results, (moving or seen)[-1])] if seen else found

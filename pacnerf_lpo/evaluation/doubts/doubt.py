@@ -1,0 +1,31 @@
+"""A reason to doubt a result, as a careful colleague would say it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something about a fit that a person should know before trusting it. All fields are plain English.
+
+    name: a fixed word for the kind of doubt, for programs, such as ``search_bound``.
+    where: phase, parameter or view that it is about.
+    what: was seen, with numbers; a clause.
+    cause: why that is likely so; a clause.
+    remedy: what to do about it; a clause.
+    """
+
+    name: str
+    where: str
+    what: str
+    cause: str
+    remedy: str
+
+    def __str__(self) -> str:
+        """All of it in one line."""
+        return f"doubt: {self.where}: {self.what}. Likely cause: {self.cause}. Remedy: {self.remedy}."
+
+    def as_dict(self) -> dict[str, str]:
+        """For JSON."""
+        return asdict(self)

@@ -1,0 +1,234 @@
+"""Doubts about what was identified: velocity, physical parameters, and how the search for them ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.evaluation.doubts.doubt import Doubt
+from pacnerf_lpo.mpm.parameters import Log10, Parameter
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
+from pacnerf_lpo.types import ParticleState
+
+NEAR_BOUND = 0.02
+"""Of the width of an interval: a Poisson's ratio so close to the end of its transform hardly moves with the coordinate
+in which it is optimised, so that nothing stopped it but the bound."""
+HALF_LATTICE = 0.25
+"""Decades, half the distance of two points of the search: an optimum nearer to the end of the search was not
+enclosed."""
+UNUSUAL = 3.0
+"""Standard deviations from what is usual, or from the guess where nothing is: one value in 370 by chance."""
+SEEN_STEP = 1.0
+"""Pixels by which a velocity that is still moving displaces the body at the contact: less is not seen in an image."""
+WINDOW = 0.1
+"""Part of the iterations whose mean misfit is compared, where single ones differ by the choice of views."""
+CHANCE = 3.0
+"""Standard errors by which two such means differ by chance, once in 370 runs."""
+VISIBLE_RISE = 0.1
+"""Part of the misfit: an end that is so much above the best iteration has left an explanation that a person would
+see."""
+QUARTER = 4
+"""The parameters still move if their mean over the last quarter of the iterations is a noticeable change
+(``Parameter.scale``) away from that over the quarter before: as many iterations more would change the answer."""
+
+
+def doubts_about_velocity(course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float) -> list[Doubt]:
+    """The initial velocity still moved when its iterations ended.
+
+    Args:
+        course: of the velocity phase.
+        state: what it exported.
+        pixel: size of a pixel at the body [m].
+        seconds: from frame 0 to the contact [s].
+    """
+    moved = course.get("last_step", 0.0)
+    if moved * seconds <= SEEN_STEP * pixel:
+        return []
+    speed = float(state.velocity.mean(0).norm())
+    return [
+        Doubt(
+            "velocity_moving",
+            "phases.velocity",
+            f"the velocity, {speed:.3g} m/s, still moved by {moved:.2g} m/s in its last iteration, "
+            f"{1000 * moved * seconds:.0f} mm at the contact",
+            "too few iterations, a hit_frame after the contact, or frames at another rate than physics.frame_rate",
+            "raise phases.velocity.init_args.max_iterations, or check hit_frame and frame rate",
+        )
+    ]
+
+
+def doubts_about_parameters(
+    physics: Physics, state: ParticleState, searched: Mapping[str, Sequence[float]]
+) -> list[Doubt]:
+    """Identified parameters at a bound, far from what is usual, or physically odd.
+
+    Args:
+        physics: the model.
+        state: what the identification exported.
+        searched: between which free coordinates parameters were searched, by name.
+    """
+    found: list[Doubt] = []
+    for name in physics.free_names:
+        parameter, value = physics.parameters[name], state.physics.get(name)
+        if value is None:
+            continue
+        one = _at_material_bound(parameter, value) or _at_search_bound(parameter, value, searched.get(name))
+        if name == "nu" and value < 0:
+            one = _negative_poisson(value)
+        if name == GROUND_HEIGHT.name:
+            one = _far_ground(value, physics.ground_height, state.spacing)
+        if one is None and name != GROUND_HEIGHT.name:
+            one = _unusual(parameter, value, physics.guess[name])
+        found += [] if one is None else [one]
+    return found
+
+
+def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
+    """The misfit rose, or the iterations ended while parameters were still moving.
+
+    Args:
+        course: of the identification.
+        physics: the model.
+    """
+    return [*_risen(course), *_still_moving(course, physics)]
+
+
+def _at_material_bound(parameter: Parameter, value: float) -> Doubt | None:
+    low, high = parameter.bounds
+    if isinstance(parameter.transform, Log10):
+        free = parameter.transform.to_free(value)
+        ends = [
+            end for end in (low, high) if end > 0 and abs(free - parameter.transform.to_free(end)) < parameter.scale
+        ]
+    else:
+        ends = [end for end in (low, high) if abs(value - end) < NEAR_BOUND * (high - low)]
+    if not ends:
+        return None
+    return Doubt(
+        "material_bound",
+        f"physics, {parameter.name}",
+        f"{parameter.label} = {parameter.show(value)} is at the bound that the model gives it, "
+        f"{parameter.show(ends[0])}",
+        "the model lacks something that this parameter makes up for, or the video does not determine it",
+        "look at `pacnerf-lpo diagnose`, or hold it at a known value (physics.material.known)",
+    )
+
+
+def _at_search_bound(parameter: Parameter, value: float, searched: Sequence[float] | None) -> Doubt | None:
+    if searched is None or not isinstance(parameter.transform, Log10):
+        return None
+    free = parameter.transform.to_free(value)
+    low, high = searched
+    if low + HALF_LATTICE < free < high - HALF_LATTICE:
+        return None
+    ends = [parameter.show(10.0**end) for end in (low, high)]
+    return Doubt(
+        "search_bound",
+        f"physics, {parameter.name}",
+        f"{parameter.label} = {parameter.show(value)} is at the end of the search, {ends[0]} to {ends[1]}",
+        "the guess is too far off, or the video does not determine it: a body that does not deform may be any stiffer",
+        f"repeat with {parameter.show(value)} as the guess, or a larger scan_decades; if it runs on, it is not "
+        f"determined",
+    )
+
+
+def _negative_poisson(value: float) -> Doubt:
+    return Doubt(
+        "negative_poisson",
+        "physics, nu",
+        f"Poisson's ratio = {value:.3g} is below 0, as hardly any solid's is",
+        "it makes up for an error of the ground, the velocity, the shape or the law, or the impact is too weak to "
+        "show it",
+        "check the ground and the velocity, look at `pacnerf-lpo diagnose`, or hold nu at a usual value "
+        "(physics.material.known: [nu])",
+    )
+
+
+def _far_ground(value: float, configured: float, spacing: float) -> Doubt | None:
+    """A grid shifts the contact by half a cell; a fitted height may make up for that."""
+    if abs(value - configured) <= spacing / 2:
+        return None
+    return Doubt(
+        "ground_moved",
+        "physics, ground_height",
+        f"the identified ground, {value:.3f} m, is {1000 * abs(value - configured):.0f} mm from where it was said to "
+        f"be, "
+        f"more than half a cell ({500 * spacing:.0f} mm)",
+        "the ground lies elsewhere, or the height makes up for a wrong velocity",
+        "measure the ground, set physics.ground_height, and repeat the fit",
+    )
+
+
+def _unusual(parameter: Parameter, value: float, guess: float) -> Doubt | None:
+    mean, deviation = parameter.prior(guess)
+    away = abs(parameter.transform.to_free(value) - mean) / deviation
+    if not np.isfinite(away) or away <= UNUSUAL:
+        return None
+    usual = parameter.usual is not None
+    return Doubt(
+        "unusual",
+        f"physics, {parameter.name}",
+        f"{parameter.label} = {parameter.show(value)} is {away:.1f} standard deviations from "
+        + (f"the usual {parameter.usual[0]:g}" if parameter.usual else f"the guess, {parameter.show(guess)}"),
+        "the video hardly determines it, or the law is another one" if usual else "the guess, or the unit of a length",
+        "hold it at a known value (physics.material.known)" if usual else "check the guess and the scale of the scene",
+    )
+
+
+def _risen(course: Mapping[str, Any]) -> list[Doubt]:
+    misfits = np.array(course.get("misfits", ()))
+    if len(misfits) < 2:
+        return []
+    width = max(1, round(WINDOW * len(misfits))) if course["draws_views"] else 1
+    means = np.convolve(misfits, np.full(width, 1 / width), "valid")
+    error = CHANCE * _scatter(misfits) * (2 / width) ** 0.5 if course["draws_views"] else 0.0
+    first, last, best = means[0], means[-1], int(means.argmin())
+    rose = last > first + max(error, 1e-9)
+    if not rose and last <= means[best] * (1 + VISIBLE_RISE) + error:
+        return []
+    seen = (
+        f"the misfit rose from {first:.4g} to {last:.4g}"
+        if rose
+        else f"the misfit ended at {last:.4g}, after {means[best]:.4g} in iteration {best + 1} of {len(misfits)}"
+    )
+    return [
+        Doubt(
+            "misfit_rose",
+            "phases.physics",
+            seen,
+            "steps that are too long, or a guess in another local minimum",
+            "lower the learning rates, or use the method GaussNewton or OutlineGaussNewton",
+        )
+    ]
+
+
+def _scatter(misfits: np.ndarray) -> float:
+    """Standard deviation of a misfit from one iteration to the next, by second differences, which a trend leaves
+    out."""
+    if len(misfits) < 3:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(misfits, 2) ** 2) / 6))
+
+
+def _still_moving(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
+    if course.get("converged", True):
+        return []
+    found = []
+    for name, visited in course["visited"].items():
+        width = -(-len(visited) // QUARTER)
+        moved = abs(np.mean(visited[-width:]) - np.mean(visited[-2 * width : -width])) if len(visited) > 1 else 0.0
+        parameter = physics.parameters[name]
+        if moved > parameter.scale:
+            factor = f"a factor of {10**moved:.2g}" if isinstance(parameter.transform, Log10) else f"{moved:.2g}"
+            found.append(
+                Doubt(
+                    "still_moving",
+                    f"physics, {name}",
+                    f"{parameter.label} still moved by {factor} in the last of {len(visited) - 1} iterations",
+                    "too few iterations",
+                    "raise the iterations of phases.physics.init_args.method, or start from this value",
+                )
+            )
+    return found

@@ -1,0 +1,77 @@
+"""A sign of life from a command that has said nothing for a while. Imports little, since it starts before all else."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+from tqdm import tqdm
+
+QUIET = 8.0
+"""Seconds without a word after which a line says what is being done: nobody waits for more than ten."""
+POLL = 0.5
+
+
+class _Heart(threading.Thread):
+    """Listens to what is written to the standard streams, and writes a line when nothing was for :data:`QUIET`."""
+
+    def __init__(self, task: str):
+        super().__init__(daemon=True)
+        self.task, self.began = task, time.monotonic()
+        self.heard, self.ended = self.began, threading.Event()
+
+    def run(self) -> None:
+        while not self.ended.wait(POLL):
+            now = time.monotonic()
+            if now - self.heard >= QUIET:
+                tqdm.write(f"still {self.task} ({now - self.began:.0f} s)", file=sys.stderr)
+
+
+class _Heard:
+    """A text stream that tells the heart when it is written to."""
+
+    def __init__(self, stream: TextIO, heart: _Heart):
+        self._stream, self._heart = stream, heart
+
+    def write(self, text: str) -> int:
+        self._heart.heard = time.monotonic()
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+_heart: _Heart | None = None
+
+
+@contextmanager
+def heartbeat(task: str) -> Iterator[None]:
+    """While entered, no more than :data:`QUIET` seconds pass without a line on standard error.
+
+    Args:
+        task: what is being done, as it follows ``still``; :func:`doing` changes it.
+    """
+    global _heart
+    if _heart is not None:
+        doing(task)
+        yield
+        return
+    streams = sys.stdout, sys.stderr
+    _heart = _Heart(task)
+    sys.stdout, sys.stderr = (_Heard(stream, _heart) for stream in streams)  # type: ignore[assignment]
+    _heart.start()
+    try:
+        yield
+    finally:
+        _heart.ended.set()
+        _heart, (sys.stdout, sys.stderr) = None, streams
+
+
+def doing(task: str) -> None:
+    """What is being done from now on, for the next sign of life; without a :func:`heartbeat` it does nothing."""
+    if _heart is not None:
+        _heart.task, _heart.began = task, time.monotonic()

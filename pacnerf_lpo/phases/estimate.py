@@ -1,0 +1,160 @@
+"""What a run will take, said before it starts: particles, memory and minutes, by the measured speed of this machine."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import torch
+from torch.nn.functional import mse_loss
+
+from pacnerf_lpo.data.cameras import hits_box
+from pacnerf_lpo.data.hull import hull_volume
+from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.static_grid import StaticGridModule
+from pacnerf_lpo.phases.work import Work
+from pacnerf_lpo.render.ray_march import render_rays
+from pacnerf_lpo.scene.colour import ColourNetwork
+from pacnerf_lpo.scene.voxel_field import VoxelField
+from pacnerf_lpo.types import FEATURES, Rays
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.data.video_module import VideoData
+    from pacnerf_lpo.mpm.physics import Physics
+
+SAMPLE = 4000
+"""Particles of the timed simulation at most, and rays of the timed image; larger bodies cost in proportion."""
+PER_CELL = 8
+PARTICLE_NUMBERS = 60
+"""Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
+BYTES = 4
+INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 100, 4000
+"""What intervals take: null replicates on finer grids, errors of shape and force, and some iterations of a fit."""
+
+
+def estimate(
+    todo: Sequence[AbstractPhase],
+    static: AbstractPhase | None,
+    data: VideoData,
+    physics: Physics,
+    intervals: bool = False,
+) -> list[str]:
+    """One line: how many particles, how much memory, and about how many minutes on this machine as busy as it is.
+
+    The body is taken to be the visual hull of the mattes, and a short simulation and an image of it are timed, which
+    takes some seconds. Nothing where the static phase is of another kind.
+
+    Args:
+        todo: templates of the phases that are still to run, each as often as it will.
+        static: template of the static phase, which says how large a voxel is.
+        data: prepared video.
+        physics: of the run.
+        intervals: they are added at the end.
+    """
+    if not isinstance(static, StaticGridModule):
+        return []
+    spacing = static.base_spacing / 2**static.length.halvings
+    volume, word = _volume(data)
+    particles = max(1, round(PER_CELL * volume / spacing**3))
+    line = f"{word} {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
+    work = Work()
+    for phase in todo:
+        phase.attach(data, physics)
+        work += phase.work(particles)
+    if intervals:
+        smaller = (INTERVAL_PARTICLES / particles) ** (4 / 3)  # half the spacing is half the time step
+        work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
+    try:
+        seconds = _seconds(work, data, physics, spacing, static.base_spacing, particles)
+    except SimulationError:
+        return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
+    return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
+
+
+def _volume(data: VideoData) -> tuple[float, str]:
+    """Of the body [m^3], and a word for how exact that is: that of the box where mattes have nothing in common."""
+    try:
+        return hull_volume(data.video, data.box, data.train), "about"
+    except UserInputError:
+        edges = torch.tensor(data.box.upper) - torch.tensor(data.box.lower)
+        return float(edges.prod()), "at most"
+
+
+def memory(data: VideoData, spacing: float, particles: int) -> float:
+    """Of the process at its largest [bytes]: what it has now, rays, the finest grid with Adam's moments, a rollout."""
+    video = data.video
+    now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    rays = video.valid.numel() * 6
+    nodes = torch.tensor(data.box.upper).sub(torch.tensor(data.box.lower)).div(spacing).add(1).prod().item()
+    grids = 4 * nodes * (1 + FEATURES)
+    rollout = particles * len(video.times) * PARTICLE_NUMBERS
+    return now + BYTES * (rays + grids + rollout)
+
+
+def _seconds(
+    work: Work, data: VideoData, physics: Physics, spacing: float, base_spacing: float, particles: int
+) -> float:
+    """The work by the clock."""
+    found = 0.0
+    if work.frames:
+        count = min(particles, SAMPLE)
+        found += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
+    rays = work.rays + work.images * _rays_per_image(data)
+    if rays:
+        found += rays * _timed(_image(data, spacing, base_spacing)) / SAMPLE
+    return found
+
+
+def _simulation(physics: Physics, spacing: float, count: int) -> Callable[[], object]:
+    """One frame of a block of so many particles at rest above the ground."""
+    edge = torch.arange(round(count ** (1 / 3)) + 1) * (spacing / 2)
+    positions = torch.cartesian_prod(edge, edge + 4 * spacing, edge)[:count]
+    values = {name: torch.tensor(value) for name, value in physics.guess.items()}
+    full = torch.ones(len(positions))
+    return lambda: physics.motion(positions, torch.zeros_like(positions), full, full, values, spacing, 2)
+
+
+def _image(data: VideoData, spacing: float, base_spacing: float) -> Callable[[], object]:
+    """Rays through a field of the finest voxels, with gradients."""
+    view = data.train[0]
+    rays = data.rays(view)
+    hit = hits_box(rays, data.box).nonzero().squeeze(1)
+    pixels = hit[torch.linspace(0, len(hit) - 1, SAMPLE).long()]
+    field, colour = VoxelField.create(data.box, spacing), ColourNetwork()
+    where = runtime.device()
+    field.to(where)
+    colour.to(where)
+    through = Rays(rays.origins[pixels], rays.directions[pixels]).to(where)
+
+    def draw() -> None:
+        seen = render_rays(field.grid(), colour, through, base_spacing)
+        mse_loss(seen.colour, torch.zeros_like(seen.colour)).backward()
+
+    return draw
+
+
+def _rays_per_image(data: VideoData) -> float:
+    """Pixels of a view that see the box, on average."""
+    return sum(float(hits_box(data.rays(view), data.box).sum()) for view in data.train) / len(data.train)
+
+
+def _timed(once: Callable[[], object]) -> float:
+    """Seconds of a second call: the first one compiles."""
+    once()
+    began = time.perf_counter()
+    once()
+    return time.perf_counter() - began
+
+
+def _rounded(count: int) -> str:
+    return f"{float(f'{count:.2g}'):,.0f}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return "a minute"
+    return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:.1f} hours"

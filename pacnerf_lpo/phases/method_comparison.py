@@ -1,0 +1,197 @@
+"""Identification by images against identification by outlines, both on one coarse body that has just been identified.
+
+The two methods err for different reasons: shading that changes along a fall pulls colours to a wrong motion, and an
+outline hides what happens inside it. Run on the same body, the errors of its coarse grid are common to both, so that
+what differs between their answers is the methods' own.
+"""
+
+from __future__ import annotations
+
+import time
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+from tqdm import tqdm
+
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Fit, Residual, fit
+from pacnerf_lpo.mpm.parameters import Log10
+from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.outline_method import HALVINGS, Misfit
+from pacnerf_lpo.phases.physics_id import PhysicsIDModule
+from pacnerf_lpo.types import Video
+
+PARTICLES = 1500
+"""Of the coarse body, as in the search of OutlineGaussNewton: a simulation takes a fraction of a second."""
+FRAMES = 12
+"""Frames from the contact on that are compared: an impact and the rebound after it. Later motion follows from these,
+and costs time."""
+LONGEST = 32
+"""Pixels along the longer side of the images that are compared: a displacement of a few of the body's cells is seen."""
+VIEWS = 4
+"""Views in which each frame is compared by images, at most."""
+OFFSETS = (-0.5, 0.5)
+"""Decades at which a modulus is tried, apart from the value identified: another minimum is about half a decade away."""
+ITERATIONS = 4
+NEIGHBOURS = 8
+"""Coarse particles that a particle of the state follows, weighted by inverse distance: those of one cell."""
+
+
+def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
+    """What each method would have identified on a coarse body, starting from what was identified.
+
+    Moduli are tried around their values first, and each method goes on from its own best point.
+
+    Args:
+        module: attached, with the state that an identification exported.
+
+    Returns:
+        ``particles``, ``seconds``, ``simulations``; ``images`` and ``outlines``: parameters by name [SI]; ``excess``:
+        by how many per cent the cost of each method is higher at the other's answer than at its own.
+
+    Raises:
+        SimulationError: the coarse body is unstable at the identified parameters.
+    """
+    began, frames = time.monotonic(), min(module.hit_frame + FRAMES, module.frame_count)
+    outlines = Misfit(module, PARTICLES, frames=frames)
+    model = outlines.model
+    model.physics.most_halvings = HALVINGS
+    images = _Images(module, outlines, frames)
+    with tqdm(desc="images against outlines", unit=" simulations", leave=False) as bar:
+
+        def counted(residual: Residual) -> Residual:
+            def count(free: np.ndarray) -> np.ndarray:
+                bar.update()
+                return residual(free)
+
+            return count
+
+        by_images, by_outlines = counted(images.residual), counted(outlines.residual)
+        starts = _starts(model, by_images, by_outlines)
+        found = [
+            fit(residual, start, model.scales, model.bounds, ITERATIONS)
+            for residual, start in zip((by_images, by_outlines), starts, strict=True)
+        ]
+        found = [_continued(one, other, model) for one, other in (found, found[::-1])]
+        excess = [_excess(one, other) for one, other in (found, found[::-1])]
+        count = bar.n
+    names = [name for name in module.free]
+    answers = [{name: model.physical(one.free)[name] for name in names} for one in found]
+    return {
+        "particles": len(model.body.positions),
+        "seconds": round(time.monotonic() - began, 1),
+        "simulations": count,
+        "images": answers[0],
+        "outlines": answers[1],
+        "excess": {"images": excess[0], "outlines": excess[1]},
+    }
+
+
+def _starts(model: Model, *residuals: Residual) -> list[np.ndarray]:
+    """The best point for each method: of what was identified, and of moduli to either side of it."""
+    points = [model.start]
+    for index, unknown in enumerate(model.unknowns):
+        if isinstance(unknown.transform, Log10):
+            for offset in OFFSETS:
+                points.append(model.start.copy())
+                points[-1][index] += offset
+    return [min(points, key=lambda free: _cost(residual, free)) for residual in residuals]
+
+
+def _cost(residual: Residual, free: np.ndarray) -> float:
+    try:
+        return float(np.sum(residual(free) ** 2))
+    except SimulationError:
+        return float("inf")
+
+
+def _continued(own: Fit, other: Fit, model: Model) -> Fit:
+    """A method's own answer, or where it leads from the answer of the other one, if that is better."""
+    assert own.of is not None
+    if _cost(own.of, other.free) >= (1 - ROUGH_GAIN) * own.cost:
+        return own
+    return fit(own.of, other.free, model.scales, model.bounds, ITERATIONS)
+
+
+def _excess(own: Fit, other: Fit) -> float:
+    """By how many per cent a cost is higher at another method's answer [%]."""
+    assert own.of is not None
+    return round(100 * (_cost(own.of, other.free) / max(own.cost, 1e-30) - 1), 1)
+
+
+class _Images:
+    """Images of a body whose particles follow a coarse one, rendered small, less those of the video.
+
+    Args:
+        module: supplies state, video and settings.
+        outlines: supplies the coarse body, its model and what is usual.
+        frames: the first so many are compared.
+    """
+
+    def __init__(self, module: PhysicsIDModule, outlines: Misfit, frames: int):
+        self.model, self.unusual, self.state = outlines.model, outlines.unusual, module.state
+        self.misfit = VideoMisfit(reduced(module.data), module.state, module.silhouette_weight)
+        self.views = module.fixed_views(frames, VIEWS)
+        distance, self._near = cKDTree(self.model.body.positions.numpy()).query(
+            self.state.positions.numpy(), NEIGHBOURS
+        )
+        weight = torch.from_numpy(1 / np.maximum(distance, 1e-2 * self.model.body.spacing)).float()
+        self._weight = weight / weight.sum(1, keepdim=True)
+        self._unit = 1.0
+        self._unit = max(float(np.sqrt(np.mean(self._pixels(self.model.start) ** 2))), 1e-6)
+
+    def residual(self, free: np.ndarray) -> np.ndarray:
+        """In units of their root mean square at the start, then how far unknowns are from what is usual [(D,)]."""
+        self.model.physics.halvings = 0
+        return np.append(self._pixels(free) / self._unit, self.unusual(free))
+
+    @torch.no_grad()
+    def _pixels(self, free: np.ndarray) -> np.ndarray:
+        model, state, found = self.model, self.state, []
+        path, observer = model.path(free)[: len(self.views)], model.observer(free)
+        seen = observer.seen(path, model.velocity(free), model.video.times[: len(path)])
+        for frame, views in enumerate(self.views):
+            fields = [self.misfit.field(self._carried(p[frame]), state.density, state.features) for p in seen]
+            for view in views:
+                field = fields[observer.clock(model.video.view_ids[view])]
+                found.append(self.misfit.residual_of_field(field, view, frame, observer))
+        return torch.stack(found).flatten().double().numpy()
+
+    def _carried(self, coarse: Tensor) -> Tensor:
+        """The state's particles [m, (N, 3)], each displaced as the nearest ones of the coarse body are."""
+        moved = (coarse - self.model.body.positions)[self._near]
+        return self.state.positions + (self._weight[..., None] * moved).sum(1)
+
+
+def reduced(data: VideoData) -> VideoData:
+    """The same video with images of at most :data:`LONGEST` pixels, each the mean of a block."""
+    video = data.video
+    height, width = video.images.shape[2:4]
+    block = -(-max(height, width) // LONGEST)
+    rows, columns = height // block, width // block
+    intrinsics = video.intrinsics.clone()
+    intrinsics[:, :2] /= block
+
+    def pooled(values: Tensor) -> Tensor:
+        """Means of blocks of the last two axes; what is left over at right and bottom is cut off."""
+        cut = values[..., : rows * block, : columns * block]
+        return avg_pool2d(cut.flatten(0, -3)[None].float(), block)[0].reshape(*values.shape[:-2], rows, columns)
+
+    small: Video = replace(
+        video,
+        images=pooled(video.images.movedim(-1, 2)).movedim(2, -1),
+        silhouettes=pooled(video.silhouettes),
+        valid=pooled(video.valid) > 1 - 1e-6,
+        intrinsics=intrinsics,
+    )
+    copied = copy(data)
+    copied.video, copied._rays = small, {}
+    return copied
