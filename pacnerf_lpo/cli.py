@@ -142,7 +142,7 @@ class PhaseCLI(LightningCLI):
         before, now = flat(read_yaml(path)), flat(yaml.safe_load(self.dump()))
         changed = [
             f"{key} was {before.get(key)}, is {now.get(key)}"
-            for key in sorted({*before, *now})
+            for key in sorted({*before, *now}, key=lambda key: (key != "preset", key))
             if before.get(key) != now.get(key) and not key.startswith(MAY_CHANGE)
         ]
         if changed:

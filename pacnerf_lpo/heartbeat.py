@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any
 
 from tqdm import tqdm
 
@@ -30,19 +30,15 @@ class _Heart(threading.Thread):
             if now - self.heard >= QUIET:
                 tqdm.write(f"still {self.task} ({now - self.began:.0f} s)", file=sys.stderr)
 
+    def listen(self, stream: Any) -> None:
+        """Hear from now on when a text stream is written to. The stream stays the same object: others look at it."""
+        write = stream.write
 
-class _Heard:
-    """A text stream that tells the heart when it is written to."""
+        def heard(text: str) -> int:
+            self.heard = time.monotonic()
+            return write(text)
 
-    def __init__(self, stream: TextIO, heart: _Heart):
-        self._stream, self._heart = stream, heart
-
-    def write(self, text: str) -> int:
-        self._heart.heard = time.monotonic()
-        return self._stream.write(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+        stream.write = heard
 
 
 _heart: _Heart | None = None
@@ -60,15 +56,18 @@ def heartbeat(task: str) -> Iterator[None]:
         doing(task)
         yield
         return
-    streams = sys.stdout, sys.stderr
     _heart = _Heart(task)
-    sys.stdout, sys.stderr = (_Heard(stream, _heart) for stream in streams)  # type: ignore[assignment]
+    streams: set[Any] = {sys.stdout, sys.stderr}
+    for stream in streams:
+        _heart.listen(stream)
     _heart.start()
     try:
         yield
     finally:
         _heart.ended.set()
-        _heart, (sys.stdout, sys.stderr) = None, streams
+        _heart = None
+        for stream in streams:
+            del stream.write
 
 
 def doing(task: str) -> None:

@@ -31,6 +31,7 @@ def test_silence_is_broken_with_the_task_at_hand(capsys: pytest.CaptureFixture[s
         ["still reading", "still fitting"],
     )
     assert (sys.stdout, sys.stderr) == before
+    assert "write" not in vars(sys.stdout) and "write" not in vars(sys.stderr)
 
 
 def test_who_speaks_is_left_alone(capsys: pytest.CaptureFixture[str]):

@@ -9,7 +9,6 @@ from copy import deepcopy
 from pathlib import Path
 
 from pacnerf_lpo import cli
-from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
@@ -90,10 +89,11 @@ def _add_intervals(run: Run) -> None:
     from pacnerf_lpo.diagnosis.posterior import keep_intervals
 
     def tell(text: str) -> None:
+        doing(text)
         print(f"intervals: {text}", flush=True)
 
     try:
-        with StopRequest(), processes(None):
+        with processes(None):
             keep_intervals(run, tell)
     except (UserInputError, SimulationError) as error:
         tell(f"none, {error}")

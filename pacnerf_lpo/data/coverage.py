@@ -24,8 +24,8 @@ OUTSIDE_WARNING = 0.01
 OUTSIDE_ERROR = 0.99
 """Fraction beyond which the object counts as missed."""
 AXES_AND_UNITS = (
-    "most likely axes or units differ: y must point up, cameras have OpenGL axes (x right, y up, looking along -z), "
-    "and poses and box are in metres, not millimetres; if they do agree, move the box to the object"
+    "most likely axes or units differ: y must point up, cameras look along -z (OpenGL), poses and box are in metres; "
+    "if so they are, move the box to the object"
 )
 """What is wrong where every view misses the box: one wrong number of a box rarely does that."""
 

@@ -15,6 +15,7 @@ from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem, StateProblem
 from pacnerf_lpo.identification.split import split
 from pacnerf_lpo.identification.study import StudyProblem
+from pacnerf_lpo.scene_folder import RUN
 
 LEAST_FITTED = 30
 """Numbers of points that make a fit, where there is nothing else."""
@@ -66,7 +67,7 @@ def problem_of_runs(
                 f"{run.run_dir}: its fit failed; go on with `fit --resume {run.run_dir}`, or leave it out of the study"
             )
     problems = [RunProblem(run, stem, particles, images=images) for run in runs]
-    called = [path.name for path in paths]
+    called = [path.parent.name if path.name == RUN else path.name for path in paths]
     if len(set(called)) < len(called):
         called = [f"{path.parent.name}_{path.name}" for path in paths]
     return StudyProblem(problems, called, divided), b"".join(p.fingerprint for p in problems) + str(divided).encode()

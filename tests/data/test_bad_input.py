@@ -273,12 +273,15 @@ def test_box_that_is_none(scene, corner, parts):
     refused(scene, *parts, box_lower=corner)
 
 
-def test_box_outside_the_views_names_them(scene):
-    refused(scene, "training view 0, 2 does not see", train_views=[0, 2], box_lower=[5, 5, 5], box_upper=[6, 6, 6])
+def test_box_outside_all_views_names_axes_and_units(scene):
+    both = {"train_views": [0, 2], "box_lower": [5, 5, 5], "box_upper": [6, 6, 6]}
+    refused(scene, "no training view sees the box data.box_lower, data.box_upper = [5, 5, 5]", **both)
+    refused(scene, "most likely axes or units differ: y must point up", **both)
 
 
 def test_box_beside_the_object(scene):
-    refused(scene, "misses the object", box_lower=[-0.6, 0.3, -0.6], box_upper=[-0.45, 0.4, -0.45])
+    beside = {"box_lower": [-0.6, 0.3, -0.6], "box_upper": [-0.45, 0.4, -0.45]}
+    refused(scene, "misses the object in every training view at frame 0; most likely axes or units", **beside)
 
 
 def test_box_that_cuts_the_object_warns(scene, caplog):

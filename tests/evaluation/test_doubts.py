@@ -21,6 +21,7 @@ from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
 from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
 from pacnerf_lpo.evaluation.doubts.recording import measure_fall
 from pacnerf_lpo.manifest import PhaseRecord
+from pacnerf_lpo.mpm.effects import GroundFriction
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState, Video
@@ -166,6 +167,14 @@ def test_a_velocity_that_still_moved():
 def test_parameters_at_their_bounds(values: dict, expected: list[str]):
     found = doubts_about_parameters(model(), ball_state(**values), {"E": (1.5, 7.5)})
     assert names(found) == expected
+
+
+@pytest.mark.parametrize(("friction", "expected"), [(0.5, []), (0.02, ["material_bound"]), (None, [])])
+def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float | None, expected: list[str]):
+    effect = GroundFriction(0.5)
+    value = effect.null["ground_friction"] if friction is None else friction
+    found = doubts_about_parameters(model(effects=[effect]), ball_state(ground_friction=value), {})
+    assert [name for name in names(found) if name != "unusual"] == expected
 
 
 def test_a_value_far_from_the_guess_where_nothing_was_searched():

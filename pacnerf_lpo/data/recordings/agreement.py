@@ -53,7 +53,7 @@ def check_in_front(sightings: Sequence[Sighting], recording: Recording) -> None:
         raise UserInputError(
             f"{recording.source}: what {sum(behind)} of {len(behind)} cameras show meets behind them; the layout "
             f"{recording.layout} has other camera axes, OpenGL's (looking along -z) for OpenCV's (along +z) or the "
-            "reverse: turn y and z of each pose round, or check --format"
+            "reverse (turn y and z of each pose round), or poses are world to camera instead of camera to world"
         )
 
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
-from pacnerf_lpo.mpm.parameters import Log10, Parameter
+from pacnerf_lpo.mpm.parameters import Log10, Parameter, Saturated
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.types import ParticleState
 
 NEAR_BOUND = 0.02
 """Of the width of an interval: a Poisson's ratio so close to the end of its transform hardly moves with the coordinate
-in which it is optimised, so that nothing stopped it but the bound."""
+in which it is optimised, so that nothing stopped it but the bound. For other parameters it is a noticeable change."""
 HALF_LATTICE = 0.25
 """Decades, half the distance of two points of the search: an optimum nearer to the end of the search was not
 enclosed."""
@@ -70,11 +70,14 @@ def doubts_about_parameters(
         searched: between which free coordinates parameters were searched, by name.
     """
     found: list[Doubt] = []
+    nulls = {name: null for effect in physics.effects for name, null in effect.null.items()}
     for name in physics.free_names:
         parameter, value = physics.parameters[name], state.physics.get(name)
         if value is None:
             continue
-        one = _at_material_bound(parameter, value) or _at_search_bound(parameter, value, searched.get(name))
+        one = _at_material_bound(parameter, value, nulls.get(name)) or _at_search_bound(
+            parameter, value, searched.get(name)
+        )
         if name == "nu" and value < 0:
             one = _negative_poisson(value)
         if name == GROUND_HEIGHT.name:
@@ -95,15 +98,15 @@ def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> 
     return [*_risen(course), *_still_moving(course, physics)]
 
 
-def _at_material_bound(parameter: Parameter, value: float) -> Doubt | None:
+def _at_material_bound(parameter: Parameter, value: float, null: float | None) -> Doubt | None:
+    """At an end of the interval that the model allows, unless that is where an effect vanishes."""
     low, high = parameter.bounds
-    if isinstance(parameter.transform, Log10):
-        free = parameter.transform.to_free(value)
-        ends = [
-            end for end in (low, high) if end > 0 and abs(free - parameter.transform.to_free(end)) < parameter.scale
-        ]
-    else:
+    if isinstance(parameter.transform, Saturated):
         ends = [end for end in (low, high) if abs(value - end) < NEAR_BOUND * (high - low)]
+    else:
+        free, reached = parameter.transform.to_free, parameter.scale
+        ends = [end for end in (low, high) if abs(free(value) - free(end)) < reached]
+    ends = [end for end in ends if null is None or abs(end - null) > parameter.scale]
     if not ends:
         return None
     return Doubt(

@@ -168,7 +168,7 @@ CASES = {
     "the same video twice": Wrong(
         "opencv_shared", lambda f: shutil.copy(f / "left.mp4", f / "top.mp4"), ("the same images",)
     ),
-    "all cameras in one place": Wrong("opencv_shared", calibrated(narrow), ("do not belong to one body",)),
+    "all cameras in one place": Wrong("opencv_shared", calibrated(narrow), ("cameras show meets behind them",)),
     "nerfstudio with OpenCV's axes": Wrong(
         "nerfstudio", transforms(lambda m: m * [[1, -1, -1, 1]]), ("behind", "OpenGL")
     ),
