@@ -10,6 +10,7 @@ from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.commands import fit
+from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.heartbeat import doing
@@ -56,9 +57,12 @@ def run(
 
     example: pacnerf-lpo diagnose runs/low runs/high --out runs/both
 
+    Scenes of measured flights, which init makes of positions without a video, are diagnosed in the same way, without a
+    fit before; a folder of several is a study.
+
     Args:
-        run_dirs: folder that fit wrote, or scene, or several. A scene that is not fitted yet is reconstructed first, as
-            `fit SCENE --outer_loop.rounds 0` does it.
+        run_dirs: folder that fit wrote, or scene, or several. A scene of cameras without a fit is reconstructed
+            first, as `fit SCENE --outer_loop.rounds 0` does it; the scene of a measured flight needs no fit.
         phase: stem of a finished phase, such as 01_velocity; the last one before a correction when not given.
         candidates: YAML list of effects to try, as physics.effects has it: a file, or a name such as demo_candidates;
             all known effects when not given.
@@ -73,7 +77,7 @@ def run(
         clouds: folder of point clouds, cloud_<frame>.ply, in metres; those of data.clouds when not given.
         images: compare the outlines in the video, too.
         jobs: simulations at the same time, each in a process of its own; as many as torch may use threads, at most 8,
-            when not given.
+            when not given, and one of measured flights.
         out: folder for the results of a study, which go into its subfolder diagnosis.
         per_recording: effects, such as UniformForce, that every recording of a study has for itself.
     """
@@ -95,7 +99,10 @@ def run(
 
     for sentence in without_contact(problem):
         tell(sentence)
-    with StopRequest(), processes(jobs):  # SIGTERM, too, ends the processes that simulate
+    with (
+        StopRequest(),
+        processes(jobs if problem.deforms else jobs or 1),
+    ):  # SIGTERM, too, ends the processes that simulate
         rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
     doing("writing the page")
     write_pictures(problem, rounds, folder)
@@ -112,7 +119,7 @@ def reconstructed(folder: str) -> str:
     Raises:
         Interrupted, RunError, UserInputError: the fit came to no end.
     """
-    if not is_scene(folder):
+    if not is_scene(folder) or scenes_in(Path(folder)):
         return folder
     run_dir = Path(folder) / RUN
     if not has_motion(run_dir):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pacnerf_lpo.data.recordings.conversion import convert
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
@@ -10,6 +11,9 @@ from pacnerf_lpo.data.recordings.look import examine
 from pacnerf_lpo.data.recordings.recording import GRAVITY
 from pacnerf_lpo.data.recordings.scene_file import write_scene_file
 from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
+from pacnerf_lpo.data.trajectories.scene import Solid
+from pacnerf_lpo.data.trajectories.sources import holds_positions, make_scenes, read_source
+from pacnerf_lpo.errors import UserInputError
 
 
 def run(
@@ -23,6 +27,11 @@ def run(
     gravity: float = GRAVITY,
     fps: float | None = None,
     leave_out: list[str] | None = None,
+    shape: str | None = None,
+    size: list[float] | None = None,
+    mass: float | None = None,
+    spins: str | None = None,
+    start: Literal["held", "flying"] | None = None,
 ) -> None:
     """Read a recording in any common layout and write a scene: scene.yaml, ready for fit, and scene.html to look at.
 
@@ -30,10 +39,16 @@ def run(
     the first contact, how far cameras are out of step and, where the layout does not say them, the up direction and the
     scale are measured: from the outlines, and from free fall at 9.81 m/s^2. What cannot be measured is asked.
 
+    Positions without a video (CSV, C3D, a folder of either or of PLY clouds) become the flight of a known body, or a
+    folder of several, ready for diagnose: until it first touches something, in metres, y up.
+
     example: pacnerf-lpo init recordings/drop scenes/drop --unit mm
 
+    example: pacnerf-lpo init drops.csv scenes/drops --shape Ball --size 0.067 --mass 0.058
+
     Args:
-        source: folder with the recording; a calibration, and videos or images of cameras that stand still.
+        source: folder with the recording; a calibration, and videos or images of cameras that stand still; or
+            positions.
         scene: folder to write, absent or empty.
         format: layout of the recording; recognised when not given.
         unit: of the calibration's lengths: m, cm, mm, or how many metres one unit is.
@@ -43,7 +58,15 @@ def run(
         gravity: its strength [m/s^2]; 0 for none.
         fps: frames per second of the videos, instead of what their files say.
         leave_out: names of cameras not to be used.
+        shape: of positions, the body: Ball, Block, Torus, or a mesh file.
+        size: of it in metres: diameter of a ball, edges of a block, outer diameter and thickness of a torus, longest
+            extent of a mesh that is not in metres.
+        mass: of it in kilograms.
+        spins: CSV of the spins that were measured: recording, spin_x, spin_y, spin_z in rad/s.
+        start: whether the body is held at first and let go, or flying already; measured when not given.
     """
+    if shape is not None or holds_positions(Path(source)):
+        return _flights(Path(source), Path(scene), Solid.stated(source, shape, size, mass), up, unit, fps, spins, start)
     recording = read_recording(Path(source), format)
     if fps is not None:
         recording = recording.with_frame_rate(fps)
@@ -65,6 +88,26 @@ def run(
     print(
         f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\npacnerf-lpo fit {scene}"
     )
+
+
+def _flights(
+    source: Path,
+    scene: Path,
+    solid: Solid,
+    up: str | None,
+    unit: str | None,
+    fps: float | None,
+    spins: str | None,
+    start: str | None,
+) -> None:
+    """Scenes of measured flights."""
+    if scene.exists() and (not scene.is_dir() or any(scene.iterdir())):
+        raise UserInputError(f"{scene}: is not empty; give a new folder")
+    recordings = read_source(source, fps, None if spins is None else Path(spins))
+    print(f"{source}: {len(recordings)} recordings of positions", flush=True)
+    folders, left_out = make_scenes(recordings, scene, solid, up, unit, start)
+    print("\n".join([*left_out, f"{folders[0] / 'scene.yaml'}: every value with where it comes from"]))
+    print(f"{len(folders)} flights; look through that, then\npacnerf-lpo diagnose {scene}")
 
 
 def look_at(scene: Path) -> Path:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
+
+VOXELS = 40
+"""Along the longest extent of a mesh."""
 
 
 class Shape(ABC):
@@ -71,6 +77,72 @@ class Torus(Shape):
         """See :meth:`Shape.contains`."""
         from_ring = points[:, :2].norm(dim=-1) - self.ring
         return torch.hypot(from_ring, points[:, 2]) <= self.tube
+
+
+class Mesh(Shape):
+    """A solid with a closed surface, around its centre of volume.
+
+    Args:
+        path: of a mesh in metres: OBJ, STL, PLY, glTF ...
+        longest: its longest extent, instead of what the file has [m]; None: as in the file.
+
+    Raises:
+        UserInputError: no such file, no closed surface, or the library that reads it is missing.
+    """
+
+    def __init__(self, path: str, longest: float | None = None):
+        try:
+            import trimesh
+        except ImportError:
+            raise UserInputError("a mesh needs trimesh: pip install 'pacnerf-lpo[export]'") from None
+        if not Path(path).is_file():
+            raise UserInputError(f"{path}: there is no such mesh; give a file, or Ball, Block or Torus")
+        try:
+            surface: Any = trimesh.load(path, force="mesh")
+        except (ValueError, NotImplementedError, KeyError, IndexError, TypeError) as error:
+            raise UserInputError(f"{path}: cannot be read as a mesh ({' '.join(str(error).split())})") from None
+        if not len(surface.faces) or not surface.is_watertight:
+            raise UserInputError(f"{path}: has no closed surface, so it holds no matter; repair the mesh and export it")
+        surface.apply_translation(-surface.center_mass)
+        if longest is not None:
+            surface.apply_scale(_positive("Mesh.longest", longest) / float(surface.extents.max()))
+        self.reach = float(abs(surface.bounds).max())
+        pitch = 2 * self.reach / VOXELS
+        filled = surface.voxelized(pitch).fill()
+        self._cells = torch.as_tensor(filled.points, dtype=torch.float64)
+        self._pitch = pitch
+
+    def contains(self, points: Tensor) -> Tensor:
+        """See :meth:`Shape.contains`; to a voxel of a fortieth of its size."""
+        lower = self._cells.amin(0)
+        counts = ((self._cells.amax(0) - lower) / self._pitch).round().long() + 1
+        inside = torch.zeros(*counts.tolist(), dtype=torch.bool)
+        inside[tuple(((self._cells - lower) / self._pitch).round().long().T)] = True
+        cells = ((points.double() - lower) / self._pitch).round().long()
+        near = ((cells >= 0) & (cells < counts)).all(-1)
+        found = near.clone()
+        found[near] = inside[tuple(cells[near].T)]
+        return found
+
+
+def named_shape(name: str, size: Sequence[float]) -> Shape:
+    """A shape by its name and its outer extents [m]: the diameter of a Ball, the edges of a Block, the outer diameter
+    and the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file.
+
+    Raises:
+        UserInputError: no such shape, or another number of extents.
+    """
+    known = {"Ball": 1, "Block": 3, "Torus": 2}
+    if name not in known:
+        return Mesh(name, *size[:1])
+    if len(size) != known[name]:
+        wanted = {"Ball": "its diameter", "Block": "its three edges", "Torus": "its outer diameter and its thickness"}
+        raise UserInputError(f"--shape {name} needs --size with {wanted[name]} in metres, not {len(size)} numbers")
+    if name == "Ball":
+        return Ball(size[0] / 2)
+    if name == "Block":
+        return Block((size[0], size[1], size[2]))
+    return Torus((size[0] - size[1]) / 2, size[1] / 2)
 
 
 def fill(shape: Shape, spacing: float, generator: torch.Generator) -> Tensor:

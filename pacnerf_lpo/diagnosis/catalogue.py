@@ -77,13 +77,15 @@ class Candidate:
 
 def whole_catalogue(material: Material, views: Sequence[int], installed: Sequence[Effect]) -> list[Candidate]:
     """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view.
+    Of a rigid body in flight those of the medium around it: its gravity is known, and it touches nothing.
 
     Args:
         material: constitutive law of the model.
         views: file ids of the cameras.
         installed: effects that the model has.
     """
-    made = [effect for kind in known_classes() for effect in _instances(kind, views)]
+    kinds = [kind for kind in known_classes() if material.deforms or kind.of_medium]
+    made = [effect for kind in kinds for effect in _instances(kind, views)]
     return candidates(made, material, installed)
 
 
@@ -102,16 +104,25 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
     """
     if not path.is_file():
         raise UserInputError(f"{path}: no such file; give a YAML list of effects, as physics.effects has it")
+    try:
+        content = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
+    found = read_effects(path, content)
+    for effect in found:
+        effect.check_material(material)
+        as_config(effect, effect.guess)
+    return candidates(found, material, installed)
+
+
+def read_effects(path: Path, content: Any) -> list[Effect]:
+    """Effects from entries of ``class_path`` and ``init_args`` that a file has. Raises UserInputError."""
     parser = ArgumentParser(exit_on_error=False)
     parser.add_argument("--effects", type=list[Effect])
     try:
-        parsed = parser.instantiate(parser.parse_object({"effects": yaml.safe_load(path.read_text())}))
-    except (ArgumentError, yaml.YAMLError, ValueError, TypeError) as error:
+        return parser.instantiate(parser.parse_object({"effects": content})).effects
+    except (ArgumentError, ValueError, TypeError) as error:
         raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
-    for effect in parsed.effects:
-        effect.check_material(material)
-        as_config(effect, effect.guess)
-    return candidates(parsed.effects, material, installed)
 
 
 def candidates(effects: Sequence[Effect], material: Material, installed: Sequence[Effect]) -> list[Candidate]:

@@ -96,13 +96,17 @@ class Comparison:
         found = check_fitted(part, self.residual[fitted])
         return found, check_held_out(whole, part, self.residual[usable], fitted[usable])
 
-    def error(self, problem: Problem, residual: np.ndarray) -> Error:
-        """Of a residual of this or of another model [(R, F, 11)], in units of the noise of this one."""
+    def errors(self, problem: Problem, residuals: Sequence[np.ndarray]) -> tuple[Error, ...]:
+        """Of residuals of this and of other models [(R, F, 11) each], in units of the noise of this one."""
 
-        def excess(mask: np.ndarray) -> float:
-            return check_fitted(self.noise(problem, mask), np.nan_to_num(residual[mask])).excess if mask.any() else 0.0
+        def excess(mask: np.ndarray) -> list[float]:
+            if not mask.any():
+                return [0.0] * len(residuals)
+            noise = self.noise(problem, mask)
+            return [check_fitted(noise, np.nan_to_num(residual[mask])).excess for residual in residuals]
 
-        return Error(excess(problem.usable & ~problem.fitted), excess(problem.fitted))
+        pairs = zip(excess(problem.usable & ~problem.fitted), excess(problem.fitted), strict=True)
+        return tuple(Error(*pair) for pair in pairs)
 
 
 def compare(

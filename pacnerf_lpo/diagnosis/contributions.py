@@ -52,6 +52,31 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
     return found
 
 
+def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple[float, float]]]:
+    """For every effect that was added and has one coefficient: what each recording by itself says of it, from its
+    linear change, all else free; the least-squares value and its standard error [SI].
+    """
+    found: dict[str, list[tuple[float, float]]] = {}
+    for done in rounds:
+        if done.accepted is None or done.probes is None:
+            continue
+        tried = next((one for one in done.probes.inside if one.name == done.accepted.name), None)
+        if tried is None or len(tried.widths[0]) > 1:
+            continue
+        column = np.zeros(problem.usable.shape)
+        column[problem.fitted] = tried.alternatives[0][:, 0] / tried.widths[0][0]
+        found[tried.name] = [_estimate(problem, done, column, n) for n in range(len(problem.parts((), {})))]
+    return found
+
+
+def _estimate(problem: Problem, done: Round, column: np.ndarray, number: int) -> tuple[float, float]:
+    mask = _only(problem, number)
+    noise = done.comparison.marginal(problem, mask)
+    change, left = noise.whiten(column[mask]), noise.whiten_residual(done.comparison.residual[mask])
+    strength = max(float(change @ change), 1e-30)
+    return float(change @ left) / strength, 1 / float(np.sqrt(strength))
+
+
 def _only(problem: Problem, number: int) -> np.ndarray:
     """The fitted entries of one recording among those of all [(R, F, 11), bool]."""
     count = len(problem.parts((), {}))

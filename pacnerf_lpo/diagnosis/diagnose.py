@@ -191,7 +191,7 @@ def _round(
         store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
     )
     residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
-    found.errors = tuple(comparison.error(problem, residual) for residual in residuals)
+    found.errors = comparison.errors(problem, residuals)
     found.effort["compare"] = _effort(store, [f"{number}_compare"], comparison.rollouts)
     if options.until in ("compare", "localise"):
         return found

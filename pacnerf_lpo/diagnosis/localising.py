@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -26,14 +26,16 @@ def phases(problem: Problem, effects: Sequence[Effect], comparison: Comparison) 
     found = []
     for part in problem.parts(effects, comparison.known):
         model = part.model
-        found.append(phases_of(model.path(model.start), model.body.spacing, part.known["ground_height"]))
+        found.append(phases_of(part, model.path(model.start)))
     return found
 
 
-def phases_of(path: torch.Tensor, spacing: float, ground: float) -> list[str]:
-    """Phase of a motion [m, (F, N, 3)] above a ground at the given height [m] in every frame."""
-    heights = path[..., 1].numpy() - ground
-    touches = heights.min(1) < REACH * spacing
+def phases_of(part: Part, path: torch.Tensor) -> list[str]:
+    """Phase of a motion [m, (F, N, 3)] of a recording in every frame; a rigid body is in flight."""
+    if not part.recording.deforms:
+        return [PHASES[0]] * len(path)
+    heights = path[..., 1].numpy() - part.known["ground_height"]
+    touches = heights.min(1) < REACH * part.recording.spacing
     if not touches.any():
         return [PHASES[0]] * len(path)
     first = int(np.argmax(touches))

@@ -98,6 +98,8 @@ def propose(
     Raises:
         UserInputError: there are no two hypotheses to tell apart.
     """
+    if not problem.views:
+        raise UserInputError("plan: it proposes recordings by cameras; the measured flights of a diagnosis have none")
     if len(found.alike) < 2:
         raise UserInputError("plan: nothing is left to tell apart: the diagnosis names one cause, or none")
     believed = [_believed(problem, found, name) for name in found.alike[:MOST_HYPOTHESES]]

@@ -10,7 +10,7 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
-from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, PARTS, SmoothForce, force_of
+from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, SmoothForce, force_of, parts_on
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.inference.force_law import Law, name_force
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -24,7 +24,7 @@ class ResidualForce:
 
     times: of the knots [s since frame 0, (K,)]
     mean: acceleration of the whole body [m/s^2, (K, 3)]
-    field: all coefficients [m/s^2, (K, 4, 3)]: constant, then linear in each material coordinate
+    field: all coefficients [m/s^2, (K, 4, 3)]: constant, then, unless it is rigid, linear in each material coordinate
     law: what it looks like, in all recordings together.
     explained: share of the excess of the cost over the noise that it would remove.
     """
@@ -49,7 +49,7 @@ def residual_force(
     noise = comparison.marginal(problem, mask)
     left, design = noise.whiten_residual(comparison.residual[mask]), noise.whiten(comparison.force[mask]) * deviation
     solution = deviation * np.linalg.solve(design.T @ design + np.eye(design.shape[1]), design.T @ left)
-    fields = solution.reshape(len(parts), KNOTS, len(PARTS), len(AXES))
+    fields = solution.reshape(len(parts), KNOTS, len(parts_on(problem)), len(AXES))
     rest, size = left - design @ (solution / deviation), len(left)
     explained = float(left @ left - rest @ rest) / max(float(left @ left) - size, 1e-9)
     forces = [force_of(part.recording) for part in parts]
@@ -73,11 +73,9 @@ def _samples(part: Part, field: np.ndarray, knots: np.ndarray, force: SmoothForc
     positions = path[:, torch.as_tensor(chosen)].numpy().astype(float)
     velocity = np.gradient(positions, times, axis=0)
     inside = (positions[0] - centre) / extent
-    at_times = np.stack([[np.interp(times, knots, field[:, p, a]) for a in range(3)] for p in range(len(PARTS))])
-    acceleration = at_times[0].T[:, None] + np.einsum("jaf,nj->fna", at_times[1:], inside)
-    touching = np.array(
-        [phase != PHASES[0] for phase in phases_of(path, model.body.spacing, part.known["ground_height"])]
-    )
+    at_times = np.stack([[np.interp(times, knots, field[:, p, a]) for a in range(3)] for p in range(field.shape[1])])
+    acceleration = at_times[0].T[:, None] + np.einsum("jaf,nj->fna", at_times[1:], inside[:, : len(at_times) - 1])
+    touching = np.array([phase != PHASES[0] for phase in phases_of(part, path)])
     frames, samples = positions.shape[:2]
     return (
         acceleration.reshape(-1, 3),

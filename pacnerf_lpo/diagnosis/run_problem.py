@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from pacnerf_lpo.diagnosis.catalogue import known_classes
+from pacnerf_lpo.diagnosis.flight_problem import flights, problem_of_flights
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem, StateProblem
@@ -31,7 +32,7 @@ def problem_of_runs(
     """What is under diagnosis, a run or a study of several, and bytes that differ where the diagnosis may differ.
 
     Args:
-        run_dirs: folders that fit wrote, of one object.
+        run_dirs: folders that fit wrote, of one object; or scenes of measured flights, or folders of such.
         stem, particles, images: as for :class:`RunProblem`.
         points: tracks and clouds in place of the run's own.
         divided: names of the classes of effects that every recording has for itself.
@@ -39,6 +40,14 @@ def problem_of_runs(
     Raises:
         UserInputError: a run or its points cannot be used, or the runs are no study of one object.
     """
+    scenes = flights(run_dirs)
+    if scenes:
+        if stem is not None or any(points) or not images:
+            raise UserInputError(
+                "diagnose: --phase, --tracks, --clouds and --images are for runs, not measured flights"
+            )
+        check_divided(divided)
+        return problem_of_flights(scenes, divided)
     if len(run_dirs) == 1:
         if divided:
             raise UserInputError("diagnose: --per-recording is for several runs; give them one after the other")

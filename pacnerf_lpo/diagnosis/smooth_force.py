@@ -25,8 +25,13 @@ PARTS = ("1", *AXES)
 PROBE = 0.5  # m/s^2 at the rim of the body
 
 
-def names_of_force() -> list[str]:
-    return [f"force_{axis}_{part}_{knot}" for knot in range(KNOTS) for part in PARTS for axis in AXES]
+def names_of_force(parts: Sequence[str] = PARTS) -> list[str]:
+    return [f"force_{axis}_{part}_{knot}" for knot in range(KNOTS) for part in parts for axis in AXES]
+
+
+def parts_on(problem: Problem) -> Sequence[str]:
+    """What moves the body of a problem: all of a force where it deforms, the constant part where it is rigid."""
+    return PARTS if problem.deforms else PARTS[:1]
 
 
 class SmoothForce(BodyForce):
@@ -57,6 +62,8 @@ class SmoothForce(BodyForce):
         total: list[Any] = [0.0, 0.0, 0.0]
         for knot in range(KNOTS):
             hat = _hat(point.t / c.force_interval - float(knot))
+            if isinstance(hat, float) and hat == 0.0:
+                continue
             for index, axis in enumerate(AXES):
                 value = named[f"force_{axis}_1_{knot}"]
                 for other, x in zip(AXES, inside, strict=True):
@@ -82,8 +89,8 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation of a coarser body each, which responds to a smooth force in the same way, 60 for each recording; zero
-    where that is unstable.
+    simulation of a coarser body each, which responds to a smooth force in the same way, 60 for each recording of a body
+    that deforms and 15 of a rigid one; zero where that is unstable.
 
     Args:
         problem: the run.
@@ -102,11 +109,12 @@ def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
     models = [*part.effects, force_of(problem)]
     still = problem.coarse_model(models, part.known)
     base = problem.residual(still.predict(still.start))
-    pushed = ((problem.coarse_model(models, {**part.known, name: PROBE}),) for name in names_of_force())
+    names = names_of_force(parts_on(problem))
+    pushed = ((problem.coarse_model(models, {**part.known, name: PROBE}),) for name in names)
     columns: list[np.ndarray] = []
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
-            progress(f"smooth force on {problem.scene}: {number} of {len(SmoothForce.parameters)}")
+            progress(f"smooth force on {problem.scene}: {number} of {len(names)}")
         if isinstance(predicted, SimulationError):
             columns.append(0 * base)
         else:

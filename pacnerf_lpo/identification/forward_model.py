@@ -65,9 +65,11 @@ class Model:
 
     Attributes:
         frames: only the first so many are simulated, in the rest everything stands still; None: all.
+        motion: unknowns of the initial motion.
     """
 
     frames: int | None = None
+    motion: tuple[Parameter, ...] = VELOCITY
 
     def __init__(
         self, body: Body, physics: Physics, video: Video, known: dict[str, float], points: Points | None = None
@@ -75,10 +77,10 @@ class Model:
         self.body, self.physics, self.video, self.points = body, physics, video, points
         self.known = {**physics.guess, **{name: value for name, value in known.items() if name in physics.parameters}}
         described = physics.parameters
-        self.unknowns = [*(described[name] for name in physics.free_names), *VELOCITY]
+        self.unknowns = [*(described[name] for name in physics.free_names), *self.motion]
         self.names = tuple(parameter.name for parameter in self.unknowns)
         self.scales = np.array([parameter.scale for parameter in self.unknowns])
-        start = {**self.known, **{parameter.name: known[parameter.name] for parameter in VELOCITY}}
+        start = {**self.known, **{parameter.name: known[parameter.name] for parameter in self.motion}}
         self.start = np.array([parameter.transform.to_free(start[parameter.name]) for parameter in self.unknowns])
         self.bounds = self._bounds()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from torch import Tensor
@@ -34,6 +35,7 @@ class Points:
         times: of the frames [s, (F,)]
         pixel: size of a pixel at the body [m]
         body: particles at frame 0 [m, (N, 3)]
+        from_first_sight: whether a row counts from where it was first seen.
 
     Raises:
         UserInputError: a point that is seen at frame 0 is away from the body.
@@ -44,6 +46,7 @@ class Points:
     times: np.ndarray
     pixel: float
     body: np.ndarray
+    from_first_sight: ClassVar[bool] = True
 
     @classmethod
     def of(cls, data: VideoData, body: Tensor) -> Points | None:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -94,14 +95,19 @@ class Problem(ABC):
         self.measured, self.sensor, self.points = measured, sensor, points
         self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
-        self._relative: Callable[[np.ndarray], np.ndarray] = partial(relative, views=self.views)
+        anchored = points is None or points.from_first_sight
+        self.compared: Callable[[np.ndarray], np.ndarray] = partial(relative, views=self.views, anchored=anchored)
         if points is not None:
             found = points.measured
             self.measured = np.concatenate((measured, found))
             self.sensor = np.concatenate((sensor, points.sensor))
-            self.usable = np.concatenate((self.usable, np.isfinite(found) & ~first_sight(found)))
+            told = np.isfinite(found)
+            self.usable = np.concatenate((self.usable, told & ~first_sight(found) if anchored else told))
             if not len(held.points):
                 self.split = replace(held, points=np.ones(len(found), bool))
+
+    deforms: ClassVar[bool] = True
+    """Whether the body does; else it is rigid and in flight: it touches nothing, and only a force on all of it acts."""
 
     @property
     @abstractmethod
@@ -170,6 +176,19 @@ class Problem(ABC):
         return self.model(effects, known, self.coarse_body)
 
     @property
+    def measuring_errors(self) -> np.ndarray:
+        """Changes of the residual by what may be wrong with the measurement as a whole, of one standard deviation each
+        [(V + R, F, 11, M)]; none where its noise is all.
+        """
+        return np.zeros((*self.usable.shape, 0))
+
+    def lasting_noise(self, random: np.random.Generator) -> np.ndarray:
+        """Errors that last from sample to sample, as another measurement would have them besides those of the sensor
+        [(V + R, F, 11)]; none unless said.
+        """
+        return np.zeros(self.sensor.shape)
+
+    @property
     def least_shape_error(self) -> float:
         """How far the surface of the body may be from the true one even where no outline shows it [m]."""
         return LEAST_SHAPE_ERROR * self.voxel
@@ -208,7 +227,7 @@ class Problem(ABC):
 
     def relative(self, difference: np.ndarray) -> np.ndarray:
         """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
-        return self._relative(difference)
+        return self.compared(difference)
 
     @property
     def unit(self) -> tuple[str, float]:
@@ -234,12 +253,12 @@ class Problem(ABC):
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, self._relative(self.measured - predicted), np.nan)
+        return np.where(self.usable, self.compared(self.measured - predicted), np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
         usable, measured = self.usable, self.measured  # not self: other processes get a copy
-        compared = self._relative
+        compared = self.compared
 
         def residual(free: np.ndarray) -> np.ndarray:
             return np.where(usable, np.nan_to_num(compared(measured - model.predict(free))), 0.0)[mask]
@@ -377,7 +396,7 @@ def shading(brightness: np.ndarray) -> np.ndarray:
     return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
 
 
-def relative(difference: np.ndarray, views: int | None = None) -> np.ndarray:
+def relative(difference: np.ndarray, views: int | None = None, anchored: bool = True) -> np.ndarray:
     """Differences of summaries [(..., V + R, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself,
     and for the brightness in every frame, relative to the median of all views, which a common bias moves alike. Those
     of points are relative to their first sight.
@@ -385,13 +404,15 @@ def relative(difference: np.ndarray, views: int | None = None) -> np.ndarray:
     Args:
         difference: of summaries; NaN where there is none.
         views: V; None: there are no rows of points.
+        anchored: whether rows of points are relative to their first sight; else they are as they are.
     """
     found = difference.copy()
     seen, own = difference[..., :views, :, :], found[..., :views, :, :]
-    own[..., :-1] -= seen[..., :, :1, :-1]
-    own[..., :, 0, :-1] = beside_median(seen[..., :, 0, :-1])
-    own[..., -1] = beside_median(seen[..., -1])
-    if views is not None and views < difference.shape[-3]:
+    if views != 0:
+        own[..., :-1] -= seen[..., :, :1, :-1]
+        own[..., :, 0, :-1] = beside_median(seen[..., :, 0, :-1])
+        own[..., -1] = beside_median(seen[..., -1])
+    if anchored and views is not None and views < difference.shape[-3]:
         rows = difference[..., views:, :, :]
         first = np.where(first_sight(rows), rows, 0.0).sum(-2, keepdims=True)
         found[..., views:, :, :] = rows - first

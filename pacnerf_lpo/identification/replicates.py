@@ -71,6 +71,7 @@ def _of_recording(
     sigma = distortion(problem, reference)
     found: list[np.ndarray] = []
     noise: list[np.ndarray] = []
+    slow: list[np.ndarray] = []
     attempts = range(count)
     while attempts:
         draws = [np.random.default_rng((seed, attempt)) for attempt in attempts]
@@ -84,14 +85,16 @@ def _of_recording(
                 continue
             found.append(predicted - reference)
             noise.append(random.standard_normal(predicted.shape))
+            slow.append(problem.lasting_noise(random))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
     sensor, errors = problem.sensor.copy(), problem.relative(np.stack(found))
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
-    sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
-    return errors + problem.relative(sensor * np.stack(noise)), sensor
+    if problem.views:
+        sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
+    return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor
 
 
 def distortion(problem: Problem, reference: np.ndarray) -> float:
@@ -101,8 +104,13 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     Args:
         problem: the run.
         reference: summaries that the model predicts [(V, F, 11)]
+
+    Returns:
+        What the problem says where no camera shows the body.
     """
     least = problem.least_shape_error
+    if not problem.views:
+        return least
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
     views = slice(problem.views)

@@ -32,8 +32,8 @@ that."""
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
-    simulation of the coarse body each; none where its shape is known. An error with which the motion is unstable is
-    left out.
+    simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
+    motion is unstable is left out.
 
     Args:
         problem: the run.
@@ -83,7 +83,7 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
 def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
     problem = part.recording
     if not isinstance(problem, StateProblem):
-        return np.zeros((*problem.usable.shape, 0))
+        return problem.measuring_errors
     right = problem.coarse_model(part.effects, part.known)
     base = right.predict(right.start)
     bodies = [body for body in wrong_bodies(problem, distortion(problem, reference)) if len(body.positions)]

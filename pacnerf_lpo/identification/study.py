@@ -7,10 +7,10 @@ first the views of all, then the points of all. Shorter recordings are filled up
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -19,7 +19,8 @@ from torch import Tensor
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
-from pacnerf_lpo.identification.problem import Part, Problem, relative
+from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.rigid import PLACE, RELEASE
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -30,7 +31,7 @@ from pacnerf_lpo.types import Video
 
 CAMERAS = 1000
 """View v of recording k is view 1000 k + v of a study."""
-OF_RECORDING = {GROUND_HEIGHT.name, *(parameter.name for parameter in VELOCITY)}
+OF_RECORDING = {parameter.name for parameter in (GROUND_HEIGHT, *VELOCITY, *PLACE, RELEASE)}
 ANOTHER_SIZE = 0.25
 """Bodies whose principal extents differ by more are not the same one: reconstructions differ by a few percent."""
 
@@ -68,10 +69,9 @@ class Stack:
         at: list = [slice(None)] * (axis % values.ndim)
         return values[tuple([*at, self.rows(number), slice(self.frames[number])])]
 
-    def relative(self, difference: np.ndarray) -> np.ndarray:
-        """Differences of summaries [(..., R, F, 11)] as :func:`~.problem.relative` compares those of each recording."""
-        parts = [relative(self.part(difference, n, -3), views) for n, views in enumerate(self.views)]
-        return self.join(parts, -3)
+    def relative(self, compared: Sequence[Callable[[np.ndarray], np.ndarray]], difference: np.ndarray) -> np.ndarray:
+        """Differences of summaries [(..., R, F, 11)], each recording's as it is compared."""
+        return self.join([one(self.part(difference, n, -3)) for n, one in enumerate(compared)], -3)
 
 
 @dataclass(frozen=True)
@@ -120,9 +120,10 @@ class StudyProblem(Problem):
         super().__init__(scene, video, split, first.physics, voxel, measured[seen], sensor[seen])
         self.measured, self.sensor = measured, sensor
         self.usable = stack.join([problem.usable for problem in recordings])
-        self._relative = stack.relative
+        self.compared = partial(stack.relative, [problem.compared for problem in recordings])
         installed = [self.adopt(effect) for effect in _installed(self.recordings)]
         self.physics = with_effects(first.physics, installed, 1.0, 1.0)
+        self.deforms = first.deforms  # type: ignore[misc]
 
     @property
     def spacing(self) -> float:
@@ -146,7 +147,8 @@ class StudyProblem(Problem):
         """An effect that every recording has for itself with coefficients of each; any other as it is."""
         named = isinstance(effect, Observation) and effect.view is not None  # its view belongs to one recording
         own = (effect.of_recording and not named) or type(effect).__name__ in self.divided
-        return divide(effect, self.names) if own else effect
+        found = self.recordings[0].adopt(effect)
+        return divide(found, self.names) if own else found
 
     def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
         found = []
@@ -271,8 +273,9 @@ class StudyModel(Model):
             model.restart()
 
     def contact(self, free: np.ndarray, within: float) -> int:
-        """Of the recording in which it comes first."""
-        return min(model.contact(own, within) for model, own in self._own(free))
+        """Of the recording in which it comes first; the number of frames where none has one."""
+        found = [(model.contact(own, within), model.shape[1]) for model, own in self._own(free)]
+        return min((first for first, frames in found if first < frames), default=self.shape[1])
 
     def path(self, free: np.ndarray) -> Tensor:
         """Particles of all recordings at every frame [m, (F, N1 + N2 + ..., 3)]; those of a shorter recording stay
@@ -389,14 +392,14 @@ def check_recordings(recordings: Sequence[Problem], names: Sequence[str]) -> Non
                 f"a study is of one body: principal extents are {shown[0]} cm in {called}, but {shown[1]} cm in {name}"
             )
     for problem, name in zip(recordings, names, strict=True):
-        if max(problem.video.view_ids) >= CAMERAS:
+        if max(problem.video.view_ids, default=0) >= CAMERAS:
             raise UserInputError(f"{name}: view {max(problem.video.view_ids)}; in a study view ids are below {CAMERAS}")
 
 
 def without_contact(problem: Problem) -> list[str]:
     """A sentence for each recording whose body, moving as first guessed, does not reach the ground."""
     found = []
-    for part in problem.parts(problem.physics.effects, problem.first_guess):
+    for part in problem.parts(problem.physics.effects, problem.first_guess) if problem.deforms else ():
         model = part.model
         if model.contact(model.start, within=1.0) == model.shape[1]:
             found.append(f"{part.name}: the body does not reach the ground; it tells of forces, not of the material")

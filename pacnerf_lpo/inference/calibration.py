@@ -84,7 +84,7 @@ def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.
         for hypothesis in hypotheses:
             squares = []
             for change in hypothesis.alternatives:
-                axes = np.linalg.svd(whitened[:, at : at + change.shape[1]], full_matrices=False)[0]
+                axes = np.linalg.qr(whitened[:, at : at + change.shape[1]])[0]
                 squares.append(float(np.mean((axes.T @ left) ** 2)))
                 at += change.shape[1]
             row.append(float(np.mean(squares)))

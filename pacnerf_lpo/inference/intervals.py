@@ -96,13 +96,9 @@ def _replicate_scales(noise: NoiseModel, jacobian: np.ndarray) -> np.ndarray:
     """
     rows = []
     for model, replicate in noise.left_out:
-        whitened, left, row = model.whiten(jacobian), model.whiten_residual(replicate), []
-        for column in range(jacobian.shape[1]):
-            others = np.delete(whitened, column, axis=1)
-            solved = np.linalg.lstsq(others, np.stack((whitened[:, column], left), axis=1), rcond=1e-10)[0]
-            change, rest = whitened[:, column] - others @ solved[:, 0], left - others @ solved[:, 1]
-            row.append(float(change @ rest) ** 2 / max(float(change @ change), 1e-300))
-        rows.append(row)
+        inverse = np.linalg.pinv(model.whiten(jacobian), rcond=1e-10)  # its rows: what is left of each column, scaled
+        coordinates, sizes = inverse @ model.whiten_residual(replicate), (inverse**2).sum(1)
+        rows.append(coordinates**2 / np.maximum(sizes, 1e-300))
     return moderated_scales(np.array(rows))
 
 

@@ -158,7 +158,7 @@ class NoiseModel:
         whitener = _whitener(target, sensor, shrinkage)
         shown = smooth * np.sqrt((1 - shrinkage) / (len(replicates) - 1))
         low_rank = series.multiply(whitener, np.concatenate((shown, directions), axis=1))
-        basis, weights, _ = np.linalg.svd(low_rank, full_matrices=False)
+        basis, weights = _principal(low_rank)
         return cls(
             mean, replicates, sensor, directions, layout, shrinkage, correlation, series, whitener, basis, weights
         )
@@ -190,6 +190,19 @@ class NoiseModel:
             (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate)
             for index, replicate in enumerate(self.replicates)
         ]
+
+
+def _principal(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Left singular vectors and singular values of columns (D, q), by the smaller of their two Gram matrices: values
+    below 3e-8 of the largest are lost, and count for nothing next to the unit they are added to.
+    """
+    if columns.shape[1] > columns.shape[0]:
+        basis, weights, _ = np.linalg.svd(columns, full_matrices=False)
+        return basis, weights
+    squares, turn = np.linalg.eigh(columns.T @ columns)
+    kept = squares > 1e-15 * max(float(squares[-1]), 1e-300)
+    weights = np.sqrt(squares[kept])
+    return columns @ turn[:, kept] / weights, weights
 
 
 def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray, layout: Layout) -> None:

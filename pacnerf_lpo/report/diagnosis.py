@@ -17,6 +17,7 @@ from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_markup import bullets
 from pacnerf_lpo.report.encoding import asset, atlas, atlas_columns, json_text
+from pacnerf_lpo.report.flights import flights_section
 from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
 
@@ -24,14 +25,18 @@ RESULT_FILE, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagn
 IMAGE_BUDGET = 5_000_000
 QUALITIES = (75, 55, 35)
 STYLES = ("report.css", "diagnosis.css")
-SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis.js")
+SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis_flights.js", "diagnosis.js")
 
 
 def write_page(folder: Path) -> Path:
-    """Write ``diagnosis.html`` next to the ``diagnosis.json`` and ``pictures.npz`` of a diagnosis; returns its path."""
+    """Write ``diagnosis.html`` next to the ``diagnosis.json`` of a diagnosis, and its ``pictures.npz`` where there was
+    a video; returns its path.
+    """
     result = json.loads((folder / RESULT_FILE).read_text())
-    with np.load(folder / PICTURES_FILE) as pictures:
-        images = build_images(dict(pictures))
+    images: dict[str, Any] = {"stages": []}
+    if result["views"]:
+        with np.load(folder / PICTURES_FILE) as pictures:
+            images = build_images(dict(pictures))
     path = folder / PAGE_FILE
     write_atomically(path, render_page(result, images).encode())
     return path
@@ -66,6 +71,7 @@ def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, A
         "phases": result["rounds"][0]["phases"],
         "images": images,
         "errors": _errors(result),
+        "flights": result.get("flights") or [],
     }
 
 
@@ -86,7 +92,8 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         details=bullets(verdict["details"]),
         cards=sections.first_screen(result),
         rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
-        points=sections.points_table(result),
+        flights=flights_section(result),
+        points="" if result.get("flights") else sections.points_table(result),
         recordings=recordings_section(result),
         parameters=sections.parameter_table(result),
         parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",

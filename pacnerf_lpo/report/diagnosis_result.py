@@ -25,6 +25,7 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
+from pacnerf_lpo.report.flights import agreement, flights
 
 RESULT, OVERLAY, OVERLAY_OF = "diagnosis.json", "effects.yaml", "effects_{}.yaml"
 FORMAT = 2
@@ -53,6 +54,9 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
     video, split, force = problem.video, problem.split, rounds[-1].force
     said = verdict(rounds)
     sentences = wording.verdict(problem.physics.material, rounds, said)
+    shown = flights(problem, diagnosis_stages.stages_of(rounds), rounds) if not problem.views else []
+    turned = agreement(shown)
+    sentences += [turned] if turned else []
     return {
         "format": FORMAT,
         "scene": problem.scene,
@@ -76,6 +80,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "recordings": recordings(problem, rounds),
         "points": problem.point_names,
         "stages": diagnosis_stages.stages(problem, rounds),
+        "flights": shown,
         "rounds": [_round(problem, found) for found in rounds],
         "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),
     }

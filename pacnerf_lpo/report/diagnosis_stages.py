@@ -126,8 +126,11 @@ def _rounded(values: np.ndarray) -> list[float | None]:
 
 def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> None:
     """Write the measured images and the outlines of the first and of the last stage, at most 128 pixels large, as
-    ``pictures.npz``: ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), all uint8.
+    ``pictures.npz``: ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), all uint8; nothing
+    where no camera looked.
     """
+    if not problem.views:
+        return
     found = stages_of(rounds)
     shown = found[:1] if len(found) == 1 else [found[0], found[-1]]
     videos = [part.recording.video for part in problem.parts((), {})]

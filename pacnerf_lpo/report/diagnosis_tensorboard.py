@@ -35,7 +35,8 @@ def log_diagnosis(run_dir: Path) -> None:
         for frame, value in enumerate(stage["by_frame"]):
             if value is not None:
                 logger.log_metrics({f"error by frame/{number} {stage['readable']} [{unit}]": value}, frame)
-    logger.log_image("excess error, view by frame (above: before, below: after)", excess_picture(result), 0)
+    if result["views"]:
+        logger.log_image("excess error, view by frame (above: before, below: after)", excess_picture(result), 0)
     logger.finalize("success")
 
 

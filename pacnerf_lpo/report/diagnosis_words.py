@@ -100,6 +100,8 @@ def compared(result: Result) -> str:
         what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
         held = f"{_some(result['held_views'], 'camera')} and the"
     else:
+        if result.get("flights"):
+            return _compared_flights(result)
         tracked = sum(name.startswith("point ") for name in result["points"])
         points = [f"{tracked} tracked points"] * (tracked > 0) + ["point clouds"] * (tracked < len(result["points"]))
         what = f"The positions of {' and '.join(points)} in {frames} frames, with those"
@@ -107,6 +109,17 @@ def compared(result: Result) -> str:
     return (
         f"{what} that the model predicts. {held} last {last} were held out: no parameter was fitted to them, so they "
         "check at the end whether the model predicts what it has not seen."
+    )
+
+
+def _compared_flights(result: Result) -> str:
+    """The same of measured flights."""
+    found = result["flights"]
+    samples = sum(len(one["times"]) for one in found)
+    return (
+        f"The positions that were measured in {samples} samples of {_count(len(found), 'flight')}, with those that the "
+        "model predicts. The last samples of each were held out: no parameter was fitted to them, so they check at the "
+        "end whether the model predicts what it has not seen."
     )
 
 

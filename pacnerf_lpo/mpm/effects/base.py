@@ -34,6 +34,7 @@ class Effect(ABC):
     of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
     constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
     acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
+    of_medium: whether the air or liquid around a body exerts it: nothing else reaches a rigid body in free flight.
     probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
 
     Args:
@@ -56,6 +57,7 @@ class Effect(ABC):
     of_recording: ClassVar[bool] = False
     constants_of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
+    of_medium: ClassVar[bool] = False
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__

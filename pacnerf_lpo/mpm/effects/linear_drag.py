@@ -19,6 +19,7 @@ class LinearDrag(BodyForce):
 
     parameters = {"drag": Parameter("drag", "1/s", Identity(), (-100.0, 1000.0), "drag rate")}  # noqa: RUF012
     null = {"drag": 0.0}  # noqa: RUF012
+    of_medium = True
     signature = "all views see the body arrive late, and slower than free fall"
     confused_with = ("QuadraticDrag", "GravityMagnitude")
     separating_experiment = "a second drop from twice the height: quadratic drag doubles its share, gravity keeps it"

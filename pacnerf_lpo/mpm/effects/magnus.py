@@ -38,6 +38,7 @@ class Magnus(BodyForce):
     }
     null = {"magnus": 0.0}  # noqa: RUF012
     constants_of_recording = True
+    of_medium = True
     signature = "the path of a spinning body curves at a right angle to its velocity and to its spin"
     confused_with = ("UniformForce", "GravityMagnitude")
     separating_experiment = "a throw with the opposite spin, which turns this force round, and no wind or gravity"

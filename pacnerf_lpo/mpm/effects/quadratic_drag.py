@@ -20,6 +20,7 @@ class QuadraticDrag(BodyForce):
         "drag_per_length": Parameter("drag_per_length", "1/m", Identity(), (-10.0, 100.0), "drag per length")
     }
     null = {"drag_per_length": 0.0}  # noqa: RUF012
+    of_medium = True
     signature = "all views see the body arrive late, the more so the faster it falls"
     confused_with = ("LinearDrag", "GravityMagnitude")
     separating_experiment = "a second drop from twice the height: quadratic drag doubles its share, linear does not"

@@ -23,6 +23,7 @@ class UniformForce(BodyForce):
         for name in ("push_x", "push_z")
     }
     null = {"push_x": 0.0, "push_z": 0.0}  # noqa: RUF012
+    of_medium = True
     signature = "the body drifts sideways along a parabola from frame 0 on, in all views"
     confused_with = ("CentralForce", "CameraRotation")
     separating_experiment = "a plumb line in the picture tells tilt from wind; a second start position, a central force"

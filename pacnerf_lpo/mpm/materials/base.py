@@ -18,7 +18,8 @@ from pacnerf_lpo.mpm.tensors import Tensor3
 class Material(ABC):
     """A constitutive law with the initial guess of its parameters.
 
-    Subclasses list ``parameters`` and give :meth:`coefficients` and :meth:`law`; no adjoint is to be written.
+    Subclasses list ``parameters`` and give :meth:`coefficients` and :meth:`law`; no adjoint is to be written. Where it
+    does not deform (``deforms``), only forces on the body act on it.
 
     Args:
         guess: initial value of every parameter [SI].
@@ -30,6 +31,7 @@ class Material(ABC):
     parameters: ClassVar[dict[str, Parameter]]
     family: ClassVar[str] = ""
     """How a person calls matter of this kind, such as elastic."""
+    deforms: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
         where = type(self).__name__

@@ -25,7 +25,7 @@ function logTicks(low, high) {
 }
 
 /* Lines over a common x axis.
-   options: series [{label, x, y, colour, dash, faint}], bands [{label, from, to}], log, zero, truth (a level), truthLabel, height, xLabel, format(y),
+   options: series [{label, x, y, colour, dash, faint, dots: no line}], bands [{label, from, to}], log, zero, truth (a level), truthLabel, height, xLabel, format(y),
    range: {x, low, high} shaded behind the lines, direct: labels at the ends of the lines, continuous: x is no count, cursor, pick(x). */
 function lineChart(host, options) {
   host.textContent = "";
@@ -74,10 +74,11 @@ function lineChart(host, options) {
   for (const series of options.series) {
     const points = series.x.map((x, i) => [x, series.y[i]]).filter((p) => usable(p[1]));
     const path = points.map((p, i) => `${i ? "L" : "M"}${toX(p[0]).toFixed(1)},${toY(p[1]).toFixed(1)}`).join("");
-    svgElement("path", { class: "curve", d: path, stroke: series.colour, "stroke-dasharray": series.dash || "none",
+    if (series.dots) for (const p of points) svgElement("circle", { cx: toX(p[0]), cy: toY(p[1]), r: 2, fill: series.colour }, svg);
+    else svgElement("path", { class: "curve", d: path, stroke: series.colour, "stroke-dasharray": series.dash || "none",
       opacity: series.faint ? 0.3 : 1 }, svg);
     if (points.length) ends.push([toX(points[points.length - 1][0]), toY(points[points.length - 1][1]), series]);
-    if (points.length < 25) for (const p of points) {
+    if (points.length < 25 && !series.dots) for (const p of points) {
       const dot = svgElement("circle", { cx: toX(p[0]), cy: toY(p[1]), r: 2.4, fill: series.colour }, svg);
       svgElement("title", {}, dot, `${series.label}: ${number(p[1])} at ${p[0]}`);
     }

@@ -1,6 +1,7 @@
 /* Measured | model before | model after | signed difference, computed here from the outlines; with linked sliders. */
 (() => {
   const images = DATA.images, loaded = new Map();
+  if (!DATA.views.length) return;
   const names = images.stages.length > 1 ? ["model before", "model with the effect"] : ["model"];
   const panels = ["measured", ...names.map((_, i) => `model-${i}`), "difference"];
   const captions = ["measured", ...names, "difference"];

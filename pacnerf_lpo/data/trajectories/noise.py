@@ -1,0 +1,109 @@
+"""How large and how lasting the errors of measured positions are, from what no smooth force could do.
+
+A track x(t) is a smooth path and an error. The path is that of an acceleration which changes evenly in time, a cubic;
+what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a
+tracker does which follows an edge. Their variances and the time are those that make what is left most likely
+(restricted maximum likelihood, Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so
+that noise is rather found too large than too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+from scipy.optimize import minimize
+
+ORDER = 3
+"""Of the smooth path."""
+LEAST_SIGMA = 1e-5
+"""[m]"""
+LEAST_FREE = 3
+"""Samples more than smooth paths have coefficients: fewer tell no noise."""
+MOST_SHARE = 0.99
+"""Of the variance that may last: something is always new in a sample, its last digit if nothing else."""
+SHARES = (0.05, 0.5, 0.95)
+"""Of the variance that lasts: where the search for the most likely one begins."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Errors of one coordinate.
+
+    white: standard deviation of the part that is new in every sample [m]
+    slow: of the part that lasts [m];  lasting: for how long, its correlation falls by e [s]
+    """
+
+    white: float
+    slow: float
+    lasting: float
+
+    def covariance(self, times: np.ndarray) -> np.ndarray:
+        """[m^2, (F, F)] at some times [s, (F,)]."""
+        gap = np.abs(times[:, None] - times)
+        return self.white**2 * np.eye(len(times)) + self.slow**2 * np.exp(-gap / self.lasting)
+
+    def draw_slow(self, times: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """One realisation of the part that lasts [m, (F,)]."""
+        gap = np.abs(times[:, None] - times)
+        root = np.linalg.cholesky(np.exp(-gap / self.lasting) + 1e-9 * np.eye(len(times)))
+        return self.slow * root @ random.standard_normal(len(times))
+
+
+def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
+    """Of one coordinate, in all recordings that were made in the same way: a few dozen samples alone tell little of it.
+
+    Args:
+        tracks: times [s, (F,)] and values [m, (F,)] of each. A track with fewer samples than a smooth path has
+            coefficients tells nothing; where all are such, noise counts as a millimetre.
+    """
+    told = [_Left.of(times, values) for times, values in tracks if len(times) > ORDER + 1]
+    free = sum(len(one.rest) for one in told)
+    if free < LEAST_FREE:
+        return Noise(1e-3, 0.0, 1.0)
+    shortest = float(np.median(np.concatenate([np.diff(one.times) for one in told])))
+    longest = float(np.median([one.times[-1] - one.times[0] for one in told])) / 2
+
+    def lasting(place: float) -> float:
+        return shortest * max(longest / shortest, 1.0) ** place
+
+    def square(share: float, place: float) -> tuple[float, float]:
+        """Of what is left in units of a total of one, and the logarithm of the determinant."""
+        made = Noise(np.sqrt(1 - share), np.sqrt(share), lasting(place))
+        found = [one.square(made) for one in told]
+        return sum(size for size, _ in found), sum(logarithm for _, logarithm in found)
+
+    def cost(point: np.ndarray) -> float:
+        """Twice the negative logarithm of the likelihood, at the most likely total."""
+        size, logarithm = square(*point)
+        return free * float(np.log(max(size, 1e-300))) + logarithm
+
+    bounds = [(0.0, MOST_SHARE), (0.0, 1.0)]
+    tried = [minimize(cost, (share, 0.3), method="L-BFGS-B", bounds=bounds) for share in SHARES]
+    share, place = min(tried, key=lambda found: found.fun).x
+    total = float(np.sqrt(square(share, place)[0] / free))
+    return Noise(
+        max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place))
+    )
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What the best smooth path leaves of a track: coordinates ``rest`` along an orthonormal ``basis``."""
+
+    times: np.ndarray
+    basis: np.ndarray
+    rest: np.ndarray
+
+    @staticmethod
+    def of(times: np.ndarray, values: np.ndarray) -> _Left:
+        paths = polynomial.polyvander((times - times[0]) / (times[-1] - times[0]), ORDER)
+        basis = np.linalg.svd(paths, full_matrices=True)[0][:, paths.shape[1] :]
+        return _Left(times, basis, basis.T @ values)
+
+    def square(self, noise: Noise) -> tuple[float, float]:
+        """In units of a noise, and the logarithm of the determinant of its covariance."""
+        shape = self.basis.T @ noise.covariance(self.times) @ self.basis
+        return float(self.rest @ np.linalg.solve(shape, self.rest)), float(np.linalg.slogdet(shape)[1])

@@ -1,0 +1,194 @@
+"""The scene of a measured flight: ``scene.yaml`` and ``track.csv`` in a folder, and a folder of such folders.
+
+``track.csv`` has the columns time_s, x_m, y_m and z_m, y up; what was not measured is empty.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.files import read_values
+from pacnerf_lpo.data.recordings.recording import GRAVITY
+from pacnerf_lpo.data.shapes import Shape, named_shape
+from pacnerf_lpo.data.trajectories.flight import Direction, Findings
+from pacnerf_lpo.data.trajectories.noise import Noise
+from pacnerf_lpo.data.trajectories.tables import read_table
+from pacnerf_lpo.data.trajectories.trajectory import AXES, Trajectory, check_trajectory
+from pacnerf_lpo.errors import UserInputError
+
+NAME, TRACK = "scene.yaml", "track.csv"
+SECTION = "flight"
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The body as the user described it.
+
+    shape: class of a shape, or a mesh file.
+    size: extents [m], see :func:`~pacnerf_lpo.data.shapes.named_shape`.
+    mass: [kg]
+    """
+
+    shape: str
+    size: tuple[float, ...]
+    mass: float
+
+    @staticmethod
+    def stated(source: str, shape: str | None, size: Sequence[float] | None, mass: float | None) -> Solid:
+        """What the user said of the body.
+
+        Raises:
+            UserInputError: something is missing.
+        """
+        given = {"--shape": shape, "--size": size or Path(shape or "").suffix, "--mass": mass}
+        missing = [name for name, value in given.items() if value is None or value == ""]
+        if missing:
+            raise UserInputError(
+                f"{source}: positions without a video need the body: {', '.join(missing)} missing, for example --shape "
+                "Ball --size 0.04 --mass 0.0027 (metres and kilograms)"
+            )
+        return Solid(str(shape), tuple(size or ()), float(mass or 0.0))
+
+    def make(self) -> Shape:
+        """The shape."""
+        return named_shape(self.shape, self.size)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene as it was read.
+
+    one: the flight in metres, y up, from 0 s on.
+    solid: the body.
+    held: whether it is held at first.
+    noise: of every coordinate, None where it was not measured.
+    guess: start, velocity and release [SI]
+    gravity: [m/s^2, (3,)]
+    """
+
+    one: Trajectory
+    solid: Solid
+    held: bool
+    noise: tuple[Noise | None, ...]
+    guess: dict[str, float]
+    gravity: tuple[float, float, float]
+
+
+def is_scene(folder: Path) -> bool:
+    """Whether a folder is the scene of a measured flight."""
+    path = folder / NAME
+    return path.is_file() and (folder / TRACK).is_file()
+
+
+def scenes_in(folder: Path) -> list[Path]:
+    """The scene in a folder, or those in its folders; none where it is something else."""
+    if is_scene(folder):
+        return [folder]
+    return sorted(path for path in folder.iterdir() if path.is_dir() and is_scene(path)) if folder.is_dir() else []
+
+
+def write_scene(
+    folder: Path, found: Findings, solid: Solid, noise: Sequence[Noise | None], direction: Direction, spin_why: str
+) -> Path:
+    """Write ``scene.yaml`` and ``track.csv``; returns the path of the first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    one = found.one
+    with (folder / TRACK).open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time_s", *(f"{axis}_m" for axis in AXES)])
+        for time, position in zip(one.times, one.positions, strict=True):
+            writer.writerow([f"{time:.6f}", *("" if math.isnan(x) else f"{x:.6f}" for x in position)])
+    seen = [axis for axis, known in zip(AXES, noise, strict=True) if known is not None]
+    spin = "null" if one.spin is None else _list(one.spin.tolist())
+    path = folder / NAME
+    path.write_text(
+        f"""\
+# Written by pacnerf-lpo init from {one.source}, recording {one.name}.
+# Every value can be changed. Positions in {TRACK} are in metres and seconds, y up: {one.how}.
+# up: {direction.why}
+# scale: 1 unit of the recording = {direction.scale:g} m, {direction.scale_why}
+# measured: {", ".join(seen)} in {len(one.times)} samples until {found.end.value:.4g} s; {found.end.why}
+{SECTION}:
+  shape: {solid.shape} # stated
+  size: {_list(solid.size)} # m, stated
+  mass: {solid.mass:g} # kg, stated
+  held: {str(found.held[0]).lower()} # whether it is held at first and let go later; {found.held[1]}
+  spin: {spin} # rad/s; {spin_why}
+  noise: # m, s: what is new in a sample, what lasts, and how long; estimated from all recordings of the source
+{_noise(noise)}
+  guess: # m, m/s and s; where the fit starts, from the samples themselves
+{_lines(found.guess)}
+physics:
+  gravity: [0.0, {-GRAVITY}, 0.0] # m/s^2; assumed
+  effects: [] # forces that the model has from the beginning, such as {{class_path: QuadraticDrag}}
+"""
+    )
+    return path
+
+
+def read_scene(folder: Path) -> Scene:
+    """What :func:`write_scene` has written, with what a person has changed in it.
+
+    Raises:
+        UserInputError: a value is missing or cannot be used.
+    """
+    path = folder / NAME
+    content = read_values(path)
+    section = content.get(SECTION) if isinstance(content, dict) else None
+    if not isinstance(section, dict):
+        raise UserInputError(f"{path}: has no section {SECTION}; make the scene again with pacnerf-lpo init")
+    try:
+        solid = Solid(str(section["shape"]), tuple(float(x) for x in section["size"]), float(section["mass"]))
+        spin = None if section.get("spin") is None else np.array(section["spin"], float).reshape(3)
+        noise = tuple(_one_noise(section["noise"].get(axis)) for axis in AXES)
+        guess = {name: float(value) for name, value in section["guess"].items()}
+        gravity = tuple(float(x) for x in content["physics"]["gravity"])
+        held = bool(section["held"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UserInputError(f"{path}: {SECTION} cannot be read ({error}); mend it as init has written it") from None
+    (one,) = read_table(folder / TRACK)
+    check_solid(solid, str(path))
+    named = Trajectory(folder.name, one.times, one.positions, str(folder / TRACK), 1.0, True, spin)
+    return Scene(check_trajectory(named), solid, held, noise, guess, gravity)  # type: ignore[arg-type]
+
+
+def check_solid(solid: Solid, where: str) -> None:
+    """Raise UserInputError for a body that cannot be."""
+    if not (math.isfinite(solid.mass) and solid.mass > 0):
+        raise UserInputError(f"{where}: mass = {solid.mass:g} kg; give the body's weight in kilograms")
+    if not all(math.isfinite(x) and x > 0 for x in solid.size):
+        raise UserInputError(f"{where}: size = {_list(solid.size)}; give positive lengths in metres")
+    solid.make()
+
+
+def _one_noise(entry: Any) -> Noise | None:
+    return None if entry is None else Noise(float(entry["white"]), float(entry["slow"]), float(entry["lasting"]))
+
+
+def _noise(noise: Sequence[Noise | None]) -> str:
+    return "\n".join(
+        f"    {axis}: {{white: {_number(one.white)}, slow: {_number(one.slow)}, lasting: {_number(one.lasting)}}}"
+        for axis, one in zip(AXES, noise, strict=True)
+        if one is not None
+    )
+
+
+def _lines(values: dict[str, float]) -> str:
+    return "\n".join(f"    {name}: {_number(value)}" for name, value in values.items())
+
+
+def _number(value: float) -> str:
+    """As YAML reads it: a number needs a point before its exponent."""
+    text = f"{value:.6g}"
+    return text.replace("e", ".0e", 1) if "e" in text and "." not in text else text
+
+
+def _list(values: Sequence[float]) -> str:
+    return "[" + ", ".join(_number(value) for value in values) + "]"

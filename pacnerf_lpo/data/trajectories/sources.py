@@ -1,0 +1,120 @@
+"""From files of positions to scenes of measured flights: what ``init`` does where there are no cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from pacnerf_lpo.data.trajectories.flight import find_direction, investigate, noises, outlying
+from pacnerf_lpo.data.trajectories.markers import read_c3d, read_clouds
+from pacnerf_lpo.data.trajectories.scene import Solid, check_solid, write_scene
+from pacnerf_lpo.data.trajectories.tables import read_spins, read_table
+from pacnerf_lpo.data.trajectories.trajectory import Trajectory, check_trajectory
+from pacnerf_lpo.errors import UserInputError
+
+TABLES = (".csv", ".tsv", ".txt")
+MARKERS = ".c3d"
+Result = TypeVar("Result")
+
+
+def holds_positions(source: Path) -> bool:
+    """Whether a source is a file of positions, or a folder of nothing else."""
+    if source.is_file():
+        return source.suffix.lower() in (*TABLES, MARKERS)
+    inside = [path for path in source.iterdir() if not path.name.startswith(".")] if source.is_dir() else []
+    kinds = {path.suffix.lower() for path in inside if path.is_file()}
+    alone = bool(kinds) and all(path.is_file() for path in inside)
+    return alone and (kinds <= {*TABLES, MARKERS} or kinds == {".ply"})
+
+
+def read_source(source: Path, fps: float | None, spins: Path | None) -> list[Trajectory]:
+    """All recordings of a file, or of all files in a folder.
+
+    Args:
+        source: a CSV or C3D file, a folder of such files, or a folder of PLY clouds.
+        fps: samples a second where files count frames.
+        spins: CSV with the measured spin of recordings; None: there is none.
+
+    Raises:
+        UserInputError: a file cannot be read, or its positions cannot be used.
+    """
+    if not source.exists():
+        raise UserInputError(f"{source}: there is no such file or folder; give the one with the positions")
+    if source.is_dir() and any(source.glob("*.ply")):
+        found = [read_clouds(source, fps)]
+    else:
+        paths = [source] if source.is_file() else sorted(source.iterdir())
+        paths = [p for p in paths if spins is None or p.resolve() != spins.resolve()]
+        paths = [p for p in paths if p.suffix.lower() in (*TABLES, MARKERS)]
+        if not paths:
+            raise UserInputError(f"{source}: holds no CSV, C3D or PLY file with positions")
+        found = [one for p in paths for one in ([read_c3d(p)] if p.suffix.lower() == MARKERS else read_table(p, fps))]
+    return found if spins is None else _turning(found, spins)
+
+
+def _turning(found: Sequence[Trajectory], path: Path) -> list[Trajectory]:
+    """The recordings with the spins of a file: by their names, or by the numbers in them."""
+    spins = read_spins(path)
+    numbered = {int(name): spin for name, spin in spins.items() if name.isdigit()}
+    with_spin = []
+    for one in found:
+        spin = spins.get(one.name, numbered.get(int(one.name)) if one.name.isdigit() else None)
+        if spin is None:
+            raise UserInputError(
+                f"{path}: has no row for the recording {one.name}; it has {', '.join(list(spins)[:5])} ..."
+            )
+        with_spin.append(replace(one, spin=np.array(spin)))
+    return with_spin
+
+
+def _each(step: Callable[[Trajectory], Result], recordings: Sequence[Trajectory]) -> tuple[list[Result], list[str]]:
+    """A step for every recording, and what is said against those for which it failed; an error where that is all."""
+    found, against = [], []
+    for one in recordings:
+        try:
+            found.append(step(one))
+        except UserInputError as error:
+            against.append(f"left out: {error}")
+    if not found:
+        raise UserInputError(against[0].removeprefix("left out: "))
+    return found, against
+
+
+def make_scenes(
+    recordings: Sequence[Trajectory], folder: Path, solid: Solid, up: str | None, unit: str | None, start: str | None
+) -> tuple[list[Path], list[str]]:
+    """Write a scene for every recording: into the folder itself, or into one of its own for each of several. Of
+    several, those that cannot be used are left out.
+
+    Returns:
+        The folders, and a sentence for each recording that was left out.
+
+    Raises:
+        UserInputError: the body cannot be, or what the recordings say of direction, unit and flight contradicts it.
+    """
+    check_solid(solid, "init")
+    usable, left_out = _each(check_trajectory, recordings)
+    direction = find_direction(usable, up, unit)
+    found, short = _each(lambda one: investigate(one, direction, start), usable)
+    left_out += short
+    odd = outlying(found)
+    left_out += [
+        f"left out: {f.one.name} is no smooth path, unlike the others"
+        for f, is_odd in zip(found, odd, strict=True)
+        if is_odd
+    ]
+    found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
+    noise = noises(found)
+    why = (
+        "measured, in the axes of this scene"
+        if recordings[0].spin is not None
+        else "not measured; give it with --spins"
+    )
+    folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
+    for path, flight in zip(folders, found, strict=True):
+        write_scene(path, flight, solid, noise, direction, why)
+    return folders, left_out
