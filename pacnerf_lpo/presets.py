@@ -71,8 +71,8 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
         UserInputError: no scene folder, or no such preset.
     """
     file = find_scene_file(folder)
-    given, rest = _take(words, "--preset")
-    own_dir, rest = _take(rest, "--outer_loop.run_dir")
+    given, rest = take_option(words, "--preset")
+    own_dir, rest = take_option(rest, "--outer_loop.run_dir")
     run_dir = Path(own_dir or folder / RUN)
     name, remarks = _choose(given or "auto", run_dir)
     preset = PRESETS[name]
@@ -144,7 +144,7 @@ def _method(files: Sequence[Path], file: Path, values: Mapping[str, Any]) -> tup
     return chosen, f"{METHOD} from {own} ({shown(file)}) to {chosen['class_path']}"
 
 
-def _take(words: Sequence[str], option: str) -> tuple[str | None, list[str]]:
+def take_option(words: Sequence[str], option: str) -> tuple[str | None, list[str]]:
     """The last value of an option, and the command line without it."""
     value, rest, split = None, [], list(words)
     while split:

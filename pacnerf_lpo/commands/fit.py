@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from copy import deepcopy
+from itertools import takewhile
 from pathlib import Path
 
 from pacnerf_lpo import cli
@@ -24,9 +25,14 @@ from pacnerf_lpo.presets import stack
 
 
 def run(args: Sequence[str]) -> int:
-    """Run the command; returns its exit status. Its first word may be a scene folder."""
-    if not args or args[0].startswith("-"):
+    """Run the command; returns its exit status. Its first word may be a scene folder, and several are a study."""
+    scenes = list(takewhile(lambda word: not word.startswith("-"), args))
+    if not scenes:
         return cli.fit(args, VideoData, Physics, doubt, finish)
+    if len(scenes) > 1:
+        from pacnerf_lpo.commands import study  # which fits each of them by this function
+
+        return study.run(scenes, args[len(scenes) :])
     stacked = stack(Path(args[0]), args[1:])
     for remark in stacked.remarks:
         print(remark)

@@ -182,10 +182,6 @@ def compare(
     )
 
 
-def _replicated(progress: Progress, count: int, number: int) -> None:
-    progress(f"replicate {number} of {count}")
-
-
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
     """Whether two models show the body within a node spacing of the same place in every frame, on average over it: what
     is finer than that no grid resolves, and the same causes move both alike.

@@ -128,3 +128,36 @@ def test_a_scene_in_millimetres_is_told_axes_and_units(scene: Path, made, capsys
     assert fit(scene) == 2
     said = capsys.readouterr().err
     assert "no training view sees the box" in said and "most likely axes or units differ: y must point up" in said
+
+
+def test_several_scenes_are_reconstructed_and_identified_together(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    other, asked = shutil.copytree(scene, tmp_path / "higher"), []
+    monkeypatch.setattr(diagnose, "run", lambda *runs, **options: asked.append((*runs, options)))
+    both = str(tmp_path / "both")
+    assert main(["fit", str(scene), str(other), "--out", both, "--preset", "cpu", *TINY]) == 0
+    assert asked == [([str(scene), str(other)], {"until": "compare", "out": both})]
+    for folder in (scene, other):
+        stages = Run(folder / "run").stages
+        assert [stage.record.phase for stage in stages][:2] == ["static", "velocity"]
+        assert "physics" not in [stage.record.phase for stage in stages]
+
+
+@pytest.mark.parametrize(
+    ("names", "words", "said"),
+    [
+        (("drop", "drop2"), (), "give a folder for what they share with --out"),
+        (("drop", "drop"), ("--out", "both"), "is given twice; a study is of different recordings"),
+        (("drop", "nowhere"), ("--out", "both"), "nowhere: no such folder; make a scene of a recording"),
+        (("drop", "drop2"), ("--out", "both", "--outer_loop.run_dir=x"), "--outer_loop.run_dir is for one scene"),
+    ],
+)
+def test_mistakes_in_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch, names, words, said):
+    monkeypatch.chdir(tmp_path)
+    for name in ("drop", "drop2"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "scene.yaml").write_text("data: {}\n")
+    assert main(["fit", *names, *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.glob("*/run")) and not (tmp_path / "both").exists()
