@@ -29,6 +29,9 @@ class FakePhysics:
         self.material = material
         self.guess = {"E": material.E, "nu": material.nu}
 
+    def known(self, values: dict[str, float]) -> dict[str, float]:
+        return values
+
 
 class FakeData(pl.LightningDataModule):
     def __init__(self, root: str):

@@ -51,7 +51,7 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         ),
         (MATERIAL.format("FakeMaterial", "E: stiff"), "line 5: physics.material.E: expected float, got stiff"),
         (MATERIAL.format("FakeMaterial", "E: -1e5"), "E = -100000 Pa is not a possible Young's modulus"),
-        ("phases:\n  static:\n    class_path: FakePhse\n", "phases.static: there is no FakePhse; known are FakePhase"),
+        ("phases:\n  static:\n    class_path: FakePhse\n", "phases.static: there is no FakePhse; known are "),
         ("data: [a: {\n", "mine.yaml, line 2: not valid YAML"),
         ("just words\n", "mine.yaml: expected sections"),
         ("outer_loop:\n  rounds: ${nowhere.rounds}\n", "outer_loop.rounds refers to nowhere.rounds, which is not set"),

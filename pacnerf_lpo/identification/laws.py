@@ -28,7 +28,7 @@ from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
-from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_occam_factor, log_odds
+from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_odds
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials.auto import Auto
@@ -65,7 +65,6 @@ class Trial:
     known: every value at its best fit so far, velocity included [SI]; none before it was fitted.
     coarse: mean square of the coarse body's residual at its best fit, in units of what is presumed of its error.
     cost: of the standardised residual, with the priors' terms.
-    occam: logarithm of the part of its prior that the data leave.
     log_odds: against the best law;  probability: of it among those that were compared.
     held_out: standardised error of what was not fitted, beside that of the noise; 1 where the law is right.
     left_out: why it was not compared to the end; empty where it was.
@@ -77,7 +76,6 @@ class Trial:
     known: dict[str, float] | None = None
     coarse: float | None = None
     cost: float | None = None
-    occam: float | None = None
     log_odds: float | None = None
     probability: float = 0.0
     held_out: float | None = None
@@ -272,7 +270,6 @@ class Competition:
             began,
             known=model.physical(found.free),
             cost=found.cost_of(objective.rows),
-            occam=log_occam_factor(np.zeros((int(mask.sum()), 0)), objective.standardised(found)),
             held_out=max(held.times_noise, 0.0) ** 0.5,
         )
 
@@ -291,9 +288,13 @@ class Competition:
         return found
 
     def _judge(self, _: Watch) -> None:
-        """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates."""
+        """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates.
+
+        The flexibility of a law costs no odds, as it does among effects: a yield stress that is never met can be large
+        or larger, which the slope at one value of it does not tell. The rule that the simplest is used takes its place.
+        """
         left = {name: trial for name, trial in self.trials.items() if trial.cost is not None}
-        contenders = [Contender(n, t.cost or 0.0, t.occam or 0.0, 0.0) for n, t in left.items()]
+        contenders = [Contender(n, t.cost or 0.0, 0.0, 0.0) for n, t in left.items()]
         noise = self._noise(self.problem.fitted)
         scale = max(1.0, float(np.mean(check_fitted(noise, noise.mean).replicates))) ** 0.5
         odds = log_odds(contenders, int(self.problem.fitted.sum()), scale)

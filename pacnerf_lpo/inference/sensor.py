@@ -15,9 +15,10 @@ def sensor_scale(residual: np.ndarray, errors: np.ndarray, sensor: np.ndarray) -
     """Factor on the presumed standard deviation of the sensor noise.
 
     A second difference in time of white noise has six times its variance, and hardly anything of a smooth motion. What
-    the model itself errs by is smaller than the presumed noise in *quiet* entries: those before contact, as a rule. The
-    factor is the one with which half of their squares are below the median of chi-squared, so that neither a contact
-    nor a missing effect passes for noise unless it moves most of them. 1 where less than thirty are quiet.
+    the model itself errs by is smaller than the presumed noise in *quiet* entries: those before contact, as a rule. Of
+    the frames that have such entries the first half counts, as what a model lacks grows with time, and a contact may
+    come earlier than the model says. The factor is the one with which half of the squares are below the median of
+    chi-squared. 1 where less than thirty entries are left.
 
     Args:
         residual: measured minus predicted [(V, F, K)], NaN where there is none, in frame 0 in a way of its own
@@ -29,6 +30,8 @@ def sensor_scale(residual: np.ndarray, errors: np.ndarray, sensor: np.ndarray) -
     numerical = np.broadcast_to(np.nan_to_num(numerical, nan=np.inf).mean(0), numerical.shape)
     squares = _fast(residual - bias, sensor) ** 2
     quiet = (numerical < 1) & np.isfinite(squares)
+    frames = np.flatnonzero(quiet.any(axis=(0, 2)))
+    quiet[:, frames[(len(frames) + 1) // 2 :]] = False
     if quiet.sum() < LEAST_ENTRIES:
         return 1.0
     ratios = squares[quiet] / ((1 + 1 / count) * numerical[quiet] + FACTORS[:, None] ** 2)

@@ -269,7 +269,7 @@ def test_the_search_covers_the_decades(data, state):
     module = PhysicsIDModule(HIT, method(scan_decades=2.0))
     module.attach(data, physics(E=1e4))
     module.import_state(state.with_(physics={}))
-    spans = module.method._spans(module, Misfit(module, 400).model)
+    spans = module.method.span(module)
     assert spans["E"] == (2.0, 6.0)
     assert "v_y" not in spans
 

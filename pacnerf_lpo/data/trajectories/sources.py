@@ -16,7 +16,9 @@ from pacnerf_lpo.data.trajectories.tables import read_spins, read_table
 from pacnerf_lpo.data.trajectories.trajectory import Trajectory, check_trajectory
 from pacnerf_lpo.errors import UserInputError
 
-TABLES = (".csv", ".tsv", ".txt")
+TABLES = (".csv", ".tsv")
+NOTES = ".txt"
+"""A table where it is the source itself; in a folder, what somebody has noted beside the tables."""
 MARKERS = ".c3d"
 Result = TypeVar("Result")
 
@@ -24,9 +26,9 @@ Result = TypeVar("Result")
 def holds_positions(source: Path) -> bool:
     """Whether a source is a file of positions, or a folder of nothing else."""
     if source.is_file():
-        return source.suffix.lower() in (*TABLES, MARKERS)
+        return source.suffix.lower() in (*TABLES, NOTES, MARKERS)
     inside = [path for path in source.iterdir() if not path.name.startswith(".")] if source.is_dir() else []
-    kinds = {path.suffix.lower() for path in inside if path.is_file()}
+    kinds = {path.suffix.lower() for path in inside if path.is_file()} - {NOTES}
     alone = bool(kinds) and all(path.is_file() for path in inside)
     return alone and (kinds <= {*TABLES, MARKERS} or kinds == {".ply"})
 
@@ -49,7 +51,7 @@ def read_source(source: Path, fps: float | None, spins: Path | None) -> list[Tra
     else:
         paths = [source] if source.is_file() else sorted(source.iterdir())
         paths = [p for p in paths if spins is None or p.resolve() != spins.resolve()]
-        paths = [p for p in paths if p.suffix.lower() in (*TABLES, MARKERS)]
+        paths = [p for p in paths if source.is_file() or p.suffix.lower() in (*TABLES, MARKERS)]
         if not paths:
             raise UserInputError(f"{source}: holds no CSV, C3D or PLY file with positions")
         found = [one for p in paths for one in ([read_c3d(p)] if p.suffix.lower() == MARKERS else read_table(p, fps))]

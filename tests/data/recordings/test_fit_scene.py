@@ -19,7 +19,8 @@ from pacnerf_lpo.outer_loop import OuterLoop
 from tests.data.recordings.studio import CONTACT
 
 SMOKE = Path(__file__).parents[2] / "smoke.yaml"
-TINY = ("--config", str(SMOKE), "--phases.correction=null")
+ELASTIC = ("--physics.material=NeoHookean", "--physics.material.E=1e5", "--physics.material.nu=0.3")
+TINY = ("--config", str(SMOKE), "--phases.correction=null", *ELASTIC)
 
 
 @pytest.fixture
