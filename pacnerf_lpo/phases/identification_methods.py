@@ -234,6 +234,8 @@ class GaussNewton(IdentificationMethod):
         module.misfit.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
         self._views = module.fixed_views(self._frames, self.views_per_frame)
+        if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
+            optimiser.param_groups[0]["damping"] = optimiser.defaults["damping"]
         model = optimiser.step(lambda: self._normal_equations(module))
         return model.loss
 

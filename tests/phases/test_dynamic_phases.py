@@ -109,6 +109,23 @@ def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
     torch.testing.assert_close(found.velocity[0], torch.tensor(VELOCITY), rtol=0, atol=0.05)
 
 
+def test_steps_that_failed_on_early_frames_do_not_shorten_those_on_all(monkeypatch):
+    """The damping that no coarse step could pass is not carried into the main stage."""
+    method, seen = GaussNewton(scan_decades=0.0), []
+    module = SimpleNamespace(
+        misfit=SimpleNamespace(pool=0), warm_up_end=2, frames_at=lambda step: FRAMES, fixed_views=lambda *_: []
+    )
+    optimiser = torch.optim.SGD([torch.zeros(1, requires_grad=True)], lr=1.0)
+    optimiser.defaults["damping"] = 0.01
+    optimiser.param_groups[0]["damping"] = 150.0
+    monkeypatch.setattr(
+        optimiser, "step", lambda _: seen.append(optimiser.param_groups[0]["damping"]) or SimpleNamespace(loss=1.0)
+    )
+    for step in range(4):
+        method.iterate(module, optimiser, step)
+    assert seen == [150.0, 150.0, 0.01, 0.01]
+
+
 def test_the_fall_is_not_rendered_again_for_another_stiffness(data, state, monkeypatch):
     """The normal equations are the same where it is; only velocity probes need the frames before contact again."""
     method = GaussNewton(scan_decades=0.0, pool=1)
