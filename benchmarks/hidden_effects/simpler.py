@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from pacnerf_lpo.diagnosis.rounds import Round
+from pacnerf_lpo.diagnosis.rounds import Round, leaves_more
 from pacnerf_lpo.diagnosis.screening import masks
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.decision import LEVEL
@@ -131,4 +131,4 @@ def _verdict(problem: Problem, rounds: Sequence[Round], rule: Callable[..., str 
             break
     if named:
         return {"kind": "camera" if all("@" in name for name in named) else "missing", "effects": named}
-    return {"kind": "unknown" if rounds[0].check.p_value < LEVEL else "nothing", "effects": []}
+    return {"kind": "unknown" if leaves_more(rounds[0]) else "nothing", "effects": []}

@@ -46,7 +46,7 @@ def test_a_rule_goes_on_only_with_what_the_diagnosis_has_chosen(stable, small_th
 
 
 def test_what_no_candidate_explains_is_unknown(stable, small_threads):
-    problem = falling.Falling({"drag": 4.0})
+    problem = falling.Falling({"drag": 2.0})
     found = round_of(problem, problem.first_guess)
     for family in (found.probes.inside, found.probes.outside):
         family.clear()

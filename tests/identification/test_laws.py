@@ -80,12 +80,12 @@ def unstable(monkeypatch) -> Callable[[type[Material]], None]:
 class Dropped(Falling):
     """A ball of some law, and a model that does not know it."""
 
-    def __init__(self, law: Material):
+    def __init__(self, law: Material, seed: int = 0):
         super().__init__({})
         self.physics = self.physics.of(law)
         true = self.model((), {**law.guess, **TRUE_V})
         measured = true.observe(motion(true, true.start), true.start)
-        self.measured = measured + self.sensor * np.random.default_rng(0).standard_normal(measured.shape)
+        self.measured = measured + self.sensor * np.random.default_rng(seed).standard_normal(measured.shape)
         self.physics = self.physics.of(Auto(list(CANDIDATES)))
 
     @property
@@ -103,15 +103,17 @@ def finished(one: Competition) -> Competition:
     "true", [NeoHookean(E=6e4), Newtonian(mu=8.0, kappa=6e4), VonMises(E=6e4, tau_y=600.0)], ids=lambda law: law.family
 )
 def test_the_right_law_is_named(true, unstable):
-    found = finished(Competition(Dropped(true)))
-    assert found.chosen.law == type(true).__name__
-    if not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
-        assert [trial.law for trial in found.alike] == [found.chosen.law]
-    stiff = "kappa" if isinstance(true, Newtonian) else "E"
-    # a lower ground and a stiffer ball look nearly the same, so a factor of four is what outlines tell here
-    assert np.log10(found.chosen.known[stiff] / true.guess[stiff]) == pytest.approx(0.0, abs=0.6)
-    assert sum(trial.probability for trial in found.trials.values()) == pytest.approx(1.0)
-    assert found.chosen.held_out == pytest.approx(1.0, abs=0.6)
+    errors, stiff = [], "kappa" if isinstance(true, Newtonian) else "E"
+    for seed in range(3):
+        found = finished(Competition(Dropped(true, seed)))
+        assert found.chosen.law == type(true).__name__
+        if seed == 0 and not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
+            assert [trial.law for trial in found.alike] == [found.chosen.law]
+        assert sum(trial.probability for trial in found.trials.values()) == pytest.approx(1.0)
+        assert found.chosen.held_out == pytest.approx(1.0, abs=0.6)
+        errors.append(abs(np.log10(found.chosen.known[stiff] / true.guess[stiff])))
+    # a lower ground and a stiffer ball look nearly the same, so a factor of two is what outlines tell here
+    assert np.median(errors) < 0.35
 
 
 def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstable):
