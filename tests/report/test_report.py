@@ -8,7 +8,6 @@ import io
 import json
 import re
 import shutil
-import subprocess
 from html.parser import HTMLParser
 
 import numpy as np
@@ -23,6 +22,7 @@ from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
 from pacnerf_lpo.report.html import write_report
 from pacnerf_lpo.report.sections import doubt_list
 from pacnerf_lpo.report.verdict import judge
+from tests.report.browser import dom
 
 
 @pytest.fixture(scope="module")
@@ -160,14 +160,7 @@ setTimeout(() => {
 
 
 def test_sliders_heat_map_and_viewer_work_in_a_browser(page, tmp_path):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no chromium here")
-    probe = tmp_path / "probe.html"
-    probe.write_text(page.replace("</body>", PROBE))
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=4000", "--dump-dom"]
-    dom = subprocess.run([*command, probe.as_uri()], capture_output=True, text=True, timeout=120).stdout
-    seen = re.search(r'data-seen="([^"]*)"', dom).group(1)
+    seen = re.search(r'data-seen="([^"]*)"', dom(page, PROBE, tmp_path)).group(1)
     errors, first, second = json.loads(html.unescape(seen))
     assert errors == []
     assert first == {"view": 2, "frame": 3, "label": "training 4"}

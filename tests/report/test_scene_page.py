@@ -6,7 +6,6 @@ import html
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from pacnerf_lpo.report import overlay
 from pacnerf_lpo.report.scene_page import write_scene_page
 from tests.data.recordings.layouts import WRITERS
 from tests.data.recordings.studio import CONTACT, FRAMES, NAMES, SIZE, VIEWS
+from tests.report.browser import dom
 from tests.report.test_report import Balance
 
 LARGEST = 8e6
@@ -216,15 +216,8 @@ setTimeout(() => {
 
 @pytest.mark.parametrize("width", [1400, 500])
 def test_layers_pictures_and_space_work_in_a_browser(page, tmp_path, width):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no chromium here")
-    probe = tmp_path / "probe.html"
-    probe.write_text(page.replace("</body>", PROBE))
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=4000", "--dump-dom"]
-    command += [f"--window-size={width},900", probe.as_uri()]
-    dom = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
-    found = json.loads(html.unescape(re.search(r'data-seen="([^"]*)"', dom)[1]))
+    seen_page = dom(page, PROBE, tmp_path, f"--window-size={width},900")
+    found = json.loads(html.unescape(re.search(r'data-seen="([^"]*)"', seen_page)[1]))
     errors, hidden, opened, following, still_open, turned, fits, curves = found
     assert errors == []
     assert hidden and turned and fits and not still_open
