@@ -96,11 +96,7 @@ class Model:
 
     def physical(self, free: np.ndarray) -> dict[str, float]:
         """Every parameter in SI units at these free coordinates [(K,)]."""
-        found = {
-            parameter.name: float(parameter.transform.to_physical(torch.tensor(float(value), dtype=torch.float64)))
-            for parameter, value in zip(self.unknowns, free, strict=True)
-        }
-        return {**self.known, **found}
+        return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
 
     def restart(self) -> None:
         """Forget which time step earlier motions needed: the next one begins with the model's own."""

@@ -181,6 +181,13 @@ class StudyProblem(Problem):
     def point_kinds(self) -> np.ndarray:
         return np.concatenate([problem.point_kinds for problem in self.recordings])
 
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of all recordings, each as it says."""
+        parts = [one.noise_parts(self.part_of(sensor, number)) for number, one in enumerate(self.recordings)]
+        widest = max(shared.shape[-1] for _, shared in parts)
+        padded = [np.pad(shared, (*[(0, 0)] * 3, (0, widest - shared.shape[-1]))) for _, shared in parts]
+        return self.join([own for own, _ in parts]), self.join(padded)
+
     @property
     def pixel(self) -> float:
         """The mean of the recordings."""
@@ -284,6 +291,9 @@ class StudyModel(Model):
         paths = [model.path(own) for model, own in self._own(free)]
         frames = self.shape[1]
         return torch.cat([torch.cat((p, p[-1:].expand(frames - len(p), -1, -1))) for p in paths], dim=1)
+
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        return self.stack.join([model.predict(own) for model, own in self._own(free)])
 
     def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
         paths = path.split([len(model.body.positions) for model in self.models], dim=1)

@@ -1,14 +1,19 @@
 """How large and how lasting the errors of measured positions are, from what no smooth force could do.
 
 A track x(t) is a smooth path and an error. The path is that of an acceleration which changes evenly in time, a cubic;
-what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a
-tracker does which follows an edge. Their variances and the time are those that make what is left most likely
-(restricted maximum likelihood, Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so
-that noise is rather found too large than too small.
+what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a camera
+in a hand, of a lens, or of a tracker which follows an edge. What lasts has a velocity, as whatever moves a camera or a
+picture has one: its covariance is that of Matern with smoothness 3/2 (Rasmussen and Williams, Gaussian Processes for
+Machine Learning, 2006, equation 4.17), under which the tracks of hand-held videos and of a motion capture with cameras
+are more likely than under an exponential one. A rougher one takes too little of it for slow changes, which is what a
+force looks like. Variances and the time are those that make what is left most likely (restricted maximum likelihood,
+Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so that noise is rather found too
+large than too small.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,23 +38,30 @@ class Noise:
     """Errors of one coordinate.
 
     white: standard deviation of the part that is new in every sample [m]
-    slow: of the part that lasts [m];  lasting: for how long, its correlation falls by e [s]
+    slow: of the part that lasts [m];  lasting: for how long: its correlation falls to a half [s]
     """
 
     white: float
     slow: float
     lasting: float
 
+    @property
+    def size(self) -> float:
+        """Standard deviation of both [m]."""
+        return math.hypot(self.white, self.slow)
+
     def covariance(self, times: np.ndarray) -> np.ndarray:
         """[m^2, (F, F)] at some times [s, (F,)]."""
-        gap = np.abs(times[:, None] - times)
-        return self.white**2 * np.eye(len(times)) + self.slow**2 * np.exp(-gap / self.lasting)
+        return self.white**2 * np.eye(len(times)) + self.slow**2 * self._correlation(times)
 
-    def draw_slow(self, times: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """One realisation of the part that lasts [m, (F,)]."""
-        gap = np.abs(times[:, None] - times)
-        root = np.linalg.cholesky(np.exp(-gap / self.lasting) + 1e-9 * np.eye(len(times)))
-        return self.slow * root @ random.standard_normal(len(times))
+    def slow_root(self, times: np.ndarray) -> np.ndarray:
+        """A with A A^T = the covariance of the part that lasts [m, (F, F)]."""
+        return self.slow * np.linalg.cholesky(self._correlation(times) + 1e-9 * np.eye(len(times)))
+
+    def _correlation(self, times: np.ndarray) -> np.ndarray:
+        """Of the part that lasts [(F, F)]."""
+        gap = np.sqrt(3.0) * np.abs(times[:, None] - times) / self.lasting
+        return (1 + gap) * np.exp(-gap)
 
 
 def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
