@@ -3,9 +3,9 @@
     python -m benchmarks.simulated_drops --work runs/simulated
 
 writes ``results/simulated_drops.json`` and the page made of it. The simulator shares nothing with the model: small
-midpoint steps, another frame rate for each ball, and errors of four kinds that the noise model does not have as they
-are: of the scale, of the perspective, of the hand (white jerks of the camera's direction, which a person slowly
-corrects) and of the tracker.
+midpoint steps, another frame rate for each ball, time stamps that are off by a few milliseconds, and errors of four
+kinds that the noise model does not have as they are: of the scale, of the perspective, of the hand (a sway of many
+frequencies and a random walk) and of the tracker.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from pacnerf_lpo.data.trajectories.scene import scenes_in
 RESULTS = Path(__file__).parent / "results"
 GRAVITY = 9.81
 STEP = 1e-3
+SWAYS = 8
+JITTER = 2e-3
+"""Of the time stamps [s]."""
 KINDS = {"no air": None, "drag": (0.011, 0.06)}
 """Between which coefficients of quadratic drag one is drawn [1/m]: those that the real balls seem to have, from the
 basketball to the lightest whiffle ball."""
@@ -71,21 +74,19 @@ def heights(drop: Drop, drag: float, random: np.random.Generator, lowest: float 
     share = (y[0] - y) / (y[0] - y[-1])
     fall = y[0] - y[-1]
     wrong = fall * (drop.scale * share + 4 * drop.bend * share * (1 - share)) + hand(t, drop, random)
-    return t, y + wrong + drop.white * random.standard_normal(len(t))
+    stamps = t + np.append(0.0, JITTER * random.uniform(-1, 1, len(t) - 1))
+    return stamps, y + wrong + drop.white * random.standard_normal(len(t))
 
 
 def hand(times: np.ndarray, drop: Drop, random: np.random.Generator) -> np.ndarray:
-    """A damped oscillator that white noise drives [m, (F,)]: the direction of a camera that a person holds."""
-    step, rate = 1e-2, 1.7 / drop.lasting
-    size = 2 * rate**1.5 * drop.hand  # of the driving noise, for a stationary standard deviation of ``drop.hand``
-    x, v = drop.hand * random.standard_normal(), rate * drop.hand * random.standard_normal()
-    found, at = [], 0.0
-    for time in times:
-        while at < time:
-            v += step * (-2 * rate * v - rate**2 * x) + size * np.sqrt(step) * random.standard_normal()
-            x, at = x + step * v, at + step
-        found.append(x)
-    return np.array(found)
+    """Errors of the direction of a camera that a person holds [m, (F,)]: sway with amplitudes that fall as the inverse
+    frequency, and a random walk, half of the variance each.
+    """
+    frequency = np.exp(random.uniform(*np.log((0.3 / drop.lasting, 3.0)), SWAYS))
+    waves = np.sin(2 * np.pi * frequency * times[:, None] + random.uniform(0, 2 * np.pi, SWAYS)) / frequency
+    sway = waves.sum(1) / np.sqrt((1 / frequency**2).sum() / 2)
+    walk = np.append(0.0, np.sqrt(np.diff(times)) * random.standard_normal(len(times) - 1)).cumsum()
+    return drop.hand * (sway + walk / np.sqrt(drop.lasting)) / np.sqrt(2)
 
 
 def write(folder: Path, seed: int, span: tuple[float, float] | None) -> tuple[float, list[Drop]]:
