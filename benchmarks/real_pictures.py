@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.report.flights import ALIGNED, CLEAR
+
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 DPI = 80
 GREY, BLUE, RED = "#999999", "#1f5fa8", "#b5402a"
@@ -83,13 +85,13 @@ def _throws(groups: dict[str, dict[str, Any]]) -> None:
         at += len(values) + 2
     left.set(ylim=(-0.1, 0.4), xlabel="flight", ylabel="quadratic drag [1/m]", title="each flight; bands: the groups")
     sides = [one for result in groups.values() for one in result["flights"] if one.get("side")]
-    clear = [one["side"]["size"] > 3 * one["side"]["error"] for one in sides]
-    for kept, colour, label in ((True, RED, "more than 3 errors"), (False, GREY, "less")):
+    clear = [one["side"]["size"] > CLEAR * one["side"]["error"] for one in sides]
+    for kept, colour, label in ((True, RED, "more than twice its error"), (False, GREY, "less")):
         shown = _angles([one for one, other in zip(sides, clear, strict=True) if other is kept])
         right.plot(*shown, "o", ms=4, color=colour, label=label)
     right.set(xscale="log", ylim=(-5, 185), xlabel="measured |spin x velocity| [m/s²]")
     right.set(ylabel="angle [°]", title="side force found without the spin against spin x velocity")
-    right.axhspan(0, 45, color=BLUE, alpha=0.1, lw=0)
+    right.axhspan(0, ALIGNED, color=BLUE, alpha=0.1, lw=0)
     right.legend(frameon=False, fontsize=8, loc="upper right")
     _save(figure, "table_tennis.png")
 

@@ -23,6 +23,8 @@ MAGNUS = "Magnus"
 LARGE = 0.5
 """Spin x velocity is large where it reaches this part of the median of all flights: a spin that was measured wrong can
 be far larger than any other."""
+CLEAR = 2.0
+"""A side force is clear from so many times its error on."""
 ALIGNED = 45.0
 """Two directions agree within this angle [degrees]."""
 
@@ -99,16 +101,15 @@ def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
     if not told:
         return None
     large = _large(told)
-    clear = [one for one in large if one["side"]["size"] > 3 * one["side"]["error"]]
+    clear = [one for one in large if one["side"]["size"] > CLEAR * one["side"]["error"]]
     with_it = sum(one["side"]["angle"] < ALIGNED for one in clear)
     against = sum(one["side"]["angle"] > 180 - ALIGNED for one in clear)
     least = min(one["spin_times_velocity"] for one in large)
     return (
         f"Direction of the force by spin: spin x velocity is large, at least {least:.0f} m/s², in {len(large)} of "
-        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than three "
-        f"times its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in "
-        f"{against} (as where the spin was measured with the wrong sense), elsewhere in "
-        f"{len(clear) - with_it - against}."
+        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than twice its "
+        f"error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in {against} (as "
+        f"where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
     )
 
 
