@@ -107,8 +107,8 @@ def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
     least = min(one["spin_times_velocity"] for one in large)
     return (
         f"Direction of the force by spin: spin x velocity is large, at least {least:.0f} m/s², in {len(large)} of "
-        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than twice its "
-        f"error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in {against} (as "
+        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than twice "
+        f"its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in {against} (as "
         f"where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
     )
 
