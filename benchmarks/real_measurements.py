@@ -32,6 +32,8 @@ BALLS = {
 }
 """The files, and what balls.txt calls the balls."""
 OUNCE = 0.0283495
+REPLICATES = 8
+"""Simulated nulls: the noise of positions is known, so that few are enough."""
 GROUP = 20
 """Flights that are diagnosed together; the last ones are a group if they are more than half as many."""
 TABLE_TENNIS = ("0.04", "0.0027")
@@ -48,7 +50,7 @@ def diagnosed(scenes: Sequence[Path], out: Path) -> dict[str, Any]:
     """Row of the table for some scenes as one study."""
     began = time.monotonic()
     if not (out / "diagnosis" / "diagnosis.html").is_file():
-        run("diagnose", *scenes, "--out", out, "--jobs", 1)
+        run("diagnose", *scenes, "--out", out, "--jobs", 1, "--replicates", REPLICATES)
     result = json.loads((out / "diagnosis" / "diagnosis.json").read_text())
     last = result["rounds"][-1]
     shown = [p for p in last["parameters"] if "@" not in p["name"] or p["name"].startswith("release")]
