@@ -14,7 +14,6 @@ from pacnerf_lpo.diagnosis.contributions import estimates, steady_forces
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import RigidProblem
-from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.report.diagnosis_markup import table, text
 from pacnerf_lpo.report.diagnosis_stages import Stage
 from pacnerf_lpo.report.wording import readable
@@ -39,7 +38,7 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
     parts = [problem.parts(stage.effects, stage.known) for stage in stages]
     own = estimates(problem, rounds)
     turning = next((done for done in rounds if done.accepted is not None and done.accepted.name == MAGNUS), None)
-    forces = steady_forces(problem, turning) if turning is not None and isinstance(problem, StudyProblem) else []
+    forces = steady_forces(problem, turning) if turning is not None and not problem.deforms else []
     for number, part in enumerate(parts[0]):
         recording = part.recording
         if not isinstance(recording, RigidProblem):
