@@ -33,7 +33,7 @@ BALLS = {
 """The files, and what balls.txt calls the balls."""
 OUNCE = 0.0283495
 REPLICATES = 8
-"""Simulated nulls: the noise of positions is known, so that few are enough."""
+"""Simulated nulls of twenty flights: the noise of so many positions is known well, so that few are enough."""
 GROUP = 20
 """Flights that are diagnosed together; the last ones are a group if they are more than half as many."""
 TABLE_TENNIS = ("0.04", "0.0027")
@@ -46,11 +46,11 @@ def run(*words: object) -> None:
         raise RuntimeError(f"failed: {' '.join(map(str, words))}")
 
 
-def diagnosed(scenes: Sequence[Path], out: Path) -> dict[str, Any]:
-    """Row of the table for some scenes as one study."""
+def diagnosed(scenes: Sequence[Path], out: Path, *options: object) -> dict[str, Any]:
+    """Row of the table for some scenes as one study, by options of ``diagnose``."""
     began = time.monotonic()
     if not (out / "diagnosis" / "diagnosis.html").is_file():
-        run("diagnose", *scenes, "--out", out, "--jobs", 1, "--replicates", REPLICATES)
+        run("diagnose", *scenes, "--out", out, "--jobs", 1, *options)
     result = json.loads((out / "diagnosis" / "diagnosis.json").read_text())
     last = result["rounds"][-1]
     shown = [p for p in last["parameters"] if "@" not in p["name"] or p["name"].startswith("release")]
@@ -91,7 +91,8 @@ def flights(data: Path, work: Path) -> list[dict[str, Any]]:
         run("init", data, scene, *body, "--spins", data / "index.csv")
     folders = scenes_in(scene)
     groups = [folders[at : at + GROUP] for at in range(0, max(len(folders) - GROUP // 2, 1), GROUP)]
-    return [diagnosed(group, work / "diagnoses" / f"flights_{k}") for k, group in enumerate(groups, 1)]
+    out, options = work / "diagnoses", ("--replicates", REPLICATES)
+    return [diagnosed(group, out / f"flights_{k}", *options) for k, group in enumerate(groups, 1)]
 
 
 def page(result: dict[str, Any]) -> str:

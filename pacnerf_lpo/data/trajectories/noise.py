@@ -6,9 +6,9 @@ in a hand, of a lens, or of a tracker which follows an edge. What lasts has a ve
 picture has one: its covariance is that of Matern with smoothness 3/2 (Rasmussen and Williams, Gaussian Processes for
 Machine Learning, 2006, equation 4.17), under which the tracks of hand-held videos and of a motion capture with cameras
 are more likely than under an exponential one. A rougher one takes too little of it for slow changes, which is what a
-force looks like. Variances and the time are those that make what is left most likely (restricted maximum likelihood,
-Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so that noise is rather found too
-large than too small.
+force looks like. Variances are those that make what is left most likely (restricted maximum likelihood, Patterson and
+Thompson 1971), and so is the time, or the longest one that is about as likely. What a force bends more than a cubic
+counts as error, so that noise is rather found too large than too small.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy.optimize import minimize
+from scipy.optimize import minimize_scalar
 
 ORDER = 3
 """Of the smooth path."""
@@ -29,8 +29,11 @@ LEAST_FREE = 3
 """Samples more than smooth paths have coefficients: fewer tell no noise."""
 MOST_SHARE = 0.99
 """Of the variance that may last: something is always new in a sample, its last digit if nothing else."""
-SHARES = (0.05, 0.5, 0.95)
-"""Of the variance that lasts: where the search for the most likely one begins."""
+PLACES = 13
+"""Times that errors may last, from that between two samples to half a track, evenly in their logarithm."""
+OPEN = 1.0
+"""Of times that a few tracks hardly tell apart, by twice the logarithm of their likelihoods (one standard error), the
+longest is believed: too slow an error widens intervals, too fast a one makes a force of what is none."""
 
 
 @dataclass(frozen=True)
@@ -87,14 +90,20 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
         found = [one.square(made) for one in told]
         return sum(size for size, _ in found), sum(logarithm for _, logarithm in found)
 
-    def cost(point: np.ndarray) -> float:
+    def cost(share: float, place: float) -> float:
         """Twice the negative logarithm of the likelihood, at the most likely total."""
-        size, logarithm = square(*point)
+        size, logarithm = square(share, place)
         return free * float(np.log(max(size, 1e-300))) + logarithm
 
-    bounds = [(0.0, MOST_SHARE), (0.0, 1.0)]
-    tried = [minimize(cost, (share, 0.3), method="L-BFGS-B", bounds=bounds) for share in SHARES]
-    share, place = min(tried, key=lambda found: found.fun).x
+    tried = [
+        (
+            place,
+            minimize_scalar(cost, bounds=(0.0, MOST_SHARE), args=(place,), method="bounded", options={"xatol": 3e-3}),
+        )
+        for place in np.linspace(0.0, 1.0, PLACES)
+    ]
+    least = min(found.fun for _, found in tried)
+    place, share = max((place, found.x) for place, found in tried if found.fun <= least + OPEN)
     total = float(np.sqrt(square(share, place)[0] / free))
     return Noise(
         max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place))
