@@ -1,4 +1,5 @@
-"""What the residual does where body or resolution are wrong: directions of the noise, beside what replicates show.
+"""What the residual does where body, resolution or opacity are wrong: directions of the noise, beside what replicates
+show.
 
 A few replicates show the size of such errors, but hardly any of their directions. So each of some smooth errors of the
 shape and of the matter moves once, by as much as it may be wrong.
@@ -24,6 +25,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
+OPAQUE = 3.3
+"""Optical depth of opaque particles beside the model's: with it one layer of them covers nine tenths, not half."""
 PLACES, BUMP, DENT = 16, 0.7, 2.0
 """Dents: how many, how wide beside how far they leave any particle, and how deep beside an error that is everywhere. A
 side that no camera of the reconstruction sees is thicker than the rest; smooth fields over the whole body do not tell
@@ -49,11 +52,16 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
     return of_each(problem, [_of_recording(part, problem.part_of(reference, n)) for n, part in enumerate(parts)])
 
 
-def resolution_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
-    """Change of the residual of each recording [(R, F, 11, number of recordings)] when its body is coarser.
+def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
+    """Changes of the residual of each recording [(R, F, 11, 2 or 1 for each)] when its body is coarser, and, where
+    cameras show it, when its particles are opaque.
 
     The error of a method of order p at node spacing h is C h^p, and the step to 1.4 h changes it by (1.4^p - 1) C h^p:
     the whole error for p = 2, two fifths of it for p = 1. Replicates, with spacings of 0.78 h and more, show a fifth.
+
+    A surface is half transparent in the model, and where it is does not matter while the body is thick, as residuals
+    are relative to frame 0. A sheet or a spray thinner than the spacing is opaque in a matte, and hardly there in the
+    model.
 
     Args:
         problem, effects, free, model: as for :func:`shape_errors`.
@@ -63,9 +71,13 @@ def resolution_errors(problem: Problem, effects: Sequence[Effect], free: np.ndar
     """
     reference, changes = model.predict(free), []
     for number, part in enumerate(problem.parts(effects, model.physical(free))):
-        coarse = part.recording.coarse_model(part.effects, part.known)
-        change = coarse.predict(coarse.start) - problem.part_of(reference, number)
-        changes.append(part.recording.relative(change)[..., None])
+        others = [part.recording.coarse_model(part.effects, part.known)]
+        if part.recording.views:
+            others.append(part.model)
+            others[-1].opacity = OPAQUE
+        own = problem.part_of(reference, number)
+        seen = [part.recording.relative(other.predict(other.start) - own) for other in others]
+        changes.append(np.stack(seen, axis=-1))
     return of_each(problem, changes)
 
 
