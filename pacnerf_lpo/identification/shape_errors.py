@@ -8,7 +8,6 @@ shape and of the matter moves once, by as much as it may be wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -20,17 +19,15 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import each
-from pacnerf_lpo.identification.replicates import distortion
+from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
 OPAQUE = 3.3
 """Optical depth of opaque particles beside the model's: with it one layer of them covers nine tenths, not half."""
-PLACES, BUMP, DENT = 16, 0.7, 2.0
-"""Dents: how many, how wide beside how far they leave any particle, and how deep beside an error that is everywhere. A
-side that no camera of the reconstruction sees is thicker than the rest; smooth fields over the whole body do not tell
-that."""
+LOCAL = 2.0
+"""Size of an error in one place beside one that is everywhere."""
 
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
@@ -108,7 +105,7 @@ def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     """The coarse body of a problem with one smooth error each: displacements of first and second order that are
-    together about ``sigma`` [m], surfaces moved inwards by about as much, dents here and there, and matter that is
+    together about ``sigma`` [m], surfaces moved inwards by about as much, places moved by more, and matter that is
     denser here than there.
     """
     body = problem.coarse_body
@@ -128,35 +125,12 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
                 return sigma * polynomials(points, body.positions)[order][number]
 
             yield problem.thinned(offset)
-    centres, reach = spread(body.positions, PLACES)
-    for centre in centres:
-        yield problem.thinned(partial(_dent, centre, BUMP * reach, DENT * sigma))
+    for bump in bumps(body):
+        for axis in axes:
+            yield Body(body.positions + LOCAL * sigma * bump[:, None] * axis, body.fraction, body.spacing)
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
         fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
         yield Body(body.positions, fraction, body.spacing)
-
-
-def _dent(centre: Tensor, width: float, depth: float, points: Tensor) -> Tensor:
-    """Depth at places [m, (N, 3) to (N,)] of a Gaussian dent."""
-    return depth * (-0.5 * (points - centre).square().sum(1) / width**2).exp()
-
-
-def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
-    """
-    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
-    distance = (positions - positions[chosen[0]]).norm(dim=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
-    return positions[chosen], float(distance.max())
 
 
 def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:
