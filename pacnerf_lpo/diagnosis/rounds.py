@@ -36,6 +36,7 @@ class Round:
     screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
+    left_out: hypotheses whose model was unstable when it was examined: by name, a sentence that says so.
     alike: names that the recording does not tell apart from the accepted one, itself first.
     proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
@@ -58,6 +59,7 @@ class Round:
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
+    left_out: dict[str, str] = field(default_factory=dict)
     alike: list[str] = field(default_factory=list)
     proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)

@@ -66,9 +66,11 @@ class Model:
     Attributes:
         frames: only the first so many are simulated, in the rest everything stands still; None: all.
         motion: unknowns of the initial motion.
+        opacity: factor on the optical depth of the particles.
     """
 
     frames: int | None = None
+    opacity: float = 1.0
     motion: tuple[Parameter, ...] = VELOCITY
 
     def __init__(
@@ -145,7 +147,7 @@ class Model:
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
             pixels, depth = self._project(points, view, observer)
             apart = self.video.intrinsics[view, 0, 0] * (self.body.spacing / 2) / depth.clamp_min(1e-3).mean(1)
-            seen.append(splat(pixels + MARGIN, self.body.fraction, size, apart))
+            seen.append(splat(pixels + MARGIN, self.opacity * self.body.fraction, size, apart))
         return torch.stack(seen)
 
     def _project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:

@@ -100,6 +100,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "effects": [name_of(effect) for effect in found.effects],
         "parameters": _intervals(found.parameters, unknowns),
         "notes": list(comparison.notes),
+        "left_out": list(found.left_out.values()),
         "undetermined": found.undetermined,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),

@@ -75,6 +75,17 @@ def test_a_hypothesis_that_is_never_stable_is_left_out(tmp_path, monkeypatch, sm
     assert "LinearDrag" not in found.names and found.kind in KINDS
 
 
+def test_an_effect_whose_model_cannot_be_examined_is_left_out_and_said_to_be(tmp_path, monkeypatch, small_threads):
+    """Drag is found, but replicates with it, on finer grids, are unstable: the verdict comes without it."""
+    fine = 0.95 * falling.SPACING
+    falling.install(monkeypatch, lambda model, _: "drag" in model.names and model.body.spacing < fine)
+    rounds = diagnosed(tmp_path)
+    assert "LinearDrag" not in verdict(rounds).names
+    assert rounds[0].left_out["LinearDrag"].startswith("LinearDrag explains what is missing, but its model cannot be")
+    again = diagnosed(tmp_path)  # from what was stored
+    assert (verdict(again), again[0].left_out) == (verdict(rounds), rounds[0].left_out)
+
+
 def test_a_base_model_that_is_never_stable_is_one_error(tmp_path, monkeypatch, small_threads):
     falling.install(monkeypatch, lambda *_: True)
     with pytest.raises(SimulationError, match="unstable from every start of the base fit"):
