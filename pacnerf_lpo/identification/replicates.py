@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
@@ -19,8 +18,7 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range."""
-PLACES, BUMP = 16, 0.7
-"""Where the shape may be wrong by itself: so many places, each as wide as 0.7 of how far they leave any particle."""
+WAVES = 3
 DENSITY_ERROR = 0.1
 """Of the reconstructed matter, from the centre to the rim."""
 TRIALS = 4
@@ -136,42 +134,22 @@ def _typical_squares(values: np.ndarray) -> np.ndarray:
 
 
 def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
-    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and by places that move on
-    their own, and with a matter that is denser on one side than on the other.
+    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and a few long waves, and with
+    a matter that is denser on one side than on the other.
     """
     positions = body.positions
     centre = positions.mean(0)
     extent = float((positions.amax(0) - positions.amin(0)).norm()) / 2
     relative = (positions - centre) / extent
     strain = torch.tensor(random.standard_normal((3, 3)), dtype=positions.dtype)
-    moves = torch.tensor(random.standard_normal((PLACES, 3)), dtype=positions.dtype)
-    moved = relative @ (strain + strain.T) / 2 + bumps(body).T @ moves
+    moved = relative @ (strain + strain.T) / 2
+    for _ in range(WAVES):
+        number, direction = random.standard_normal((2, 3))
+        phase = random.uniform(0, 2 * np.pi)
+        wave = torch.sin(relative @ torch.tensor(2 * number, dtype=positions.dtype) + phase)
+        moved = moved + wave[:, None] * torch.tensor(direction / np.sqrt(WAVES), dtype=positions.dtype)
     moved = moved - moved.mean(0)
     size = moved.square().sum(1).mean().sqrt().clamp_min(1e-9)
     lean = relative @ torch.tensor(random.standard_normal(3), dtype=positions.dtype)
     fraction = (body.fraction * (1 + DENSITY_ERROR * lean)).clamp_min(0.1 * body.fraction.min())
     return Body(positions + moved * (sigma / size), fraction, body.spacing)
-
-
-def bumps(body: Body) -> Tensor:
-    """Gaussians of height 1 around places all over a body, at its particles [(K, N)]."""
-    places, reach = spread(body.positions, PLACES)
-    return (-0.5 * torch.cdist(places, body.positions).square() / (BUMP * reach) ** 2).exp()
-
-
-def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
-    """
-    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
-    distance = (positions - positions[chosen[0]]).norm(dim=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
-    return positions[chosen], float(distance.max())

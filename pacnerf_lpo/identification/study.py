@@ -309,8 +309,8 @@ class StudyModel(Model):
 
 
 def divide(effect: Effect, recordings: Sequence[str]) -> Effect:
-    """The effect with coefficients of its own for every recording, each about as large as a probe: there are many, and
-    the body that they belong to is the same.
+    """The effect with coefficients of its own for every recording. Where constants were measured, and that with errors,
+    is why they differ, each is about as large as a probe: what they belong to is one body.
 
     Raises:
         UserInputError: it has no coefficient.
@@ -320,7 +320,8 @@ def divide(effect: Effect, recordings: Sequence[str]) -> Effect:
             f"{type(effect).__name__} has no coefficient, so it cannot differ from recording to recording"
         )
     found = copy(effect)
-    found.reach = 1.0
+    if effect.constants_of_recording:
+        found.reach = 1.0
     found.parameters = {name_in(n, r): p.of_recording(r) for r in recordings for n, p in effect.parameters.items()}
     found.null, found.guess = (
         {name_in(n, r): v for r in recordings for n, v in d.items()} for d in (effect.null, effect.guess)

@@ -88,7 +88,7 @@ def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.
             for change in hypothesis.alternatives:
                 found = Alternative.of(model, change)
                 counted = found.strengths**2 / (1 + found.strengths**2)
-                squares.append(float(counted @ (found.axes.T @ left) ** 2 / counted.sum()))
+                squares.append(float(counted @ (found.axes.T @ left) ** 2 / max(counted.sum(), 1e-300)))
             row.append(float(np.mean(squares)))
         rows.append(row)
     return np.array(rows)
