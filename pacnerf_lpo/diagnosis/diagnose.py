@@ -134,9 +134,13 @@ def investigate(
     if gone:
         kept = tuple(effect for effect in last.effects if effect not in gone)
         told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
-        last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
-        last.removed = [name_of(effect) for effect in gone]
-        rounds.append(last)
+        names = [name_of(effect) for effect in gone]
+        try:
+            last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
+            last.removed = names
+            rounds.append(last)
+        except SimulationError as error:
+            last.left_out |= dict.fromkeys(names, str(error))
     if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
         asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
         last.force = store.once(f"{len(rounds)}_force", asked)
@@ -235,7 +239,7 @@ def _leave_out(problem: Problem, found: Round, error: SimulationError) -> None:
     """Do without the refit that was taken over, whose model cannot be examined; the next best takes its place."""
     assert found.accepted is not None and found.screening is not None
     name = found.accepted.name
-    found.left_out[name] = f"{name} explains what is missing, but its model cannot be examined: {error}"
+    found.left_out[name] = str(error)
     found.refits = [again for again in found.refits if again.name != name]
     _select(problem, found, found.screening)
 

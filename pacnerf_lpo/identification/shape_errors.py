@@ -19,16 +19,15 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import each
-from pacnerf_lpo.identification.replicates import distortion
+from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
 OPAQUE = 3.3
 """Optical depth of opaque particles beside the model's: with it one layer of them covers nine tenths, not half."""
-PLACES, BUMP, LOCAL = 16, 0.7, 2.0
-"""Errors in one place: how many places, how wide beside how far they leave any particle, and how large beside an error
-that is everywhere. Smooth fields over the whole body do not tell what a side that few cameras see is like."""
+LOCAL = 2.0
+"""Size of an error in one place beside one that is everywhere."""
 
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
@@ -135,33 +134,6 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
         fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
         yield Body(body.positions, fraction, body.spacing)
-
-
-def bumps(body: Body) -> Tensor:
-    """Gaussians of height 1 around places all over a body, at its particles [(K, N)]; none is narrower than a node
-    spacing, as no grid would resolve it.
-    """
-    places, reach = spread(body.positions, min(PLACES, len(body.positions)))
-    width = max(BUMP * reach, body.spacing)
-    return (-0.5 * torch.cdist(places, body.positions).square() / width**2).exp()
-
-
-def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
-    """
-    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
-    distance = (positions - positions[chosen[0]]).norm(dim=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
-    return positions[chosen], float(distance.max())
 
 
 def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:

@@ -110,9 +110,7 @@ class Parameter:
     rate: float = 0.1
 
     def physical(self, free: float) -> float:
-        """The value at a free coordinate."""
-        if isinstance(self.transform, Identity):
-            return float(free)
+        """The value at a free coordinate [SI; degrees for angles]."""
         return float(self.transform.to_physical(torch.tensor(float(free), dtype=torch.float64)))
 
     def typical(self, pressure: float, time: float) -> float | None:

@@ -11,15 +11,8 @@ from torch import Tensor
 
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
-from pacnerf_lpo.identification.shape_errors import (
-    LOCAL,
-    MATTER_ERROR,
-    PLACES,
-    bumps,
-    polynomials,
-    spread,
-    wrong_bodies,
-)
+from pacnerf_lpo.identification.replicates import PLACES, bumps, distorted, spread
+from pacnerf_lpo.identification.shape_errors import LOCAL, MATTER_ERROR, polynomials, wrong_bodies
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState
@@ -101,6 +94,14 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
     assert float(apart.min()) >= reach - 1e-6
 
 
+def test_layers_are_taken_away_or_put_on(ball):
+    """An even one first, then those that lean and curve."""
+    thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.coarse_body.positions)]
+    assert len(thinner) == 10
+    lost = ball.coarse_body.volume - thinner[0].volume
+    assert lost == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
+
+
 def test_every_place_moves_along_every_axis_by_itself(ball):
     positions = ball.coarse_body.positions
     places = spread(positions, PLACES)[0]
@@ -115,6 +116,17 @@ def test_every_place_moves_along_every_axis_by_itself(ball):
     outer = int(places.norm(dim=1).argmax())
     opposite = positions @ places[outer] < -0.5 * float(places[outer].square().sum())
     assert float(local[3 * outer][opposite].norm(dim=1).max()) < 0.02 * LOCAL * SIGMA
+
+
+def test_a_distorted_body_moves_by_so_much_and_more_finely_than_it_bends(ball):
+    body = ball.coarse_body
+    linear, quadratic = polynomials(body.positions, body.positions)
+    smooth = torch.stack([torch.ones_like(linear[0]), *linear, *quadratic], dim=1)
+    for seed in range(3):
+        moved = distorted(body, SIGMA, np.random.default_rng(seed)).positions - body.positions
+        assert float(moved.square().sum(1).mean().sqrt()) == pytest.approx(SIGMA, rel=1e-4)
+        left = moved - smooth @ torch.linalg.lstsq(smooth, moved).solution
+        assert float(left.square().sum() / moved.square().sum()) > 0.05
 
 
 def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
