@@ -11,6 +11,7 @@ from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.smooth_force import AXES
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.intervals import LEAST_STRENGTH
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF
 
 
@@ -70,19 +71,22 @@ def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple
     return found
 
 
-def steady_forces(problem: Problem, done: Round) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For every recording of a rigid body: the steady acceleration that would explain what the model of a round leaves
-    of it, by least squares [m/s^2, (3,)], and its covariance [(3, 3)]. Where it points is not presumed.
+def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For every recording of a rigid body: the steady acceleration that does what an effect of the last model does
+    there, by least squares [m/s^2, (3,)], and its covariance [(3, 3)]. Where it points is not presumed.
     """
-    found = []
+    comparison, found = last.comparison, []
+    without = problem.model(last.effects, {**comparison.known, **effect.null})
+    residual = problem.residual(without.predict(without.start))
+    others = ~np.isin(comparison.names, list(effect.parameters))
     for number in range(len(problem.parts((), {}))):
         mask = _only(problem, number)
-        noise, force = done.comparison.marginal(problem, mask), done.comparison.force[mask]
+        moved = np.nan_to_num(comparison.jacobian[mask] * comparison.deviation)[:, others]
+        noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.force[mask]
         own = force[:, np.abs(force).max(0) > 0]
         columns = noise.whiten(own.reshape(len(own), -1, len(AXES)).sum(1))  # hats at all knots make a constant
         covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-10, hermitian=True)
-        left = noise.whiten_residual(done.comparison.residual[mask])
-        found.append((covariance @ columns.T @ left, covariance))
+        found.append((covariance @ columns.T @ noise.whiten_residual(residual[mask]), covariance))
     return found
 
 

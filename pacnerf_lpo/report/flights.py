@@ -37,8 +37,8 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
     stages = [shown[0], shown[-1]] if len(shown) > 1 else [shown[0]]
     parts = [problem.parts(stage.effects, stage.known) for stage in stages]
     own = estimates(problem, rounds)
-    turning = next((done for done in rounds if done.accepted is not None and done.accepted.name == MAGNUS), None)
-    forces = steady_forces(problem, turning) if turning is not None and not problem.deforms else []
+    turning = next((effect for effect in rounds[-1].effects if type(effect).__name__ == MAGNUS), None)
+    forces = [] if turning is None or problem.deforms else steady_forces(problem, rounds[-1], turning)
     for number, part in enumerate(parts[0]):
         recording = part.recording
         if not isinstance(recording, RigidProblem):

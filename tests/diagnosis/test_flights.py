@@ -70,7 +70,17 @@ def test_drag_is_named_in_drops_that_have_it_and_a_late_release_is_none(tmp_path
 
 
 def test_drag_and_then_the_force_by_spin_are_named_in_throws(tmp_path):
-    """Though one spin was measured with the wrong sense; the direction of the force shows which."""
+    spins = write_throws(tmp_path / "throws", 5, drag=0.15, magnus=4e-3)
+    result = diagnosed(tmp_path / "throws", "--spins", str(spins))
+    assert result["verdict"]["effects"] == ["QuadraticDrag", "Magnus"]
+    for name, true in [("drag_per_length", 0.15), *((f"magnus@{number:03d}", 4e-3) for number in range(5))]:
+        low, high = interval(result, name)
+        assert low < true < high
+    assert any(detail.startswith("Direction of the force by spin") for detail in result["verdict"]["details"])
+
+
+def test_a_spin_that_was_measured_with_the_wrong_sense_shows(tmp_path):
+    """By the direction of the force."""
     spins = write_throws(tmp_path / "throws", 6, drag=0.15, magnus=8e-3)
     head, *rows = spins.read_text().splitlines()
     name, *parts = rows[1].split(",")
@@ -78,17 +88,13 @@ def test_drag_and_then_the_force_by_spin_are_named_in_throws(tmp_path):
     spins.write_text("\n".join([head, *rows]) + "\n")
     result = diagnosed(tmp_path / "throws", "--spins", str(spins))
     assert set(result["verdict"]["effects"]) == {"QuadraticDrag", "Magnus"}
-    low, high = interval(result, "drag_per_length")
-    assert low < 0.15 < high
     signs = [1, -1, 1, 1, 1, 1]
-    inside = [
-        low < 8e-3 * sign < high for n, sign in enumerate(signs) for low, high in [interval(result, f"magnus@{n:03d}")]
-    ]
-    assert sum(inside) >= 5  # of six intervals of 90 %
+    for name, true in [("drag_per_length", 0.15), *((f"magnus@{n:03d}", 8e-3 * sign) for n, sign in enumerate(signs))]:
+        low, high = interval(result, name)
+        assert low < true < high
     sides = [flight["side"] for flight in result["flights"]]
     clear = [(side["angle"], sign) for side, sign in zip(sides, signs, strict=True) if side["size"] > 3 * side["error"]]
     assert len(clear) >= 2 and all(angle < 45 if sign > 0 else angle > 135 for angle, sign in clear)
-    assert any(detail.startswith("Direction of the force by spin") for detail in result["verdict"]["details"])
 
 
 def test_noise_that_lasts_is_known_and_not_learnt_from_replicates(tmp_path):

@@ -103,8 +103,8 @@ def finished(one: Competition) -> Competition:
     "true", [NeoHookean(E=6e4), Newtonian(mu=8.0, kappa=6e4), VonMises(E=6e4, tau_y=600.0)], ids=lambda law: law.family
 )
 def test_the_right_law_is_named(true, unstable):
-    """With what the recording tells of it: once a ball yields, that is its yield stress, and hardly its stiffness (chi^2
-    changes by less than 0.1 between 40 and 270 kPa).
+    """With what the recording tells: of a ball that yields the yield stress, and hardly the stiffness, as chi^2 changes
+    by less than 0.1 between 40 and 270 kPa.
     """
     told, within = {"elastic": ("E", 0.35), "viscous": ("kappa", 0.35), "plastic": ("tau_y", 0.05)}[true.family]
     for seed in range(3):

@@ -113,7 +113,7 @@ def test_an_object_that_is_cut_off(tmp_path):
     box = np.array([config["data"]["box_lower"], config["data"]["box_upper"]])
     expected = hull_bounds(START, RADIUS, rig()[:, :, 3])
     room = MARGIN * (expected[1] - expected[0]).max()
-    np.testing.assert_allclose(box, expected + [[-room], [room]], atol=0.025)
+    np.testing.assert_allclose(box, expected + room * np.array([[-1.0], [1.0]]), atol=0.025)
     heights = read_pac_nerf(scene).camera_to_world[:, 1, 3].numpy() - np.array([p[1, 3] for p in World().poses()])
     assert np.abs(heights).max() < 3e-3
 
