@@ -40,8 +40,7 @@ class Options:
     effects: at most so many are added.
     until: last step to do; of the first round only, unless it is refit.
     seed: of the replicates.
-    particles: the body is sampled by about so many; with few, errors of thin parts pass for effects: a bird of 2,500
-        seems to soften, one of 4,000 does not.
+    particles: the body is sampled by about so many.
     profile: an unknown whose interval is found by profile likelihood at the end, too.
     tracks: CSV of tracked points, and
     clouds: folder of point clouds, in place of the run's own; None: as the run has them.
