@@ -43,3 +43,7 @@ class RunError(RuntimeError):
 
 class Interrupted(BaseException):
     """The user (SIGINT) or the system (SIGTERM) asked the run to stop; the command line exits with status 130."""
+
+
+class Stopped(Exception):
+    """Whoever asked for a result does not want it any more; nothing is wrong, and what was computed before is kept."""

@@ -12,7 +12,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
 from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET
 from pacnerf_lpo.mpm.point import LocalLaws
-from pacnerf_lpo.mpm.runtime import Launcher
+from pacnerf_lpo.mpm.runtime import LAUNCHING, Launcher, heed
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
 MOST_NODES = 1 << 25
@@ -69,7 +69,8 @@ class Engine:
 
     def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
         """Forward and adjoint kernel for so many particles."""
-        return kernels.build(self._laws, self._dtype, self.cuda, not self.cuda and self.slices(particles) > 1)
+        with LAUNCHING:
+            return kernels.build(self._laws, self._dtype, self.cuda, not self.cuda and self.slices(particles) > 1)
 
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
@@ -117,7 +118,8 @@ class Run:
                 raise SimulationError(
                     index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells"
                 )
-            failures = self._advance(index, tape, grid)
+            with LAUNCHING:
+                failures = self._advance(index, tape, grid)
             if min(failures) == NOT_YET:
                 return
             self._momentum.zero_()
@@ -233,6 +235,7 @@ class Rollout(torch.autograd.Function):
         out = state.new_empty(frames, len(state), 3)
         out[0] = state[:, :3]
         for index in range(intervals):
+            heed()
             tape = tapes[index] = engine.tape(run) if index >= kept_from else scratch
             tape.states[0].copy_(latest)
             checkpoints.append(latest.clone() if recording else None)
@@ -255,7 +258,8 @@ class Rollout(torch.autograd.Function):
                 tape = engine.tape(run)
                 tape.states[0].copy_(ctx.checkpoints[index])
                 run.frame(index, tape)
-            run.frame_adjoint(index, tape)
+            with LAUNCHING:
+                run.frame_adjoint(index, tape)
             engine.give_back(tape)
         run.of_state[:, :3] += of_out[0]
         return None, None, None, run.of_state, run.of_constants, run.of_coefficients.sum(0).to(run.of_state)

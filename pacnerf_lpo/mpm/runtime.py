@@ -7,14 +7,16 @@ memory, so a kernel compiled once serves every number of particles, grid size an
 import contextlib
 import io
 import os
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import Stopped, UserInputError
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 import taichi as ti
@@ -24,6 +26,9 @@ REAL = {"f32": ti.f32, "f64": ti.f64}
 TORCH_REAL = {"f32": torch.float32, "f64": torch.float64}
 OPTIONS: dict[str, Any] = {"fast_math": False, "real_matrix_scalarize": False}
 """Vectors stay vectors down to LLVM: a 4-vector of a node is one SIMD register."""
+LAUNCHING = threading.RLock()
+"""A kernel has one set of bound arguments: threads of a process take turns, frame by frame of their rollouts."""
+_unwanted: ContextVar[Callable[[], bool]] = ContextVar("_unwanted", default=lambda: False)
 _started: dict[str, Any] = {}
 
 
@@ -60,6 +65,22 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
 def device() -> torch.device:
     """Where this process simulates and renders: what :func:`start` was given, else the CPU."""
     return torch.device(_started.get("kind", "cpu"))
+
+
+@contextlib.contextmanager
+def stoppable(unwanted: Callable[[], bool]) -> Iterator[None]:
+    """Let rollouts of this thread raise ``Stopped`` at the next frame once ``unwanted`` says so."""
+    token = _unwanted.set(unwanted)
+    try:
+        yield
+    finally:
+        _unwanted.reset(token)
+
+
+def heed() -> None:
+    """Raise Stopped where the rollout in progress is not wanted any more, see :func:`stoppable`."""
+    if _unwanted.get()():
+        raise Stopped("the simulation was stopped")
 
 
 def keep(value: Any) -> Any:

@@ -1,0 +1,1 @@
+"""The whole diagnosis, and what to record next, asked from a session."""

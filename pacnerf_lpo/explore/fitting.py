@@ -1,0 +1,1 @@
+"""Settings identified from the current model."""

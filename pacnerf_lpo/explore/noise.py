@@ -1,0 +1,102 @@
+"""What the residual may be where nothing is missing: as a diagnosis has stored it, or learnt once for the session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.comparison import Comparison, intervals
+from pacnerf_lpo.diagnosis.localising import floor, mean_of_outlines
+from pacnerf_lpo.diagnosis.store import DAMAGED, read
+from pacnerf_lpo.explore.catalogue import Catalogue
+from pacnerf_lpo.explore.records import Step
+from pacnerf_lpo.explore.source import Source
+from pacnerf_lpo.identification.processes import processes
+
+LEARNT = "explore_noise"
+"""Step of the store with what a session has learnt itself."""
+REPLICATES = 8
+"""As few simulated nulls as a diagnosis can do with."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """A fitted model of a stored diagnosis, and the noise around it.
+
+    effects: names of those of the model.
+    values: of all numbers [SI]
+    intervals: 90 % intervals [SI]
+    comparison: the model fitted.
+    """
+
+    effects: tuple[str, ...]
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    comparison: Comparison
+
+
+class Noise:
+    """The noise of a session.
+
+    Args:
+        source: problem and store.
+        catalogue: of its effects.
+    """
+
+    def __init__(self, source: Source, catalogue: Catalogue):
+        self.source, self.problem, self.catalogue = source, source.problem, catalogue
+        self.known = self._stored()
+
+    @property
+    def first(self) -> Known | None:
+        """The model of the run as the stored diagnosis has fitted it."""
+        installed = tuple(self.catalogue.installed)
+        return next((one for one in self.known if one.effects == installed and one.intervals), None)
+
+    def floor(self, step: Step) -> tuple[float, float] | None:
+        """Root mean square of the replicates in the fitted and the held-out data [the problem's unit]; None where none
+        were simulated yet.
+        """
+        if not self.known:
+            return None
+        variance = mean_of_outlines(floor(self.nearest(step).comparison)[1])
+        split, factor = self.problem.split, self.problem.unit[1]
+        parts = (variance[split.fitted], variance[split.held])
+        fitted, held = (factor * float(np.sqrt(np.nanmean(part))) if np.isfinite(part).any() else 0.0 for part in parts)
+        return fitted, held
+
+    def nearest(self, step: Step) -> Known:
+        """The noise that was learnt around the model most like a step: with as many of its effects as can be."""
+        return min(self.known, key=lambda one: len(set(one.effects) ^ set(step.effects)))
+
+    def _stored(self) -> list[Known]:
+        """Models that a diagnosis of the same data has fitted."""
+        store, found = self.source.store, []
+        for path in sorted((store.folder / "steps").glob(f"{store.key}_*compare.npz")):
+            try:
+                comparison = read(path)["result"]
+                known = self._as_known(comparison)
+            except DAMAGED:
+                continue
+            if known is not None:
+                found.append(known)
+        return found
+
+    def _as_known(self, comparison: Comparison) -> Known | None:
+        names = [name for name, e in self.catalogue.effects.items() if set(e.parameters) <= set(comparison.names)]
+        covered = {name for own in names for name in self.catalogue.effects[own].parameters}
+        own = set(self.problem.model((), self.problem.first_guess).names)
+        if set(comparison.names) - covered - own or comparison.residual.shape != self.problem.usable.shape:
+            return None  # it has an effect that this session does not know
+        found, _ = intervals(self.problem, self.catalogue.chosen(names), comparison)
+        ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
+        return Known(tuple(names), dict(comparison.known), ends, comparison)
+
+    @contextmanager
+    def working(self, jobs: int | None) -> Iterator[None]:
+        """Simulate in processes where bodies deform."""
+        with processes(jobs if self.problem.deforms else jobs or 1):
+            yield

@@ -1,0 +1,582 @@
+"""A session: a model that is changed step by step, and simulated at once beside what was measured."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.diagnose import Options
+from pacnerf_lpo.diagnosis.overlay import overlay
+from pacnerf_lpo.diagnosis.plan import Proposal
+from pacnerf_lpo.errors import SimulationError, Stopped, UserInputError
+from pacnerf_lpo.explore import asking, fitting, saving, suggesting, views
+from pacnerf_lpo.explore.catalogue import Catalogue
+from pacnerf_lpo.explore.history import History
+from pacnerf_lpo.explore.noise import Noise
+from pacnerf_lpo.explore.records import (
+    Camera,
+    Difference,
+    EffectInfo,
+    Errors,
+    Measured,
+    Motion,
+    Outlines,
+    Resolution,
+    Setting,
+    Step,
+    Suggestion,
+)
+from pacnerf_lpo.explore.simulate import Simulated, errors_of, out_of_sight, simulate
+from pacnerf_lpo.explore.source import Source, open_source
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.mpm.runtime import stoppable
+
+KEPT = 6
+"""Rollouts that are remembered; others are simulated again when they are looked at."""
+NOTICED = 0.02
+"""Share of the measured outlines and points that a model may lose sight of without a word."""
+Progress = Callable[[str], None]
+
+
+class Session:
+    """The model of a run, changed by hand or by a script.
+
+    Every change is a :class:`Step` of a history that is never shortened. All methods may be called from several
+    threads: changes are made one after the other, and one of ``suggest``, ``fit``, ``diagnose`` and ``plan`` runs at a
+    time, while settings can still be changed.
+
+    Values are in SI units, errors in :attr:`unit`. Of several recordings of one object, the motion, the cameras and the
+    pictures are asked for by the name or the number of the recording.
+
+    Example:
+        >>> session = Session.open("runs/demo_missing")  # doctest: +SKIP
+        >>> session.set("drag", 1.5).held_out  # doctest: +SKIP
+    """
+
+    def __init__(self, source: Source, listed: str | None = None, jobs: int | None = None):
+        """Use :meth:`open`. Raises UserInputError, SimulationError."""
+        self.source, self.problem, self.jobs = source, source.problem, jobs
+        self.history = History()
+        self._base = dict(self.problem.first_guess)
+        self.catalogue = Catalogue(self.problem, self._base, listed or source.options.candidates)
+        self.noise = Noise(source, self.catalogue)
+        self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
+        self._generation, self._stop = 0, threading.Event()
+        self._rolled: OrderedDict[tuple[int, Resolution], Simulated] = OrderedDict()
+        self._seen = views.Views(self.problem)
+
+    @classmethod
+    def open(
+        cls,
+        source: str | Path | Sequence[str | Path],
+        phase: str | None = None,
+        candidates: str | None = None,
+        options: Options | None = None,
+        jobs: int | None = None,
+    ) -> Session:
+        """Open a run, its scene, the folder of a study, several runs or scenes of one object, scenes of measured
+        flights, or a saved session.
+
+        The first step is the model as the run identified it. Where a diagnosis of it is stored, a second step is the
+        model as that has fitted it, with intervals.
+
+        Args:
+            source: folder or folders.
+            phase: stem of a finished phase, such as ``01_velocity``; the last before a correction when not given.
+            candidates: YAML list of effects of one's own, in addition to the catalogue.
+            options: of diagnoses; those of the stored one, or the usual ones, when not given.
+            jobs: processes of suggestions and fits; as many as torch may use threads, at most 8, when not given.
+
+        Raises:
+            UserInputError: nothing can be opened there.
+            SimulationError: the motion that the run identified is unstable.
+        """
+        given = [source] if isinstance(source, (str, Path)) else list(source)
+        if len(given) == 1 and (Path(given[0]) / saving.FILE).is_file():
+            return saving.reopen(cls, Path(given[0]), jobs)
+        session = cls(open_source(given, phase, options), candidates, jobs)
+        installed = tuple(session.catalogue.installed)
+        intervals = session.source.intervals
+        first = Step(0, None, "as the run has it", "open", session._base, installed, intervals)
+        session._take(first, must=True)
+        stored = session.noise.first
+        if stored is not None:
+            fitted = Step(0, 0, "as diagnose fitted it", "diagnose", stored.values, stored.effects, stored.intervals)
+            session._take(replace(fitted, notes=stored.comparison.notes))
+        return session
+
+    # What there is
+
+    @property
+    def name(self) -> str:
+        """Of the scene, or of the recordings."""
+        return self.problem.scene
+
+    @property
+    def unit(self) -> str:
+        """Of all errors: ``px``, or ``mm`` where only points were measured."""
+        return self.problem.unit[0]
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Their names; one for a run."""
+        return self._seen.names
+
+    def cameras(self, recording: str | int = 0) -> list[Camera]:
+        """Cameras of a recording; none where only points were measured."""
+        return self._seen.cameras(self._seen.number(recording))
+
+    def times(self, recording: str | int = 0) -> np.ndarray:
+        """Of the frames of a recording [s, (F,)]"""
+        return self._seen.part(self._seen.number(recording)).recording.video.times.numpy().astype(float)
+
+    def held_frames(self, recording: str | int = 0) -> np.ndarray:
+        """Frames of a recording that are held out in every view [(F,), bool]"""
+        split = self._seen.part(self._seen.number(recording)).recording.split
+        return np.logical_not(np.atleast_2d(split.frames).any(0))
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The history, in the order in which it was made."""
+        return self.history.steps
+
+    @property
+    def current(self) -> Step:
+        """The step that the model stands at."""
+        return self.history.current
+
+    @property
+    def settings(self) -> list[Setting]:
+        """Every number that can be changed: material, motion, ground, and the coefficients of all effects."""
+        step = self.current
+        return self.catalogue.settings(step.values, step.effects, step.intervals)
+
+    @property
+    def effects(self) -> list[EffectInfo]:
+        """Every effect that the model has or could have."""
+        return self.catalogue.infos(self.current.effects)
+
+    # Changes
+
+    def set(self, name: str | Mapping[str, float], value: float | None = None, dragging: bool = False) -> Step:
+        """Change one or several settings; simulated at once on the coarse body.
+
+        A coefficient of an effect that the model has not adds the effect, unless the value is that at which it
+        vanishes.
+
+        Args:
+            name: of a setting, or values by name [SI].
+            value: of the one setting [SI].
+            dragging: a hand is still moving: where the current step was made so too, of the same settings, the new one
+                takes its place in the history.
+
+        Raises:
+            UserInputError: no such setting, not a number, NaN, or out of bounds; nothing is changed then.
+        """
+        changes = dict(name) if isinstance(name, Mapping) else {name: value}
+        if not changes:
+            raise UserInputError("explore: give at least one setting to change")
+        checked = {key: self.catalogue.check(key, number) for key, number in changes.items()}  # type: ignore[arg-type]
+        with self._change():
+            step = self.current
+            owners = {key: self.catalogue.owner(key) for key in checked}
+            added = [
+                own
+                for key, own in owners.items()
+                if own and own not in step.effects and checked[key] != self.catalogue.effects[own].null[key]
+            ]
+            effects = self._joined(step.effects, dict.fromkeys(added))
+            told = {key: number for key, number in checked.items() if owners[key] is None or owners[key] in effects}
+            values = {**step.values, **self._nulls(added), **told}
+            title = ", ".join(
+                f"{self._called(key)} {self.catalogue.show(key, number)}" for key, number in checked.items()
+            )
+            made = Step(0, step.number, title, "set", values, effects, step.intervals)
+            return self._dragged(made, tuple(checked)) if dragging else self._take(made)
+
+    def add(self, effect: str, values: Mapping[str, float] | None = None) -> Step:
+        """Add an effect to the model: at given values, or where it vanishes.
+
+        Args:
+            effect: its name, such as ``LinearDrag``; the class path of one's own, such as ``lorentz.Lorentz``, which
+                joins the catalogue.
+            values: of its coefficients [SI]; the others vanish.
+
+        Raises:
+            UserInputError: no such effect or coefficient, a value out of bounds, an effect that the model has already,
+                or a second one of a kind of which a model has one.
+        """
+        if "." in effect and effect not in self.catalogue.effects:
+            effect = self.catalogue.declare(effect)
+        own = self.catalogue.effect(effect)
+        for key in values or {}:
+            if key not in own.parameters:
+                raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
+        told = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
+        with self._change():
+            step = self.current
+            if effect in step.effects:
+                raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
+            effects = self._joined(step.effects, [effect])
+            shown = ", ".join(self.catalogue.show(key, number) for key, number in told.items())
+            title = f"+ {effect} {shown}".rstrip()
+            known = {**step.values, **self._nulls([effect]), **told}
+            return self._take(Step(0, step.number, title, "add", known, effects, step.intervals))
+
+    def remove(self, effect: str) -> Step:
+        """Take an effect out of the model. Raises UserInputError where the model has it not."""
+        own = self.catalogue.effect(effect)
+        with self._change():
+            step = self.current
+            if effect not in step.effects:
+                raise UserInputError(f"explore: the model has no {effect}; it has {', '.join(step.effects) or 'none'}")
+            kept = tuple(name for name in step.effects if name != effect)
+            values = {name: value for name, value in step.values.items() if name not in own.parameters}
+            intervals = {name: ends for name, ends in step.intervals.items() if name not in own.parameters}
+            return self._take(Step(0, step.number, f"- {effect}", "remove", values, kept, intervals))
+
+    def undo(self) -> Step:
+        """Go back to what the current step was made from. Raises UserInputError at the first step."""
+        with self._change():
+            return self.history.undo()
+
+    def redo(self) -> Step:
+        """Go on to what was undone last. Raises UserInputError where nothing was, or something was changed since."""
+        with self._change():
+            return self.history.redo()
+
+    def go_to(self, number: int) -> Step:
+        """Make any step of the history the current one. Raises UserInputError."""
+        with self._change():
+            return self.history.go(number)
+
+    def refine(self, number: int | None = None) -> Step:
+        """Simulate a step on the fine body.
+
+        A change that is made meanwhile stops it; the step then stays as it was, and so does one whose fine motion is
+        unstable, with the reason.
+
+        Args:
+            number: of the step; None: the current one.
+        """
+        step = self.history.step(number)
+        if step.resolution == "refined" or step.trouble is not None:
+            return step
+        begun = self._generation
+        try:
+            with stoppable(lambda: self._generation != begun):
+                self._roll(step, "refined")
+        except Stopped:
+            return step
+        except SimulationError as error:
+            note = f"on the fine body the motion is unstable ({error}); a larger physics.substep_rate may mend that"
+            return self.history.update(replace(step, notes=(*step.notes, note)), self.history.tables.get(step.number))
+        with self._changing:
+            return step if self._generation != begun else self._measured(step, "refined")
+
+    # Looking
+
+    def error(self, number: int | None = None) -> Errors:
+        """How far a step is from the measurement, by row and frame, see :class:`Errors`; None: the current step.
+
+        Raises:
+            UserInputError: there is no such step, or its motion is unstable.
+        """
+        step = self.history.step(number)
+        found = self._simulated(step)
+        return errors_of(self.problem, found, self.noise.floor(step))
+
+    def motion(self, number: int | None = None, recording: str | int = 0) -> Motion:
+        """The body at every frame, see :class:`Motion`. Raises as :meth:`error`."""
+        at = self._seen.number(recording)
+        return self._seen.motion(self._simulated(self.history.step(number)), at)
+
+    def stretch(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
+        """Largest principal stretch of the body at every particle and frame, relative to frame 0 [(F, N), float32]: of
+        the affine map that fits the motion of its nearest neighbours best. Raises as :meth:`error`.
+        """
+        at = self._seen.number(recording)
+        return self._seen.stretch(self._simulated(self.history.step(number)), at)
+
+    def particle_errors(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
+        """Where on the body the outlines disagree [pixels, (F, N), float32]: the area on which matte and model differ,
+        each pixel counted for the particle that is nearest to it, a mean over the cameras. Raises as :meth:`error`.
+        """
+        at = self._seen.number(recording)
+        return self._seen.particle_errors(self._simulated(self.history.step(number)), at)
+
+    def regions(self, number: int | None = None, recording: str | int = 0) -> dict[str, np.ndarray]:
+        """:meth:`particle_errors` summed over each side of the body: left (-x), right, bottom (-y), top, back (-z) and
+        front, as it lies at frame 0 [pixels, (F,) each]. Raises as :meth:`error`.
+        """
+        at = self._seen.number(recording)
+        return self._seen.regions(self._simulated(self.history.step(number)), at)
+
+    def outlines(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> Outlines:
+        """Image, matte and model of a camera at a frame.
+
+        Args:
+            camera: its ``view``, see :meth:`cameras`.
+            frame: number of the frame, from 0.
+            number: of the step; None: the current one.
+            recording: name or number of a recording.
+
+        Raises:
+            UserInputError: no such camera, frame, recording or step, or its motion is unstable.
+        """
+        at = self._seen.number(recording)
+        self._seen.check(at, camera, frame)
+        return self._seen.outlines(self._simulated(self.history.step(number)), at, camera, frame)
+
+    def picture(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> np.ndarray:
+        """Measured | model | residual with both outlines, side by side [uint8, (H, 3 W, 3)]; as :meth:`outlines`."""
+        return views.picture(self.outlines(camera, frame, number, recording))
+
+    def measured(self, frame: int, recording: str | int = 0) -> Measured:
+        """What was measured in space at a frame, see :class:`Measured`. Raises UserInputError."""
+        at = self._seen.number(recording)
+        self._seen.check(at, None, frame)
+        return self._seen.measured(at, frame)
+
+    def compare(self, before: int, after: int) -> Difference:
+        """Two steps beside each other. Raises UserInputError where there is no such step."""
+        a, b = self.history.step(before), self.history.step(after)
+        names = [name for name in {**a.values, **b.values} if a.values.get(name) != b.values.get(name)]
+        changed = {name: (a.values.get(name), b.values.get(name)) for name in names}
+        tables = [self.history.tables.get(step.number) for step in (a, b)]
+        none = np.full(self.problem.usable.shape[:2], np.nan)
+        first, second = (none if table is None else table.astype(float) for table in tables)
+        errors = (a.fitted, b.fitted), (a.held_out, b.held_out)
+        return Difference(a.number, b.number, changed, *errors, self.unit, second - first)
+
+    # Questions
+
+    def prepare(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> None:
+        """Learn what the residual may be where nothing is missing, which suggestions and intervals need, unless a
+        diagnosis has done so: once, some tens of seconds. Raises as :meth:`fit`.
+        """
+        with self._job(progress, stop) as told:
+            self.noise.of(self.current, told)
+
+    def suggest(
+        self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
+    ) -> list[Suggestion]:
+        """What would help? Every effect of the catalogue is added to the current model, by one simulation for each of
+        its probes on the coarse body, and scored by how well that explains what is left; best first.
+
+        Args:
+            most: so many are returned.
+            progress: told what happens.
+            stop: asked again and again whether the answer is still wanted.
+
+        Raises:
+            Stopped: it is not, or :meth:`stop` was called.
+            SimulationError: the current motion is unstable.
+            UserInputError: another question is being answered.
+        """
+        with self._job(progress, stop) as told:
+            return suggesting.suggest(self, self.current, told)[:most]
+
+    def fit(
+        self,
+        names: Sequence[str],
+        progress: Progress = lambda _: None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> Step:
+        """Identify some settings by the fitted views and frames, all others held; a step with 90 % intervals.
+
+        Args:
+            names: of settings that ``fitted`` says can be identified.
+            progress, stop: as for :meth:`suggest`.
+
+        Raises:
+            Stopped: it was stopped; the best values so far are a step of their own.
+            SimulationError: the current motion is unstable.
+            UserInputError: no such settings, or another question is being answered.
+        """
+        fitting.check(self, names)
+        with self._job(progress, stop) as told:
+            return fitting.fit(self, self.current, list(names), told)
+
+    def diagnose(
+        self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
+    ) -> tuple[Step, list[str]]:
+        """Run the whole diagnosis of what was opened, as ``pacnerf-lpo diagnose`` does, write its results where that
+        writes them, and take its model over as a step; minutes, and it goes on where it was stopped.
+
+        Returns:
+            The step, and the sentences of the verdict.
+
+        Raises:
+            Stopped, SimulationError, UserInputError: as :meth:`suggest`.
+        """
+        with self._job(progress, stop) as told:
+            return asking.diagnose(self, told)
+
+    def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
+        """Which recording to make next: those that would separate what the diagnosis could not, best first, with what
+        to do in ``words``.
+
+        Raises:
+            UserInputError: the diagnosis names one cause or none, or only flights were measured.
+            Stopped, SimulationError: as :meth:`suggest`.
+        """
+        with self._job(progress, stop) as told:
+            return asking.plan(self, told)
+
+    def stop(self) -> None:
+        """Stop the question that is being answered, if there is one; it raises ``Stopped`` where it was asked."""
+        self._stop.set()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a question is being answered."""
+        return self._working.locked()
+
+    # Keeping
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the session, with its whole history, so that :meth:`open` goes on with it; returns its file."""
+        return saving.save(self, Path(folder))
+
+    def overlay(self, number: int | None = None, recording: str | int = 0) -> str:
+        """A step as a configuration that ``fit`` and ``diagnose`` take after that of the run."""
+        step = self.history.step(number)
+        part = self.problem.parts(self.catalogue.chosen(step.effects), step.values)[self._seen.number(recording)]
+        return overlay(part.recording, part.effects, part.known)
+
+    def save_overlay(self, path: str | Path, number: int | None = None, recording: str | int = 0) -> Path:
+        """Write :meth:`overlay` into a file; returns it."""
+        write_atomically(Path(path), self.overlay(number, recording).encode())
+        return Path(path)
+
+    def close(self) -> None:
+        """Stop what is being answered and forget rollouts. The history can still be read and saved."""
+        self._stop.set()
+        self._generation += 1
+        with self._looking:
+            self._rolled.clear()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    # Inside
+
+    @contextmanager
+    def _change(self) -> Iterator[None]:
+        """One change after the other; each stops a refinement."""
+        self._generation += 1
+        with self._changing:
+            yield
+
+    @contextmanager
+    def _job(self, progress: Progress, stop: Callable[[], bool]) -> Iterator[Progress]:
+        """The one question that is being answered, with a progress that raises ``Stopped`` when it is not wanted."""
+        if not self._working.acquire(blocking=False):
+            raise UserInputError("explore: another question is being answered; wait for it, or stop it first")
+        try:
+            self._stop.clear()
+
+            def unwanted() -> bool:
+                return self._stop.is_set() or stop()
+
+            def told(text: str) -> None:
+                if unwanted():
+                    raise Stopped("stopped")
+                progress(text)
+
+            with stoppable(unwanted), self.noise.working(self.jobs):
+                yield told
+        finally:
+            self._working.release()
+
+    def _joined(self, effects: Sequence[str], more: Sequence[str] | Mapping[str, None]) -> tuple[str, ...]:
+        """Effects of a model with some more. Raises UserInputError where they do not suit each other."""
+        found = tuple(effects)
+        for name in more:
+            allowed = {candidate.name for candidate in self.catalogue.candidates(found)}
+            if name not in allowed:
+                raise UserInputError(f"explore: {name} cannot be added to a model with {' and '.join(found)}")
+            found = (*found, name)
+        return found
+
+    def _nulls(self, effects: Sequence[str]) -> dict[str, float]:
+        return {key: null for name in effects for key, null in self.catalogue.effects[name].null.items()}
+
+    def _called(self, name: str) -> str:
+        """A setting in the name of a step: by its effect where that has one coefficient."""
+        owner = self.catalogue.owner(name)
+        alone = owner is not None and len(self.catalogue.effects[owner].parameters) == 1
+        return owner if alone and owner is not None else name
+
+    def _dragged(self, made: Step, keys: tuple[str, ...]) -> Step:
+        """A step of a moving hand: in the place of the current one where that is of the same hand."""
+        step = self.current
+        last = step.number == len(self.steps) - 1
+        if step.kind == "set" and last and getattr(self, "_hand", None) == (step.number, keys):
+            found = self._measured(replace(made, number=step.number, parent=step.parent), "coarse", fresh=True)
+        else:
+            found = self._take(made)
+        self._hand = (found.number, keys)
+        return found
+
+    def _take(self, step: Step, must: bool = False) -> Step:
+        """Simulate a step on the coarse body and put it into the history; one that is unstable, too, unless it must
+        not be.
+        """
+        with self._changing:
+            step = self.history.add(step, None)
+            return self._measured(step, "coarse", must, fresh=True)
+
+    def _measured(self, step: Step, resolution: Resolution, must: bool = False, fresh: bool = False) -> Step:
+        """Simulate a step of the history and keep its errors."""
+        try:
+            found = self._roll(step, resolution, fresh)
+        except SimulationError as error:
+            if must or resolution == "refined":
+                raise
+            return self.history.update(replace(step, trouble=str(error)), None)
+        errors = errors_of(self.problem, found)
+        lost = out_of_sight(self.problem, found)
+        notes = tuple(note for note in step.notes if not note.startswith(views.LOST))
+        if lost > NOTICED:
+            notes = (*notes, f"{views.LOST} in {lost:.0%} of what was measured; its error does not count there")
+        step = replace(
+            step, resolution=resolution, fitted=errors.fitted, held_out=errors.held_out, trouble=None, notes=notes
+        )
+        return self.history.update(step, errors.table)
+
+    def _simulated(self, step: Step) -> Simulated:
+        """The rollout of a step. Raises UserInputError where it is unstable."""
+        if step.trouble is not None:
+            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {step.trouble}")
+        try:
+            return self._roll(step, step.resolution)
+        except SimulationError as error:
+            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {error}") from error
+
+    def _roll(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
+        key = step.number, resolution
+        with self._looking:
+            for stale in [other for other in self._rolled if fresh and other[0] == step.number]:
+                self._rolled.pop(stale)
+            found = self._rolled.get(key)
+        if found is None:
+            effects = self.catalogue.chosen(step.effects)
+            found = simulate(self.problem, effects, step.values, resolution)
+        with self._looking:
+            self._rolled[key] = found
+            self._rolled.move_to_end(key)
+            while len(self._rolled) > KEPT:
+                self._rolled.popitem(last=False)
+        return found

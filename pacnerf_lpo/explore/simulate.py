@@ -1,0 +1,108 @@
+"""One rollout of every recording, and how far it is from what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+
+from pacnerf_lpo.diagnosis.localising import mean_of_outlines
+from pacnerf_lpo.explore.records import Errors, Resolution
+from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.study import CAMERAS
+from pacnerf_lpo.mpm.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A model of all recordings, rolled out.
+
+    models: of each recording.
+    paths: particles at every frame of each [m, (F, N, 3)]
+    predicted: summaries of all rows [(R, F, 11)]
+    resolution: of the bodies.
+    """
+
+    models: tuple[Model, ...]
+    paths: tuple[Tensor, ...]
+    predicted: np.ndarray
+    resolution: Resolution
+
+
+def simulate(
+    problem: Problem, effects: Sequence[Effect], values: dict[str, float], resolution: Resolution
+) -> Simulated:
+    """Roll a model out and look at it with all cameras. Raises SimulationError."""
+    models, paths, predicted = [], [], []
+    for part in problem.parts(effects, values):
+        model = model_of(part, resolution)
+        path = model.path(model.start)
+        predicted.append(model.observe(path, model.start))
+        models.append(model)
+        paths.append(path)
+    return Simulated(tuple(models), tuple(paths), problem.join(predicted), resolution)
+
+
+def model_of(part: Part, resolution: Resolution) -> Model:
+    """The model of a recording on the body of a resolution."""
+    if resolution == "refined":
+        return part.recording.model(part.effects, part.known)
+    return part.recording.coarse_model(part.effects, part.known)
+
+
+def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | None = None) -> Errors:
+    """How far a rollout is from the measurements, see :class:`Errors`.
+
+    Args:
+        problem: the measurements.
+        found: the rollout.
+        floor: of the two parts, where it is known.
+    """
+    unit, factor = problem.unit
+    square = mean_of_outlines((factor * problem.residual(found.predicted)) ** 2)
+    split = problem.split
+    fitted, held = (np.where(mask, square, np.nan) for mask in (split.fitted, split.held))
+    ids = problem.video.view_ids
+    parts = problem.parts((), {})
+    several = len(parts) > 1
+    owners = [parts[view // CAMERAS - 1].name if several else parts[0].name for view in ids]
+    for part in parts:
+        owners += [part.name] * len(part.recording.point_names)
+    names = [f"view {view % CAMERAS if several else view}" for view in ids]
+    rows = [*names, *(name for part in parts for name in part.recording.point_names)]
+    return Errors(
+        unit,
+        tuple(f"{row} of {owner}" if several else row for row, owner in zip(rows, owners, strict=True)),
+        tuple(ids),
+        tuple(owners),
+        problem.video.times.numpy().astype(float),
+        np.sqrt(square),
+        split.held,
+        _root(fitted),
+        _root(held),
+        _by_frame(fitted),
+        _by_frame(held),
+        floor,
+        found.resolution,
+    )
+
+
+def out_of_sight(problem: Problem, found: Simulated) -> float:
+    """Share of the measured outlines and points of which the model shows nothing."""
+    measured = problem.usable[..., :-1].any(-1)
+    seen = np.isfinite(problem.residual(found.predicted)[..., :-1]).any(-1)
+    return float((measured & ~seen).sum() / max(measured.sum(), 1))
+
+
+def _root(square: np.ndarray) -> float | None:
+    return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else None
+
+
+def _by_frame(square: np.ndarray) -> np.ndarray:
+    """Root mean square of every frame [(F,)]; NaN where there is nothing."""
+    seen = np.isfinite(square)
+    total, count = np.where(seen, square, 0.0).sum(0), seen.sum(0)
+    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))

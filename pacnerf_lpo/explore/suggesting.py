@@ -1,0 +1,1 @@
+"""What would help a model as it stands."""
