@@ -23,6 +23,7 @@ COMMANDS = {
     "synthesize": ("a multi-view video of a simulated scene", "pacnerf_lpo.commands.synthesize"),
     "benchmark": ("the paper's tables, or quick: runs what is missing", "pacnerf_lpo.commands.benchmark"),
     "diagnose": ("which physical effect the model of a run lacks", "pacnerf_lpo.commands.diagnose"),
+    "explore": ("change a model by hand, add effects, watch the error fall", "pacnerf_lpo.commands.explore"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "init": ("a scene from your own recording, in any common layout", "pacnerf_lpo.commands.init"),
     "report": ("the page of a run or of a scene, to look at", "pacnerf_lpo.commands.report"),

@@ -19,7 +19,7 @@ POLL = 0.5
 class _Heart(threading.Thread):
     """Listens to what is written to the standard streams, and writes a line when nothing was for :data:`QUIET`."""
 
-    def __init__(self, task: str):
+    def __init__(self, task: str | None):
         super().__init__(daemon=True)
         self.task, self.began = task, time.monotonic()
         self.heard, self.ended = self.began, threading.Event()
@@ -27,7 +27,7 @@ class _Heart(threading.Thread):
     def run(self) -> None:
         while not self.ended.wait(POLL):
             now = time.monotonic()
-            if now - self.heard >= QUIET:
+            if self.task is not None and now - self.heard >= QUIET:
                 tqdm.write(f"still {self.task} ({now - self.began:.0f} s)", file=sys.stderr)
 
     def listen(self, stream: Any) -> None:
@@ -70,7 +70,9 @@ def heartbeat(task: str) -> Iterator[None]:
             del stream.write
 
 
-def doing(task: str) -> None:
-    """What is being done from now on, for the next sign of life; without a :func:`heartbeat` it does nothing."""
+def doing(task: str | None) -> None:
+    """What is being done from now on, for the next sign of life; None: nothing but waiting for a person. Without a
+    :func:`heartbeat` it does nothing.
+    """
     if _heart is not None:
         _heart.task, _heart.began = task, time.monotonic()

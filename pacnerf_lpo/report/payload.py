@@ -25,6 +25,8 @@ from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale
 IMAGE_BUDGET = 6_500_000
 LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
 MAX_STAGES = 3
+RADIUS = 0.31
+"""Of a particle, in voxels: neighbours touch and small gaps stay visible."""
 MAX_PARTICLES = 10_000
 
 
@@ -99,10 +101,25 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
 
 def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
     """Positions at every frame (16 bit) and colours (8 bit) of at most 10,000 particles that can be seen."""
-    positions = np.asarray(prediction.positions)
     visible = visible_particles(stage.state)
-    chosen = np.random.default_rng(0).permutation(visible)[:MAX_PARTICLES]
-    colours = to_bytes(StateRenderer(stage.state).particle_colours())[chosen]
+    colours = to_bytes(StateRenderer(stage.state).particle_colours())[visible]
+    positions = np.asarray(prediction.positions)
+    size = 2 * RADIUS * stage.state.spacing
+    return {**moving_particles(positions[:, visible], colours, size), "of": positions.shape[1]}
+
+
+def moving_particles(
+    positions: np.ndarray, colours: np.ndarray, size: float, most: int = MAX_PARTICLES
+) -> dict[str, Any]:
+    """What ``viewer.js`` shows: positions at every frame (16 bit) and colours (8 bit) of at most so many particles.
+
+    Args:
+        positions: [m, (F, N, 3)]
+        colours: [0..255, (N, 3), uint8]
+        size: diameter of a particle where all are shown [m]; fewer are larger.
+        most: particles that are shown.
+    """
+    chosen = np.random.default_rng(0).permutation(positions.shape[1])[:most]
     integers, lower, extent = quantised(positions[:, chosen])
     return {
         "count": len(chosen),
@@ -111,8 +128,8 @@ def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
         "lower": lower,
         "extent": extent,
         "positions": base64_array(integers),
-        "colours": base64_array(colours),
-        "radius": 0.31 * stage.state.spacing * (len(visible) / len(chosen)) ** (1 / 3),
+        "colours": base64_array(colours[chosen]),
+        "radius": size / 2 * (positions.shape[1] / len(chosen)) ** (1 / 3),
     }
 
 

@@ -1,8 +1,13 @@
 (() => {
-  const cloud = DATA.particles, canvas = byId("particles"), context = canvas.getContext("2d");
+  const canvas = byId("particles"), context = canvas.getContext("2d");
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const packed = new Uint16Array(bytes(cloud.positions).buffer), colours = bytes(cloud.colours), count = cloud.count;
-  const axis = [0, 1, 2].map((k) => [cloud.lower[k], cloud.extent[k] / 65535]);
+  let cloud, packed, colours, count, axis;
+  function take(found) {
+    cloud = found; count = cloud.count;
+    packed = new Uint16Array(bytes(cloud.positions).buffer); colours = bytes(cloud.colours);
+    axis = [0, 1, 2].map((k) => [cloud.lower[k], cloud.extent[k] / 65535]);
+  }
+  take(DATA.particles);
   const at = (frame, i, k) => axis[k][0] + axis[k][1] * packed[3 * (frame * count + i) + k];
   const centre = [0, 1, 2].map((k) => cloud.lower[k] + cloud.extent[k] / 2);
   const size = Math.max(...cloud.extent);
@@ -25,7 +30,7 @@
     return ramp[low].map((value, k) => value + (ramp[low + 1][k] - value) * (place - low));
   }
 
-  const limits = {};
+  let limits = {};
   function limitOf(kind) {
     if (!(kind in limits)) {
       const now = frame; let most = 0;
@@ -88,6 +93,8 @@
   byId("time").oninput = (event) => { frame = Number(event.target.value); redraw(); };
   byId("paint").onchange = redraw;
   player(byId("run"), 12, () => { frame = (frame + 1) % cloud.frames; redraw(); });
+  /* Show other particles in the same space. */
+  window.showParticles = (found) => { take(found); limits = {}; redraw(); };
   drawings.push(draw);
   draw();
 })();

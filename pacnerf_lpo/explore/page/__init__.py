@@ -1,0 +1,1 @@
+"""The page of a session: what a person sees and touches."""

@@ -1,0 +1,141 @@
+"""Questions: what would help, a fit, a whole diagnosis, and which recording to make next."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from pacnerf_lpo.errors import Stopped, UserInputError
+from pacnerf_lpo.explore.page.charts import STYLE
+from pacnerf_lpo.explore.page.words import evidence
+from pacnerf_lpo.explore.records import Suggestion
+from pacnerf_lpo.report.wording import capitalised
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.explore.page.page import Page
+
+MOST = 6
+"""Suggestions that are shown: what comes after hardly ever is the cause, and a list has to fit the page."""
+
+
+class Ask:
+    """The tab of questions."""
+
+    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+        self.page, self.gui = page, page.server.gui
+        self._offered: dict[str, tuple[Suggestion, viser.GuiCheckboxHandle]] = {}
+        self._rows: list[Any] = []
+        groups = dict.fromkeys(s.group for s in page.session.settings if s.active and s.fitted)
+        with tabs.add_tab("Ask", viser.Icon.BULB):
+            help_ = self.gui.add_button("What would help?", icon=viser.Icon.BULB)
+            self.offers = self.gui.add_folder("Suggestions", visible=False)
+            with self.gui.add_folder("Fit"):
+                self.groups = {
+                    group: self.gui.add_checkbox(group, True)
+                    for group in groups
+                    if group in ("material", "motion", "ground")
+                }
+                self.added = self.gui.add_checkbox("effects of the model", True)
+                fit = self.gui.add_button("Fit", icon=viser.Icon.TARGET)
+            diagnose = self.gui.add_button("Diagnose", icon=viser.Icon.STETHOSCOPE, hint="all rounds: minutes")
+            plan = self.gui.add_button("Which experiment next?", icon=viser.Icon.FLASK)
+            self.doing = self.gui.add_html("")
+            self.bar = self.gui.add_progress_bar(100.0, animated=True, visible=False)
+            self.halt = self.gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP, visible=False)
+            self.answer = self.gui.add_html("")
+        self._buttons = [help_, fit, diagnose, plan]
+        for button, job in ((help_, self._suggest), (fit, self._fit), (diagnose, self._diagnose), (plan, self._plan)):
+            button.on_click(page.by_hand(self._asker(job)))
+        self.halt.on_click(page.by_hand(lambda _: page.session.stop()))
+
+    def _asker(self, job: Callable[[], None]) -> Callable[[Any], None]:
+        def ask(_: Any) -> None:
+            self.page.questions.ask("question", self._answering(job))
+
+        return ask
+
+    def _answering(self, job: Callable[[], None]) -> Callable[[], None]:
+        """The job between a start and an end that one sees."""
+
+        def answer() -> None:
+            self._busy(True)
+            try:
+                job()
+            except Stopped:
+                self.page.say("Stopped", "What was found until then is kept.")
+            finally:
+                self._busy(False)
+                self.doing.content = ""
+                self.page.changes.ask("redraw", self.page.redraw, refined_later=True)
+
+        return answer
+
+    def _busy(self, busy: bool) -> None:
+        for button in self._buttons:
+            button.disabled = busy
+        self.bar.visible = self.halt.visible = busy
+
+    def _tell(self, text: str) -> None:
+        self.doing.content = f"{STYLE}<div class=hint>{html.escape(text)}</div>"
+
+    def draw(self) -> None:
+        """Ticks follow the model."""
+        for found, tick in self._offered.values():
+            tick.value = found.effect in self.page.session.current.effects
+
+    def _suggest(self) -> None:
+        found = self.page.session.suggest(MOST, self._tell)
+        for row in self._rows:
+            row.remove()
+        self._offered, self._rows = {}, []
+        with self.offers:
+            for one in found:
+                tick = self.gui.add_checkbox(capitalised(one.readable), False)
+                tick.on_update(self.page.by_hand(self._ticker(one, tick)))
+                self._offered[one.effect] = one, tick
+                self._rows += [tick, self.gui.add_html(evidence(one))]
+        self.offers.label = f"Suggestions for step {self.page.session.current.number}"
+        self.offers.visible = True
+        if not found:
+            self._report("Nothing of the catalogue would help.")
+
+    def _ticker(self, found: Suggestion, tick: viser.GuiCheckboxHandle) -> Callable[[Any], None]:
+        def ticked(_: Any) -> None:
+            session, wanted = self.page.session, tick.value
+
+            def change() -> None:
+                if wanted and found.effect not in session.current.effects:
+                    session.add(found.effect, found.values)
+                elif not wanted and found.effect in session.current.effects:
+                    session.remove(found.effect)
+
+            self.page.make(f"tick {found.effect}", change)
+
+        return ticked
+
+    def _fit(self) -> None:
+        ticked = {group for group, tick in self.groups.items() if tick.value}
+        names = [
+            setting.name
+            for setting in self.page.session.settings
+            if setting.active
+            and setting.fitted
+            and (setting.group in ticked or (setting.group not in self.groups and self.added.value))
+        ]
+        if not names:
+            raise UserInputError("tick what is to be fitted")
+        self.page.session.fit(names, self._tell)
+
+    def _diagnose(self) -> None:
+        _, sentences = self.page.session.diagnose(self._tell)
+        self._report(*sentences)
+
+    def _plan(self) -> None:
+        self._report(*(f"{k + 1}. {one.words}" for k, one in enumerate(self.page.session.plan(self._tell))))
+
+    def _report(self, *sentences: str) -> None:
+        said = "<br>".join(html.escape(sentence) for sentence in sentences)
+        self.answer.content = f'{STYLE}<div class=hint style="opacity:1">{said}</div>'

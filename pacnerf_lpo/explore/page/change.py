@@ -1,0 +1,156 @@
+"""Sliders of everything that can be changed, and effects to add or to take out."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.explore.page.story import element
+from pacnerf_lpo.explore.page.words import long, short
+from pacnerf_lpo.explore.records import Setting
+from pacnerf_lpo.quantities import quantity
+from pacnerf_lpo.report.wording import capitalised, readable
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.explore.page.page import Page
+
+NOTCHES = 300
+"""Places of a slider: about its pixels."""
+
+
+class Change:
+    """The tab of settings and effects."""
+
+    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+        self.page, self.gui = page, page.server.gui
+        self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
+        self._wanted: dict[str, float] = {}
+        self._drawn: tuple[str, ...] | None = None
+        with tabs.add_tab("Change", viser.Icon.ADJUSTMENTS) as self.tab:
+            self.space = self.gui.add_folder("Model", order=0)
+            with self.gui.add_folder("Add an effect", order=1):
+                self.effect = self.gui.add_dropdown("effect", ("",))
+                self.own = self.gui.add_text("or your own", "", hint="class path, such as lorentz.Lorentz")
+                add = self.gui.add_button("Add", icon=viser.Icon.PLUS)
+            with self.gui.add_folder("Set exactly", order=2, expand_by_default=False):
+                self.exact = self.gui.add_text("name = value", "", hint="in SI units, such as E = 9.5e4")
+                enter = self.gui.add_button("Set")
+        add.on_click(page.by_hand(lambda _: page.make("add", self._add)))
+        enter.on_click(page.by_hand(lambda _: page.make("exact", self._set_exactly)))
+
+    def draw(self) -> None:
+        """All values of the current step; sliders come and go with the effects."""
+        session = self.page.session
+        settings = [setting for setting in session.settings if setting.active]
+        names = tuple(setting.name for setting in settings)
+        if names != self._drawn:
+            self._build(settings)
+            self._drawn = names
+        for setting in settings:
+            self._follow(setting)
+        view = self.page.cameras[self.page.camera].view if self.page.cameras else None
+        free = [info for info in session.effects if not info.active and info.camera in (None, view)]
+        self._names = {info.readable if info.camera is None else f"{info.readable}": info.name for info in free}
+        if tuple(self._names) != self.effect.options:
+            self.effect.options = tuple(self._names) or ("",)
+
+    def _build(self, settings: list[Setting]) -> None:
+        groups = dict.fromkeys(setting.group for setting in settings)
+        for name in [name for name in self._folders if name not in groups]:
+            self._folders.pop(name).remove()
+        gone = [name for name in self._sliders if name not in {setting.name for setting in settings}]
+        for name in gone:
+            del self._sliders[name]
+        effects = {info.name for info in self.page.session.effects}
+        with self.space:
+            for group in groups:
+                if group not in self._folders:
+                    title = readable(group) if group in effects else group
+                    self._folders[group] = self.gui.add_folder(capitalised(title))
+                    if group in effects:
+                        with self._folders[group]:
+                            button = self.gui.add_button("Take out", order=99, color="gray")
+                        button.on_click(self._remover(group))
+        for setting in settings:
+            if setting.name not in self._sliders:
+                with self._folders[setting.group]:
+                    self._sliders[setting.name] = self._slider(setting)
+
+    def _slider(self, setting: Setting) -> viser.GuiSliderHandle[float]:
+        low, high, value = _places(setting)
+        slider = self.gui.add_slider(short(setting), low, high, (high - low) / NOTCHES, value, marks=_marks(setting))
+        slider.precision = max(0, 3 - math.floor(math.log10(max(abs(low), abs(high), 1e-12))))
+        if setting.logarithmic:  # its box would show a logarithm; the label shows the value
+            self.gui.add_html(f"<style>[id='{element(slider)}'] ~ *{{display:none}}</style>")
+        slider.on_update(self.page.by_hand(self._mover(setting.name, setting.logarithmic)))
+        return slider
+
+    def _mover(self, name: str, logarithmic: bool) -> Any:
+        def moved(event: Any) -> None:
+            value = float(event.target.value)
+            self._wanted[name] = 10.0**value if logarithmic else value
+            self.page.make("set", self._set)
+
+        return moved
+
+    def _set(self) -> None:
+        wanted, self._wanted = self._wanted, {}
+        if wanted:
+            self.page.session.set(wanted, dragging=True)
+
+    def _remover(self, effect: str) -> Any:
+        return self.page.by_hand(lambda _: self.page.make("remove", lambda: self.page.session.remove(effect)))
+
+    def _add(self) -> None:
+        name = self.own.value.strip() or self._names.get(self.effect.value, "")
+        if not name:
+            raise UserInputError("choose an effect, or type the class path of your own")
+        self.page.session.add(name)
+        self.own.value = ""
+
+    def _set_exactly(self) -> None:
+        name, _, text = self.exact.value.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            raise UserInputError(f"{self.exact.value}: write it as E = 9.5e4, in SI units") from None
+        self.page.session.set(name.strip(), value)
+
+    def _follow(self, setting: Setting) -> None:
+        slider = self._sliders[setting.name]
+        if setting.name in self._wanted:  # the hand is further on
+            return
+        low, high, value = _places(setting)
+        if low < slider.min:
+            slider.min = low
+        if high > slider.max:
+            slider.max = high
+        slider.value = value
+        slider.label, slider.hint = short(setting), long(setting)
+
+
+def _places(setting: Setting) -> tuple[float, float, float]:
+    """Ends of a slider, and its place: of a setting that spans decades, logarithms."""
+    low, high = setting.slider
+    place = np.log10 if setting.logarithmic else float
+    ends = sorted((float(place(low)), float(place(high))))
+    value = float(place(max(setting.value, 1e-300) if setting.logarithmic else setting.value))
+    return ends[0], max(ends[1], ends[0] + 1e-9), min(max(value, ends[0]), ends[1])
+
+
+def _marks(setting: Setting) -> tuple[tuple[float, str], ...]:
+    """The ends of a slider, and the interval of the last fit."""
+    place = np.log10 if setting.logarithmic else float
+    ends = [(float(place(value)), quantity(value, setting.unit, 2)) for value in setting.slider]
+    if setting.interval is not None:
+        ends += [
+            (float(place(value)), text)
+            for value, text in zip(setting.interval, "[]", strict=True)
+            if setting.slider[0] < value < setting.slider[1]
+        ]
+    return tuple(ends)

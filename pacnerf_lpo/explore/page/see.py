@@ -1,0 +1,214 @@
+"""The body in space, and a camera's picture of it: which frame, which camera, which colours."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+
+from pacnerf_lpo.explore import pictures
+from pacnerf_lpo.explore.page.charts import HELD, STYLE, figure
+from pacnerf_lpo.explore.page.stage import KINDS, Moving
+from pacnerf_lpo.explore.records import Measured, Motion
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.explore.page.page import Page
+
+SIDE = 300
+"""Height of the picture [pixels]."""
+QUALITY = 85
+KEPT = 400
+"""Pictures that are remembered while a step is shown: all frames of a few cameras."""
+APART = 1.6
+"""Bodies of several recordings stand apart by so many of the size of their motion."""
+PAINTS = {"appearance": "", "speed": "m/s", "stretch": "", "error": "px"}
+"""What particles can be coloured by, and its unit."""
+SHARE = 99.5
+"""Percent of the values that the colours span; a few particles at the rim would spend the scale."""
+
+
+class See:
+    """The left upper panel, and what stands in the scene."""
+
+    def __init__(self, page: Page):
+        self.page, gui = page, page.server.gui
+        self._pictures: dict[tuple[int, int], np.ndarray] = {}
+        self._paint: tuple[object, dict[str, np.ndarray], float] = (None, {}, 1.0)
+        self._measured: dict[tuple[str, int], Measured] = {}
+        self._placed = False
+        several = len(page.session.recordings) > 1
+        self.panel = gui.add_panel()
+        self.panel.dock_left()
+        self.panel.set_width(440)
+        with self.panel.add_tab("See", viser.Icon.EYE):
+            self.recording = gui.add_dropdown("recording", page.session.recordings, visible=several)
+            self.frame = gui.add_slider("frame", 0, 1, 1, 0)
+            self.camera = gui.add_slider("camera", 0, 1, 1, 0)
+            self.buttons = gui.add_button_group("", ("play", "pause", "look through"))
+            self.caption = gui.add_html("")
+            self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
+            self.paint = gui.add_dropdown("colour", tuple(PAINTS))
+            self.legend = gui.add_html("")
+            cloudy = not page.cameras
+            self.measured = gui.add_checkbox("measured", cloudy, hint="hull of the mattes, tracks and clouds, in space")
+        self._listen()
+
+    def _listen(self) -> None:
+        page = self.page
+        self.frame.on_update(page.by_hand(lambda _: page.look(frame=int(self.frame.value))))
+        self.camera.on_update(page.by_hand(lambda _: page.look(camera=int(self.camera.value))))
+        self.recording.on_update(page.by_hand(lambda _: page.make("recording", self._other, False)))
+        self.paint.on_update(page.by_hand(lambda _: page.changes.ask("paint", self.take)))
+        self.measured.on_update(page.by_hand(lambda _: page.changes.ask("measured", self._measure)))
+        self.buttons.on_click(page.by_hand(self._pressed))
+
+    def _pressed(self, event: viser.GuiEvent) -> None:
+        if self.buttons.value == "play":
+            self.page.playing.set()
+        elif self.buttons.value == "pause":
+            self.page.playing.clear()
+            self.page.story.mark()
+        elif self.page.cameras:
+            self.page.stage.step_into(self.page.camera, event.client)
+
+    def _other(self) -> None:
+        self.page.choose_recording(self.recording.value)
+
+    def of_recording(self) -> None:
+        """Ranges of the sliders, and the cameras, of the recording that is looked at."""
+        page, cameras = self.page, self.page.cameras
+        last = max(len(page.session.times(name)) for name in page.session.recordings) - 1
+        self.frame.max, self.frame.step = max(last, 1), 1
+        self.camera.max = max(len(cameras) - 1, 1)
+        self.camera.visible = self.picture.visible = bool(cameras)
+        self.camera.value = page.camera
+        self._pictures.clear()
+        if cameras:
+            eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras])
+            scale = 0.12 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0)
+            held = np.array([camera.held_out for camera in cameras])
+            matrices = np.array([camera.intrinsics for camera in cameras])
+            poses = np.array([camera.camera_to_world for camera in cameras])
+            poses[:, :3, 3] += self._offset(page.recording)
+            page.stage.cameras(poses, matrices, (cameras[0].width, cameras[0].height), held, scale)
+
+    def next_frame(self) -> None:
+        """Show the next frame, the first after the last; the charts follow when playing ends."""
+        frame = (self.page.frame + 1) % len(self.page.session.times(self.page.recording))
+        self.page.frame = frame
+        with self.page.server.atomic():
+            self.frame.value = frame
+            self.draw()
+
+    def take(self) -> None:
+        """Take over the step that is shown: bodies and their colours."""
+        self._pictures.clear()
+        motions = self.page.shown.motions
+        if not motions:
+            return
+        if not self._placed:
+            self._place()
+        for name, motion in motions.items():
+            colours = self._colours(name, motion)
+            frames = list(motion.positions)
+            self.page.stage.put(f"body {name}", Moving(frames, colours, 1.1 * motion.size, self._offset(name)))
+        self.draw()
+
+    def draw(self) -> None:
+        """The frame and camera that are looked at."""
+        page = self.page
+        page.stage.show(page.frame)
+        cameras, times = page.cameras, page.session.times(page.recording)
+        frame = min(page.frame, len(times) - 1)
+        held = bool(page.session.held_frames(page.recording)[frame])
+        where = f"frame {frame}, {times[frame]:.3f} s"
+        if cameras:
+            camera = cameras[page.camera]
+            where = f"{camera.name}, {where}"
+            held = held or camera.held_out
+            if page.shown.motions:
+                picture = self._picture(frame)
+                self.picture.image = picture
+                page.stage.mark(
+                    page.camera, page.session.outlines(camera.view, frame, page.shown.step.number, page.recording).image
+                )
+        note = f' <b style="color:{HELD}">held out</b>' if held else " fitted"
+        lines = f'<b style="color:rgb{pictures.MEASURED}">measured</b>, <b style="color:rgb{pictures.MODEL}">model</b>'
+        side = f"; right: model, residual; outlines: {lines}" if cameras else ""
+        self.caption.content = f"{STYLE}<div class=hint>{html.escape(where)}:{note}{side}</div>"
+
+    def _picture(self, frame: int) -> np.ndarray:
+        page = self.page
+        key = page.camera, frame
+        if key not in self._pictures:
+            camera, shown = page.cameras[page.camera], page.shown
+            seen = page.session.outlines(camera.view, frame, shown.step.number, page.recording)
+            motion = shown.motions[page.recording]
+            drawn = pictures.drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
+            if len(self._pictures) >= KEPT:
+                self._pictures.clear()
+            self._pictures[key] = pictures.triptych(seen, drawn, SIDE)
+        return self._pictures[key]
+
+    def _place(self) -> None:
+        from pacnerf_lpo.explore.page.page import centre_and_size
+
+        centre, size = centre_and_size(self.page.shown.motions)
+        grounds = [s.value for s in self.page.session.settings if s.group == "ground"]
+        floor = grounds[0] if grounds else float(centre[1] - size / 2)
+        count = len(self.page.session.recordings)
+        self.page.stage.ground(floor, centre, size * count)
+        self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 1.1 * size * (1 + count))
+        self._size, self._placed = size, True
+        self.of_recording()
+
+    def _offset(self, name: str) -> np.ndarray:
+        number = self.page.session.recordings.index(name)
+        return np.array([APART * getattr(self, "_size", 0.0) * number, 0.0, 0.0])
+
+    def _colours(self, name: str, motion: Motion) -> np.ndarray:
+        """Of particles [0..255, (N, 3) or (F, N, 3), uint8], and their legend."""
+        session, step, kind = self.page.session, self.page.shown.step, self.paint.value
+        if kind == "appearance":
+            self.legend.content = ""
+            return np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
+        if kind == "speed":
+            values, least = motion.speed, 0.0
+        elif kind == "stretch":
+            values, least = session.stretch(step.number, name) - 1.0, 1.0
+        else:
+            values, least = session.particle_errors(step.number, name), 0.0
+        known = values[np.isfinite(values)]
+        most = float(np.percentile(known, SHARE)) if len(known) else 1.0
+        stops = ",".join("#" + bytes(pictures.painted(np.array([k / 8]), 1.0)[0]).hex() for k in range(9))
+        ramp = f"display:inline-block;width:55%;height:9px;border-radius:4px;background:linear-gradient(90deg,{stops})"
+        ends = figure(least), figure(least + most, PAINTS[kind])
+        self.legend.content = f'{STYLE}<div class=hint>{ends[0]} <span style="{ramp}"></span> {ends[1]}</div>'
+        return pictures.painted(values, most)
+
+    def _measure(self) -> None:
+        """Show or hide what was measured in space; the hulls of all frames are found once, some seconds."""
+        page = self.page
+        for name in page.session.recordings:
+            found = []
+            if self.measured.value:
+                for frame in range(len(page.session.times(name))):
+                    found.append(page.session.measured(frame, name))
+            for kind, colour in KINDS.items():
+                frames = [_of(one, kind) for one in found]
+                moving = None
+                if any(len(points) for points in frames):
+                    size = max(one.cell for one in found) or 0.03 * getattr(self, "_size", 1.0)
+                    moving = Moving(frames, np.array(colour, np.uint8), 0.45 * size, self._offset(name))
+                page.stage.put(f"{kind} {name}", moving)
+
+
+def _of(measured: Measured, kind: str) -> np.ndarray:
+    """Points of a kind of measurement [m, (N, 3)]"""
+    if kind == "hull":
+        return measured.hull
+    if kind == "clouds":
+        return measured.cloud
+    return measured.tracks if measured.centre is None else np.concatenate((measured.tracks, measured.centre[None]))

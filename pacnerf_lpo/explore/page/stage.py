@@ -1,0 +1,160 @@
+"""The 3-D part of the page: bodies, what was measured of them, the ground, and the cameras to step into."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+
+THUMBNAIL = 96
+"""Pixels of the longer side of a picture in a frustum: it is sent again for every frame that is shown."""
+KINDS = {"hull": (150, 156, 166), "tracks": (206, 32, 90), "clouds": (0, 121, 92)}
+"""What can be measured in space, and its colour."""
+EDGE, HELD_EDGE, CHOSEN_EDGE = (90, 96, 104), (232, 113, 10), (42, 125, 225)
+"""Colours of frusta: of a camera that is fitted, of one that is held out, of the one that is looked through."""
+
+
+@dataclass
+class Moving:
+    """A body or a measurement that is shown at one frame at a time.
+
+    frames: positions [m, (F, N, 3)], or a list of (N, 3), of another N at each frame.
+    colours: [0..255, (F, N, 3), (N, 3) or (3,), uint8]
+    """
+
+    frames: list[np.ndarray]
+    colours: np.ndarray
+    size: float
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Finite positions [m, (N, 3)] and their colours at a frame."""
+        frame = min(frame, len(self.frames) - 1)
+        points = self.frames[frame]
+        colours = self.colours[frame] if self.colours.ndim == 3 else self.colours
+        finite = np.isfinite(points).all(-1)
+        colours = np.broadcast_to(colours, points.shape)[finite]
+        return points[finite].astype(np.float32), np.ascontiguousarray(colours)
+
+
+class Stage:
+    """What stands in the scene of a server.
+
+    Args:
+        server: of the page.
+        choose: called with the number of a camera that was clicked.
+    """
+
+    def __init__(self, server: viser.ViserServer, choose: Callable[[int], None]):
+        self.server, self.choose = server, choose
+        self._moving: dict[str, Moving] = {}
+        self._clouds: dict[str, viser.PointCloudHandle] = {}
+        self._frusta: list[viser.CameraFrustumHandle] = []
+        self._poses: list[tuple[np.ndarray, np.ndarray, float]] = []
+        self.frame = 0
+        server.scene.set_up_direction("+y")
+
+    def ground(self, height: float, centre: np.ndarray, size: float) -> None:
+        """A grid at a height [m] around a place, a few times as wide as what lies on it [m]."""
+        cell = 10.0 ** np.floor(np.log10(size / 2))
+        wide = float(np.ceil(4 * size / cell) * cell)
+        self.server.scene.add_grid(
+            "/ground", wide, wide, plane="xz", cell_size=cell, section_size=5 * cell,
+            position=(float(centre[0]), height, float(centre[2])), shadow_opacity=0.0,
+        )  # fmt: skip
+
+    def look(self, centre: np.ndarray, distance: float) -> None:
+        """Where a page that is opened looks from [m]."""
+        camera = self.server.initial_camera
+        camera.look_at = tuple(centre)
+        camera.position = tuple(centre + distance * np.array([0.75, 0.4, 0.9]))
+        camera.up = (0.0, 1.0, 0.0)
+
+    def put(self, name: str, moving: Moving | None) -> None:
+        """Show something under a name in place of what was there; None: nothing."""
+        if moving is None:
+            self._moving.pop(name, None)
+            if (cloud := self._clouds.pop(name, None)) is not None:
+                cloud.remove()
+            return
+        self._moving[name] = moving
+        self._draw(name)
+
+    def show(self, frame: int) -> None:
+        """Show a frame of all that moves."""
+        self.frame = frame
+        for name in list(self._moving):
+            self._draw(name)
+
+    def _draw(self, name: str) -> None:
+        moving = self._moving[name]
+        points, colours = moving.at(self.frame)
+        cloud = self._clouds.get(name)
+        if cloud is None or len(cloud.points) != len(points):  # a cloud of another size is a new one
+            self._clouds[name] = self.server.scene.add_point_cloud(
+                f"/{name}", points, colours, point_size=moving.size, point_shape="circle", precision="float32",
+                position=tuple(moving.offset),
+            )  # fmt: skip
+            return
+        cloud.points, cloud.point_size, cloud.position = points, moving.size, moving.offset
+        if moving.colours.ndim != 1 and not np.array_equal(cloud.colors, colours):
+            cloud.colors = colours
+
+    def cameras(
+        self, camera_to_world: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int], held: np.ndarray, scale: float
+    ) -> None:
+        """A frustum for every camera; a click looks through it.
+
+        Args:
+            camera_to_world: [(V, 3, 4)], OpenGL axes.
+            intrinsics: [pixels, (V, 3, 3)]
+            size: width and height of the images [pixels].
+            held: whether a camera is held out [(V,), bool].
+            scale: length of a frustum [m].
+        """
+        for frustum in self._frusta:
+            frustum.remove()
+        self._frusta, self._poses = [], []
+        for number, (pose, matrix) in enumerate(zip(camera_to_world, intrinsics, strict=True)):
+            turn = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+            wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
+            fov = 2 * float(np.arctan(size[1] / 2 / matrix[1, 1]))
+            frustum = self.server.scene.add_camera_frustum(
+                f"/cameras/{number}", fov, size[0] / size[1], scale=scale, thickness=0.02 * scale,
+                color=HELD_EDGE if held[number] else EDGE, wxyz=tuple(wxyz), position=tuple(pose[:3, 3]),
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+            frustum.on_click(self._stepper(number))
+            self._frusta.append(frustum)
+            self._poses.append((wxyz, pose[:3, 3], fov))
+        self._held = held
+
+    def _stepper(self, number: int) -> Callable[[viser.SceneNodePointerEvent], None]:
+        def step(event: viser.SceneNodePointerEvent) -> None:
+            self.choose(number)
+            self.step_into(number, event.client)
+
+        return step
+
+    def step_into(self, number: int, client: viser.ClientHandle | None) -> None:
+        """Look through a camera, in one page or in all."""
+        wxyz, position, fov = self._poses[number]
+        for page in [client] if client is not None else list(self.server.get_clients().values()):
+            with page.atomic():
+                page.camera.wxyz, page.camera.position, page.camera.fov = wxyz, position, fov
+
+    def mark(self, number: int, picture: np.ndarray | None) -> None:
+        """Mark the chosen camera, and show a picture [0..255, (H, W, 3)] in its frustum, small."""
+        for index, frustum in enumerate(self._frusta):
+            chosen = index == number
+            colour = CHOSEN_EDGE if chosen else HELD_EDGE if self._held[index] else EDGE
+            if tuple(frustum.color) != colour:
+                frustum.color = colour
+                if not chosen:
+                    frustum.image = None
+        if picture is not None and self._frusta:
+            step = max(1, max(picture.shape[:2]) // THUMBNAIL)
+            self._frusta[number].image = np.ascontiguousarray(picture[::step, ::step])

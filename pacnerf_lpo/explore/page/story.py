@@ -1,0 +1,93 @@
+"""The history of steps and where the current one fails: by camera and frame, over time, by side of the body."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+
+from pacnerf_lpo.explore.page import charts
+from pacnerf_lpo.explore.page.words import difference_table
+from pacnerf_lpo.explore.records import Errors
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.explore.page.page import Page
+
+
+class Story:
+    """The left lower panel."""
+
+    def __init__(self, page: Page):
+        self.page, gui = page, page.server.gui
+        self._regions: tuple[object, dict[str, np.ndarray]] = (None, {})
+        panel = gui.add_panel()
+        panel.dock_below(page.see.panel)
+        with panel.add_tab("Steps", viser.Icon.STAIRS_DOWN):
+            self.steps = gui.add_html("")
+            self.step = gui.add_slider("step", 0, 1, 1, 0, hint="go to any step of the history")
+            self.buttons = gui.add_button_group("", ("undo", "redo", "compare"))
+            self.against = gui.add_slider("compare with", 0, 1, 1, 0)
+            self.compared = gui.add_html("")
+        with panel.add_tab("Camera, frame", viser.Icon.GRID_DOTS):
+            self.map = gui.add_html("")
+        with panel.add_tab("Time and body", viser.Icon.CHART_LINE):
+            self.time = gui.add_html("")
+            self.body = gui.add_html("")
+        self.step.on_update(page.by_hand(lambda _: page.make("go", self._go)))
+        self.buttons.on_click(page.by_hand(self._pressed))
+
+    def _go(self) -> None:
+        self.page.session.go_to(int(self.step.value))
+
+    def _pressed(self, event: Any) -> None:
+        pressed, session = self.buttons.value, self.page.session
+        if pressed == "compare":
+            self.compared.content = difference_table(session, int(self.against.value), session.current.number)
+        else:
+            self.page.make(pressed, session.undo if pressed == "undo" else session.redo)
+
+    def draw(self) -> None:
+        """The history, and the errors of the step that is shown."""
+        session, current = self.page.session, self.page.session.current
+        for slider in (self.step, self.against):
+            slider.max = max(len(session.steps) - 1, 1)
+        self.step.value = current.number
+        bars = [charts.bar(step) for step in session.steps]
+        self.steps.content = charts.history(bars, current.number, session.unit, element(self.step))
+        self.mark()
+
+    def mark(self) -> None:
+        """The errors with the camera and frame that are looked at."""
+        page, errors = self.page, self.page.shown.errors
+        if errors is None:
+            return
+        shown = errors_of(errors, page.recording)
+        selected = page.camera, min(page.frame, shown.table.shape[1] - 1)
+        sliders = element(page.see.camera), element(page.see.frame)
+        self.map.content = charts.heat_map(shown, selected, sliders)
+        self.time.content = charts.over_time(
+            errors.times, errors.by_frame_fitted, errors.by_frame_held_out, selected[1], errors.unit
+        )
+        if page.cameras:
+            self.body.content = charts.by_name(self._sides(selected[1]), "px²")
+
+    def _sides(self, frame: int) -> dict[str, float]:
+        """Area of disagreement on each side of the body at a frame [pixels²]."""
+        page, step = self.page, self.page.shown.step
+        key = step, page.recording
+        if self._regions[0] != key:
+            self._regions = key, page.session.regions(step.number, page.recording)
+        return {name: float(values[frame]) for name, values in self._regions[1].items()}
+
+
+def errors_of(errors: Errors, recording: str) -> charts.Table:
+    """The rows of a recording, its cameras first."""
+    own = np.array([name == recording for name in errors.recordings], bool)
+    rows = [row.removesuffix(f" of {recording}") for row, mine in zip(errors.rows, own, strict=True) if mine]
+    return charts.Table(errors.table[own], errors.held[own], rows, errors.unit)
+
+
+def element(handle: Any) -> str:
+    """Identifier of a slider's element in the page, which viser gives it but does not publish."""
+    return handle._impl.uuid

@@ -1,0 +1,140 @@
+"""The history of a session as one self-contained page: motion in 3-D, steps and errors, without a server."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pacnerf_lpo.explore import pictures
+from pacnerf_lpo.explore.page import charts
+from pacnerf_lpo.explore.page.words import between
+from pacnerf_lpo.explore.records import Errors, Step
+from pacnerf_lpo.explore.session import Session
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.quantities import quantity, symbol
+from pacnerf_lpo.report.encoding import asset, data_uri, json_text
+from pacnerf_lpo.report.payload import moving_particles
+
+STORY = "story.html"
+MOST_STEPS = 12
+"""Steps whose motion is kept: some five megabytes; all steps are listed."""
+MOST_PARTICLES = 2000
+SCRIPTS = ("base.js", "space.js", "viewer.js", "story.js")
+SIDE = 420
+"""Height of the pictures [pixels]."""
+
+
+def write_story(session: Session, path: Path) -> Path:
+    """Write the page of a session's first recording; returns its path.
+
+    Raises:
+        UserInputError: no step has a motion.
+    """
+    write_atomically(path, story_page(session).encode())
+    return path
+
+
+def story_page(session: Session) -> str:
+    """The page as text."""
+    steps, current = session.steps, session.current
+    kept = chosen_steps(steps, current.number)
+    errors = {step.number: session.error(step.number) for step in kept}
+    at = worst(errors[kept[0].number], len(session.cameras()))
+    told = {str(step.number): step_payload(session, step, errors[step.number], at) for step in kept}
+    shown = current if current in kept else kept[-1]
+    motion = session.motion(shown.number)
+    data = {
+        "steps": told,
+        "current": shown.number,
+        "particles": told[str(shown.number)]["particles"],
+        "times": motion.times.tolist(),
+        "frames": [f"frame {frame}" for frame in range(len(motion.times))],
+    }
+    return Template(asset("story.html")).substitute(
+        title=html.escape(f"{session.name}: {headline(session)}"),
+        style=asset("report.css"),
+        eyebrow=html.escape(session.name),
+        headline=html.escape(headline(session)),
+        steps=charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step"),
+        data=json_text(data),
+        scripts="\n".join(asset(name) for name in SCRIPTS),
+    )
+
+
+def headline(session: Session) -> str:
+    """The first and the current error in words."""
+    first, now = session.steps[0], session.current
+    for kind, a, b in (("held-out", first.held_out, now.held_out), ("fitted", first.fitted, now.fitted)):
+        if a is not None and b is not None:
+            return f"{kind} error from {charts.figure(a)} to {charts.figure(b, session.unit)}"
+    return "an unstable model"
+
+
+def chosen_steps(steps: tuple[Step, ...], current: int) -> list[Step]:
+    """At most :data:`MOST_STEPS` stable steps: the first, the current one, and those with the smallest errors."""
+    stable = [step for step in steps if step.trouble is None]
+    ranked = sorted(stable, key=lambda step: (step.number not in (0, current), step.fitted or math.inf))
+    return sorted(ranked[:MOST_STEPS], key=lambda step: step.number)
+
+
+def worst(errors: Errors, cameras: int) -> tuple[int, int] | None:
+    """Camera and frame where the error is largest; None where there is none."""
+    seen = errors.table[:cameras]
+    if not np.isfinite(seen).any():
+        return None
+    camera, frame = np.unravel_index(int(np.nanargmax(seen)), seen.shape)
+    return int(camera), int(frame)
+
+
+def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, int] | None) -> dict[str, Any]:
+    """What the page shows of a step."""
+    motion = session.motion(step.number)
+    colours = np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
+    table = charts.Table(errors.table, errors.held, errors.rows, errors.unit)
+    line = charts.over_time(
+        errors.times, errors.by_frame_fitted, errors.by_frame_held_out, at[1] if at else 0, errors.unit
+    )
+    cells = charts.heat_map(table, at or (0, 0))
+    parts = [
+        f"<div class=pair><div class=card><h3>Error by camera and frame</h3>{cells}</div>",
+        f"<div class=card><h3>Error over time [{errors.unit}]</h3>{line}</div></div>",
+        f"<h3>Model</h3><div class=card>{_values(session, step)}</div>",
+    ]
+    if at is not None:
+        parts.insert(0, _picture(session, step, at))
+    return {
+        "name": step.name,
+        "particles": moving_particles(motion.positions, colours, motion.size, MOST_PARTICLES),
+        "html": "".join(parts),
+    }
+
+
+def _picture(session: Session, step: Step, at: tuple[int, int]) -> str:
+    camera = session.cameras()[at[0]]
+    image = pictures.seen_by(session, camera, at[1], step.number, 0, SIDE)
+    content = io.BytesIO()
+    Image.fromarray(image).save(content, "WEBP", quality=82)
+    where = f"{camera.name}, frame {at[1]}{', held out' if camera.held_out else ''}"
+    shown = data_uri(content.getvalue(), "image/webp")
+    return (
+        f'<img alt="{html.escape(where)}" src="{shown}"><p class=note>Measured with '
+        f"the outlines of the video (blue) and of the model (orange); model; residual. {html.escape(where)}, where the "
+        "first step is worst.</p>"
+    )
+
+
+def _values(session: Session, step: Step) -> str:
+    units = {setting.name: setting.unit for setting in session.settings}
+    rows = "".join(
+        f"<tr><td>{html.escape(symbol(name))}</td><td>{quantity(value, units.get(name, '1'))}</td><td class=muted>"
+        f"{between(step.intervals[name], units.get(name, '1')) if name in step.intervals else ''}</td></tr>"
+        for name, value in step.values.items()
+    )
+    return f"<table><thead><tr><th></th><th>value</th><th>90 % interval</th></tr></thead><tbody>{rows}</tbody></table>"

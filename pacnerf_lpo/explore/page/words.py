@@ -1,0 +1,66 @@
+"""Values, evidence and differences as a person reads them."""
+
+from __future__ import annotations
+
+import html
+import math
+
+from pacnerf_lpo.explore.page.charts import STYLE, figure
+from pacnerf_lpo.explore.records import Setting, Suggestion
+from pacnerf_lpo.explore.session import Session
+from pacnerf_lpo.mpm.parameters import OF
+from pacnerf_lpo.quantities import quantity, symbol
+from pacnerf_lpo.report.wording import listed, probability, readable
+
+
+def short(setting: Setting) -> str:
+    """``E = 97 kPa``: a setting with its value."""
+    own, _, recording = setting.name.partition(OF)
+    return f"{symbol(own)}{f' {recording}' if recording else ''} = {quantity(setting.value, setting.unit)}"
+
+
+def long(setting: Setting) -> str:
+    """What a setting is, what it may be, and how well it is known."""
+    text = f"{setting.label}, {quantity(setting.low, setting.unit)} to {quantity(setting.high, setting.unit)}"
+    if setting.interval is not None:
+        text += f"; 90 % interval of the last fit {between(setting.interval, setting.unit)}"
+    return text + ("" if setting.fitted else "; cannot be fitted")
+
+
+def between(interval: tuple[float, float], unit: str) -> str:
+    """An interval with its unit."""
+    return f"[{quantity(interval[0], unit)}, {quantity(interval[1], unit)}]"
+
+
+def evidence(found: Suggestion) -> str:
+    """Why an effect would help, as a part of a page."""
+    odds = found.log_bayes_factor / math.log(10.0)
+    sizes = ", ".join(
+        f"{symbol(name)} ≈ {quantity(value, found.units[name])} {between(found.intervals[name], found.units[name])}"
+        if name in found.intervals
+        else f"{symbol(name)} ≈ {quantity(value, found.units[name])}"
+        for name, value in found.values.items()
+    )
+    sure = "stands out" if found.stands_out else "may be chance"
+    text = f"<b>odds 10<sup>{odds:.1f}</sup></b>, p {probability(found.p_value)}: {sure}. {html.escape(sizes)}"
+    text += f"<br>{html.escape(found.signature)}"
+    if found.confused_with:
+        text += f"; easily confused with {html.escape(listed([readable(name) for name in found.confused_with]))}"
+    return f"{STYLE}<div class=hint>{text}</div>"
+
+
+def difference_table(session: Session, before: int, after: int) -> str:
+    """What differs between two steps, and their errors, as a part of a page."""
+    found = session.compare(before, after)
+    units = {setting.name: setting.unit for setting in session.settings}
+    show = lambda name, value: "\N{EN DASH}" if value is None else quantity(value, units.get(name, "1"))  # noqa: E731
+    number = lambda value: figure(math.nan if value is None else value, found.unit)  # noqa: E731
+    rows = [(f"{name}", show(name, a), show(name, b)) for name, (a, b) in found.changed.items()]
+    for name, (a, b) in (("fitted error", found.fitted), ("held-out error", found.held_out)):
+        rows.append((name, number(a), number(b)))
+    cells = "".join(
+        f"<tr><td>{html.escape(name)}</td><td class=n>{html.escape(a)}</td><td class=n>{html.escape(b)}</td></tr>"
+        for name, a, b in rows
+    )
+    head = f"<tr><td></td><td class=n>step {before}</td><td class=n>step {after}</td></tr>"
+    return f"{STYLE}<div class=steps><table><tbody>{head}{cells}</tbody></table></div>"

@@ -1,0 +1,122 @@
+"""What a camera saw, what the model says, and the residual, with both outlines, as one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import contourpy
+import numpy as np
+import torch
+from matplotlib import colormaps
+from PIL import Image, ImageDraw
+
+from pacnerf_lpo.evaluation.prediction import to_bytes
+from pacnerf_lpo.explore.records import Camera, Outlines
+from pacnerf_lpo.report.residual_colours import NEGATIVE, POSITIVE, residual_colours
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.explore.session import Session
+
+MEASURED = tuple(round(255 * value) for value in POSITIVE)
+MODEL = tuple(round(255 * value) for value in NEGATIVE)
+"""Colours of the outlines: those of what only the video, and only the model shows in the residual."""
+GAP = 4
+SCALE = colormaps["cividis"]
+"""Of values on particles: evenly readable with every colour vision."""
+SHADE = 0.6
+"""Grey of a body where no particle was drawn."""
+
+
+def seen_by(session: Session, camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
+    """:func:`triptych` of a step of a session. Raises UserInputError where the step has no motion."""
+    seen = session.outlines(camera.view, frame, step, recording)
+    motion = session.motion(step, recording)
+    drawn = drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
+    return triptych(seen, drawn, side)
+
+
+def triptych(seen: Outlines, drawn: np.ndarray, side: int) -> np.ndarray:
+    """The measured image with both outlines, large; model and residual, half as large, below each other beside it.
+
+    Args:
+        seen: one camera at one frame.
+        drawn: the model as the camera sees it [0..1, (H, W, 3)].
+        side: height of the picture [pixels].
+
+    Returns:
+        [0..255, (side, W', 3), uint8]
+    """
+    lines = contours(seen.measured), contours(seen.model)
+    residual = residual_colours(torch.as_tensor(np.nan_to_num(seen.residual)), 1.0).numpy()
+    half = (side - GAP) // 2
+    large = enlarged(seen.image, lines, side)
+    small = [enlarged(drawn, ([], lines[1]), half), enlarged(residual, lines, half)]
+    sheet = Image.new("RGB", (large.width + GAP + small[0].width, side), (128, 128, 128))
+    sheet.paste(large, (0, 0))
+    for row, image in enumerate(small):
+        sheet.paste(image, (large.width + GAP, row * (half + GAP)))
+    return np.asarray(sheet)
+
+
+def contours(opacity: np.ndarray) -> list[np.ndarray]:
+    """Closed lines [pixels, (K, 2)] around what is more than half opaque [0..1, (H, W)]."""
+    padded = np.pad(np.nan_to_num(opacity), 1)
+    found = contourpy.contour_generator(z=padded, line_type="Separate").lines(0.5)
+    return [np.asarray(line) - 1.0 for line in found]
+
+
+def enlarged(image: np.ndarray, lines: tuple[Sequence[np.ndarray], Sequence[np.ndarray]], height: int) -> Image.Image:
+    """A picture [0..1, (H, W, 3)] at another height, with the outlines of the video and of the model."""
+    factor = height / image.shape[0]
+    sheet = Image.fromarray(to_bytes(torch.as_tensor(np.nan_to_num(image))))
+    sheet = sheet.resize((round(image.shape[1] * factor), height), Image.Resampling.BILINEAR)
+    pencil = ImageDraw.Draw(sheet)
+    for some, colour in zip(lines, (MEASURED, MODEL), strict=True):
+        for line in some:
+            pencil.line([tuple(point) for point in (line + 0.5) * factor], fill=colour, width=2)
+    return sheet
+
+
+def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np.ndarray, camera: Camera) -> np.ndarray:
+    """Particles as discs before a camera, cut out along the model's outline, on white.
+
+    Args:
+        positions: of the particles [m, (N, 3)].
+        colours: of them [0..1, (N, 3)].
+        size: distance between neighbouring particles [m].
+        opacity: of the model [0..1, (H, W)].
+        camera: that looks.
+
+    Returns:
+        [0..1, (H, W, 3)]
+    """
+    height, width = opacity.shape
+    pose, matrix = camera.camera_to_world, camera.intrinsics
+    local = (positions - pose[:3, 3]) @ pose[:3, :3]
+    front = np.isfinite(local).all(-1) & (local[:, 2] < 0)
+    local, colours = local[front], colours[front]
+    order = np.argsort(local[:, 2])  # far to near: the nearest is painted last
+    depth = -local[order, 2]
+    u = matrix[0, 2] + matrix[0, 0] * local[order, 0] / depth
+    v = matrix[1, 2] - matrix[1, 1] * local[order, 1] / depth
+    body = np.full((height, width, 3), SHADE)
+    reach = max(1, round(0.8 * size * matrix[0, 0] / float(np.median(depth)))) if len(depth) else 1
+    steps = [
+        (du, dv) for du in range(-reach, reach + 1) for dv in range(-reach, reach + 1) if du**2 + dv**2 <= reach**2
+    ]
+    column = np.floor(u)[:, None].astype(int) + np.array([du for du, _ in steps])
+    row = np.floor(v)[:, None].astype(int) + np.array([dv for _, dv in steps])
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    painted_by = np.broadcast_to(np.arange(len(order))[:, None], column.shape)[inside]
+    body[row[inside], column[inside]] = colours[order][painted_by]
+    matte = np.clip(np.nan_to_num(opacity), 0.0, 1.0)[..., None]
+    return 1.0 - matte * (1.0 - body)
+
+
+def painted(values: np.ndarray, most: float) -> np.ndarray:
+    """Colours of values from 0 to ``most`` [(...)], grey where there is none [0..255, (..., 3), uint8]."""
+    known = np.isfinite(values)
+    colours = (255 * SCALE(np.clip(np.where(known, values, 0.0) / (most or 1.0), 0.0, 1.0))[..., :3]).astype(np.uint8)
+    colours[~known] = 160
+    return colours
