@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MEASURED = tuple(round(255 * value) for value in POSITIVE)
 MODEL = tuple(round(255 * value) for value in NEGATIVE)
 """Colours of the outlines: those of what only the video, and only the model shows in the residual."""
-GAP = 4
+GAP = 2
 SCALE = colormaps["cividis"]
 """Of values on particles: evenly readable with every colour vision."""
 SHADE = 0.6
@@ -52,7 +52,7 @@ def triptych(seen: Outlines, drawn: np.ndarray, side: int) -> np.ndarray:
     half = (side - GAP) // 2
     large = enlarged(seen.image, lines, side)
     small = [enlarged(drawn, ([], lines[1]), half), enlarged(residual, lines, half)]
-    sheet = Image.new("RGB", (large.width + GAP + small[0].width, side), (128, 128, 128))
+    sheet = Image.new("RGB", (large.width + GAP + small[0].width, side), (190, 190, 190))
     sheet.paste(large, (0, 0))
     for row, image in enumerate(small):
         sheet.paste(image, (large.width + GAP, row * (half + GAP)))

@@ -146,7 +146,8 @@ def _places(setting: Setting) -> tuple[float, float, float]:
 def _marks(setting: Setting) -> tuple[tuple[float, str], ...]:
     """The ends of a slider, and the interval of the last fit."""
     place = np.log10 if setting.logarithmic else float
-    ends = [(float(place(value)), quantity(value, setting.unit, 2)) for value in setting.slider]
+    unit = setting.unit if setting.logarithmic else "1"
+    ends = [(float(place(value)), quantity(value, unit, 2)) for value in setting.slider]
     if setting.interval is not None:
         ends += [
             (float(place(value)), text)

@@ -18,7 +18,8 @@ STYLE = (
     "<style>.pl{display:block;width:100%;font:11px system-ui,sans-serif;fill:currentColor;overflow:visible}"
     ".pl [data-go],.steps [data-go]{cursor:pointer}.pl .soft{opacity:.62}.pl .line{stroke:currentColor;opacity:.18}"
     ".pl .cell:hover{stroke:currentColor}.steps{display:flex;flex-direction:column-reverse;max-height:190px;"
-    "overflow:auto;font:12px system-ui,sans-serif}.steps table{width:100%;border-collapse:collapse}.steps td{padding:1px 4px}"
+    "overflow:auto;font:12px system-ui,sans-serif}.steps table{width:100%;border-collapse:collapse}"
+    ".steps td{padding:1px 4px}"
     ".steps tr.now{background:rgba(42,125,225,.16)}.steps td.n{text-align:right;font-variant-numeric:tabular-nums}"
     ".steps i{display:block;height:5px;border-radius:2px;margin:1px 0}.hint{font:12px system-ui,sans-serif;opacity:.7;"
     "padding:0 10px 6px}</style>"
@@ -92,8 +93,7 @@ def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = N
             f'<tr class="{now}"{go}><td class=n>{number}</td><td>{html.escape(bar.name)}</td>'
             f'<td style="width:38%">{strips}</td><td class=n>{figure(bar.fitted)}<br>{figure(bar.held)}</td></tr>'
         )
-    click = f' onclick="{CLICK}"' if slider else ""
-    legend = f"<div class=hint>error [{unit}]: {KEY}</div>"
+    click, legend = f' onclick="{CLICK}"' if slider else "", f"<div class=hint>error [{unit}]: {KEY}</div>"
     return f"{STYLE}{legend}<div class=steps{click}><table><tbody>{''.join(rows)}</tbody></table></div>"
 
 

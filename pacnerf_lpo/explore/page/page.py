@@ -148,7 +148,7 @@ class Page:
     # Drawing
 
     def redraw(self) -> None:
-        """Simulate where needed and draw the current step; an unstable one leaves the picture as it was, and is told."""
+        """Simulate where needed and draw the current step; an unstable one leaves the picture as it was and is told."""
         session, step = self.session, self.session.current
         if step.trouble is None:
             motions = {name: session.motion(step.number, name) for name in session.recordings}

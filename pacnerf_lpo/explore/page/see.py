@@ -16,8 +16,10 @@ from pacnerf_lpo.explore.records import Measured, Motion
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
 
-SIDE = 300
+SIDE = 270
 """Height of the picture [pixels]."""
+WIDTH, HEIGHT = 440, 500
+"""Of the panel [pixels]: the lower one keeps a third of a small screen."""
 QUALITY = 85
 KEPT = 400
 """Pictures that are remembered while a step is shown: all frames of a few cameras."""
@@ -41,18 +43,19 @@ class See:
         several = len(page.session.recordings) > 1
         self.panel = gui.add_panel()
         self.panel.dock_left()
-        self.panel.set_width(440)
+        self.panel.set_width(WIDTH)
+        self.panel.set_height(HEIGHT)
         with self.panel.add_tab("See", viser.Icon.EYE):
             self.recording = gui.add_dropdown("recording", page.session.recordings, visible=several)
             self.frame = gui.add_slider("frame", 0, 1, 1, 0)
             self.camera = gui.add_slider("camera", 0, 1, 1, 0)
             self.buttons = gui.add_button_group("", ("play", "pause", "look through"))
-            self.caption = gui.add_html("")
-            self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
-            self.paint = gui.add_dropdown("colour", tuple(PAINTS))
+            self.paint = gui.add_dropdown("colour", tuple(PAINTS), hint="of the particles")
             self.legend = gui.add_html("")
-            cloudy = not page.cameras
-            self.measured = gui.add_checkbox("measured", cloudy, hint="hull of the mattes, tracks and clouds, in space")
+            told = "hull of the mattes, tracks and clouds, in space"
+            self.measured = gui.add_checkbox("measured", not page.cameras, hint=told)
+            self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
+            self.caption = gui.add_html("")
         self._listen()
 
     def _listen(self) -> None:

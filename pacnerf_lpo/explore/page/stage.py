@@ -59,10 +59,10 @@ class Stage:
 
     def ground(self, height: float, centre: np.ndarray, size: float) -> None:
         """A grid at a height [m] around a place, a few times as wide as what lies on it [m]."""
-        cell = 10.0 ** np.floor(np.log10(size / 2))
+        cell = 0.5 * 10.0 ** np.floor(np.log10(size))
         wide = float(np.ceil(4 * size / cell) * cell)
         self.server.scene.add_grid(
-            "/ground", wide, wide, plane="xz", cell_size=cell, section_size=5 * cell,
+            "/ground", wide, wide, plane="xz", cell_size=cell, section_size=4 * cell,
             position=(float(centre[0]), height, float(centre[2])), shadow_opacity=0.0,
         )  # fmt: skip
 

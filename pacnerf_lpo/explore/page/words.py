@@ -14,9 +14,12 @@ from pacnerf_lpo.report.wording import listed, probability, readable
 
 
 def short(setting: Setting) -> str:
-    """``E = 97 kPa``: a setting with its value."""
+    """``E = 97 kPa`` or, where a box beside it shows the value, ``v_x [m/s]``."""
     own, _, recording = setting.name.partition(OF)
-    return f"{symbol(own)}{f' {recording}' if recording else ''} = {quantity(setting.value, setting.unit)}"
+    name = f"{symbol(own)} {recording}" if recording else symbol(own)
+    if setting.logarithmic:
+        return f"{name} = {quantity(setting.value, setting.unit)}"
+    return name if setting.unit == "1" else f"{name} [{setting.unit}]"
 
 
 def long(setting: Setting) -> str:
