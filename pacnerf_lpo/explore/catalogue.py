@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import (
     Candidate,
     as_config,
+    candidates,
     name_of,
     read_candidates,
     read_effects,
@@ -49,7 +51,7 @@ class Catalogue:
         self.problem, self.base = problem, dict(base)
         material = problem.physics.material
         self.installed = {name_of(effect): effect for effect in problem.physics.effects}
-        self._raw: dict[str, Effect] = {}
+        self.declared: list[dict[str, Any]] = []
         self.effects: dict[str, Effect] = dict(self.installed)
         found = whole_catalogue(material, problem.video.view_ids, ())
         if listed is not None:
@@ -62,7 +64,7 @@ class Catalogue:
         taken = {name for effect in self.effects.values() for name in effect.parameters}
         adopted = self.problem.adopt(candidate.effect)
         if candidate.name not in self.effects and not taken & set(adopted.parameters):
-            self.effects[candidate.name], self._raw[candidate.name] = adopted, candidate.effect
+            self.effects[candidate.name] = adopted
 
     def _described(self) -> dict[str, Parameter]:
         """Parameters of material, motion and ground by name."""
@@ -79,21 +81,27 @@ class Catalogue:
         self.free = {unknown.name for unknown in model.unknowns} | coefficients
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
-    def declare(self, path: str) -> str:
-        """Take an effect of one's own into the catalogue, by its class path, such as ``lorentz.Lorentz``; its name.
+    def declare(self, entry: str | dict[str, Any]) -> str:
+        """Take an effect of one's own into the catalogue; returns its name.
+
+        Args:
+            entry: its class path, such as ``lorentz.Lorentz``, or an entry of ``physics.effects``.
 
         Raises:
             UserInputError: no such class, or it does not apply to the material.
         """
-        entry = path if isinstance(path, dict) else {"class_path": path}
-        effect = read_effects(Path("explore"), [entry])[0]
+        given = entry if isinstance(entry, dict) else {"class_path": entry}
+        effect = read_effects(Path("explore"), [given])[0]
         effect.check_material(self.problem.physics.material)
-        as_config(effect, effect.guess)
-        self._take(Candidate(name_of(effect), effect))
-        if name_of(effect) not in self.effects:
-            raise UserInputError(f"{path}: the catalogue has an effect with the same coefficients")
-        self.free |= set(self.effects[name_of(effect)].parameters)
-        return name_of(effect)
+        found = Candidate(name_of(effect), effect)
+        config = as_config(effect, effect.guess)
+        if found.name not in self.effects:
+            self._take(found)
+            if found.name not in self.effects:
+                raise UserInputError(f"explore: {found.name} has a coefficient that an effect of the catalogue has too")
+            self.declared.append(config)
+            self.free |= set(self.effects[found.name].parameters)
+        return found.name
 
     def effect(self, name: str) -> Effect:
         """By its name. Raises UserInputError."""
@@ -108,8 +116,6 @@ class Catalogue:
 
     def candidates(self, taken: Sequence[str]) -> list[Candidate]:
         """Effects that may be added to a model with some already."""
-        from pacnerf_lpo.diagnosis.catalogue import candidates
-
         rest = [effect for name, effect in self.effects.items() if name not in taken]
         return candidates(rest, self.problem.physics.material, self.chosen(taken))
 

@@ -103,10 +103,16 @@ class History:
         with self._lock:
             return bool(self._undone)
 
-    def restore(self, steps: list[Step], current: int) -> None:
-        """Take over the steps of a saved session."""
+    def snapshot(self) -> tuple[list[Step], int]:
+        """All steps and the number of the current one, of the same moment."""
         with self._lock:
-            self._steps, self._current, self._undone = list(steps), current, []
+            return list(self._steps), self._current
+
+    def restore(self, steps: list[Step], current: int, tables: dict[int, np.ndarray]) -> None:
+        """Take over the steps of a saved session. Raises LookupError where its current step is none of them."""
+        with self._lock:
+            self._steps, self._current, self._undone = list(steps), steps[current].number, []
+            self.tables = {number: table.astype(np.float32) for number, table in tables.items()}
 
     def _keep(self, step: Step, table: np.ndarray | None) -> None:
         if table is None:

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, intervals
 from pacnerf_lpo.diagnosis.localising import floor, mean_of_outlines
+from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.diagnosis.store import DAMAGED, read
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import Source
+from pacnerf_lpo.identification.base_fit import priors
+from pacnerf_lpo.identification.least_squares import sensitivities
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import processes
+from pacnerf_lpo.identification.replicates import replicates
+from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
+from pacnerf_lpo.identification.standardised import spread
+from pacnerf_lpo.mpm.effects.base import Effect
 
+Progress = Callable[[str], None]
 LEARNT = "explore_noise"
 """Step of the store with what a session has learnt itself."""
-REPLICATES = 8
+REPLICATES, SEED = 8, 1
 """As few simulated nulls as a diagnosis can do with."""
 
 
@@ -72,6 +84,48 @@ class Noise:
         """The noise that was learnt around the model most like a step: with as many of its effects as can be."""
         return min(self.known, key=lambda one: len(set(one.effects) ^ set(step.effects)))
 
+    def of(self, step: Step, progress: Progress) -> Known:
+        """The noise around a step: that of the nearest model, learnt where there is none.
+
+        Raises:
+            SimulationError: the step's motion, or a finer one, is unstable.
+        """
+        if not self.known:
+            self.learn(step, progress)
+        return self.nearest(step)
+
+    def learn(self, step: Step, progress: Progress) -> None:
+        """Learn the noise around a step, unless that was done for a model with its effects: simulated nulls, errors of
+        the reconstructed shape and a smooth force, some 160 rollouts.
+        """
+        if any(set(one.effects) == set(step.effects) for one in self.known):
+            return
+        what = json.dumps([sorted(step.effects), sorted(step.values.items())])
+        name = f"{LEARNT}_{hashlib.sha256(what.encode()).hexdigest()[:8]}"
+        comparison = self.source.store.once(name, partial(self._learnt, step, progress))
+        self.known.append(Known(step.effects, step.values, {}, comparison))
+
+    def reload(self) -> None:
+        """Take over what a diagnosis has stored meanwhile."""
+        stored = self._stored()
+        self.known = [*stored, *(one for one in self.known if not one.intervals)]
+
+    def _learnt(self, step: Step, progress: Progress) -> Comparison:
+        problem, effects = self.problem, self.catalogue.chosen(step.effects)
+        model = problem.model(effects, step.values)
+        free = model.start
+
+        def simulated(count: int) -> None:
+            progress(f"noise: null replicate {count} of {REPLICATES}")
+
+        progress("noise: null replicates")
+        found, sensor = replicates(problem, effects, free, model, REPLICATES, SEED, simulated)
+        wrong = shape_errors(problem, effects, free, model, progress)
+        coarser = discretisation_errors(problem, effects, free, model)
+        force = force_changes(problem, effects, step.values, progress)
+        now = comparison_at(problem, effects, step.values, problem.residual(model.predict(free)))
+        return replace(now, replicates=found, sensor=sensor, shape_errors=wrong, discretisation=coarser, force=force)
+
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""
         store, found = self.source.store, []
@@ -100,3 +154,38 @@ class Noise:
         """Simulate in processes where bodies deform."""
         with processes(jobs if self.problem.deforms else jobs or 1):
             yield
+
+
+def comparison_at(
+    problem: Problem, effects: Sequence[Effect], values: dict[str, float], residual: np.ndarray
+) -> Comparison:
+    """A model as it stands, and by how much each unknown changes its residual, which a coarse body shows; the noise is
+    left empty.
+
+    Args:
+        problem: the measurements.
+        effects, values: of the model [SI]
+        residual: measured minus predicted [(R, F, 11)]
+    """
+    model = problem.coarse_model(effects, values)
+    mean, deviation = priors(problem, model)
+    seen = problem.residual_of(model, problem.usable)
+    changes = sensitivities(seen, model.start, seen(model.start), model.scales, model.bounds)
+    none = np.zeros((*problem.usable.shape, 0))
+    return Comparison(
+        model.names,
+        model.start,
+        model.physical(model.start),
+        mean,
+        deviation,
+        0.0,
+        residual,
+        spread(changes, problem.usable),
+        none,
+        none,
+        none,
+        none,
+        none,
+        (),
+        1 + len(model.names),
+    )

@@ -65,7 +65,8 @@ class Session:
         self.source, self.problem, self.jobs = source, source.problem, jobs
         self.history = History()
         self._base = dict(self.problem.first_guess)
-        self.catalogue = Catalogue(self.problem, self._base, listed or source.options.candidates)
+        self.listed = listed or source.options.candidates
+        self.catalogue = Catalogue(self.problem, self._base, self.listed)
         self.noise = Noise(source, self.catalogue)
         self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
         self._generation, self._stop = 0, threading.Event()
@@ -272,7 +273,7 @@ class Session:
         begun = self._generation
         try:
             with stoppable(lambda: self._generation != begun):
-                self._roll(step, "refined")
+                self.rolled(step, "refined")
         except Stopped:
             return step
         except SimulationError as error:
@@ -359,11 +360,11 @@ class Session:
     # Questions
 
     def prepare(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> None:
-        """Learn what the residual may be where nothing is missing, which suggestions and intervals need, unless a
-        diagnosis has done so: once, some tens of seconds. Raises as :meth:`fit`.
+        """Learn what the residual may be where nothing is missing, which suggestions and intervals need, unless that is
+        known for a model with these effects: once, some tens of seconds. Raises as :meth:`suggest`.
         """
         with self._job(progress, stop) as told:
-            self.noise.of(self.current, told)
+            self.noise.learn(self.current, told)
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -541,18 +542,22 @@ class Session:
     def _measured(self, step: Step, resolution: Resolution, must: bool = False, fresh: bool = False) -> Step:
         """Simulate a step of the history and keep its errors."""
         try:
-            found = self._roll(step, resolution, fresh)
+            found = self.rolled(step, resolution, fresh)
         except SimulationError as error:
             if must or resolution == "refined":
                 raise
             return self.history.update(replace(step, trouble=str(error)), None)
+        return self._kept(step, found)
+
+    def _kept(self, step: Step, found: Simulated) -> Step:
+        """A step of the history with the errors of its rollout."""
         errors = errors_of(self.problem, found)
         lost = out_of_sight(self.problem, found)
         notes = tuple(note for note in step.notes if not note.startswith(views.LOST))
         if lost > NOTICED:
             notes = (*notes, f"{views.LOST} in {lost:.0%} of what was measured; its error does not count there")
         step = replace(
-            step, resolution=resolution, fitted=errors.fitted, held_out=errors.held_out, trouble=None, notes=notes
+            step, resolution=found.resolution, fitted=errors.fitted, held_out=errors.held_out, trouble=None, notes=notes
         )
         return self.history.update(step, errors.table)
 
@@ -561,11 +566,18 @@ class Session:
         if step.trouble is not None:
             raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {step.trouble}")
         try:
-            return self._roll(step, step.resolution)
+            return self.rolled(step, step.resolution)
         except SimulationError as error:
             raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {error}") from error
 
-    def _roll(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
+    def adopt(self, step: Step) -> Step:
+        """Take a step over that was found on the fine body. Raises SimulationError."""
+        with self._change():
+            found = self.rolled(replace(step, number=len(self.steps)), "refined", fresh=True)
+            return self._kept(self.history.add(step, None), found)
+
+    def rolled(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
+        """The rollout of a step, remembered or new. Raises SimulationError."""
         key = step.number, resolution
         with self._looking:
             for stale in [other for other in self._rolled if fresh and other[0] == step.number]:

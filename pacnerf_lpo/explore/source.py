@@ -50,7 +50,9 @@ class Source:
         return {name: (one["low"], one["high"]) for name, one in content["parameters"].items()}
 
 
-def open_source(given: Sequence[str | Path], phase: str | None = None, options: Options | None = None) -> Source:
+def open_source(
+    given: Sequence[str | Path], phase: str | None = None, options: Options | None = None, out: str | None = None
+) -> Source:
     """Read what is given.
 
     Args:
@@ -58,6 +60,7 @@ def open_source(given: Sequence[str | Path], phase: str | None = None, options: 
             flights, or folders of such.
         phase: stem of a finished phase of the runs.
         options: of a diagnosis; None: those of the stored one, or the usual ones.
+        out: folder in which results of a diagnosis go; None: the run, or ``explored`` beside the first of several.
 
     Raises:
         UserInputError: it can be neither of these, or a diagnosis could not use it.
@@ -75,7 +78,7 @@ def open_source(given: Sequence[str | Path], phase: str | None = None, options: 
     if stored is not None and options is None and (phase is None or phase == stored.phase):
         phase, options = stored.phase, _readable(stored.options)
     options = options or Options()
-    out = str(home) if stored is not None or len(folders) == 1 else str(home.parent / "explored")
+    out = out or (str(home) if stored is not None or len(folders) == 1 else str(home.parent / "explored"))
     problem, store = prepare(folders, phase, options, out)
     return Source(problem, store, tuple(folders), phase, options)
 

@@ -7,7 +7,7 @@ shape and of the matter moves once, by as much as it may be wrong.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -30,7 +30,13 @@ LOCAL = 2.0
 """Size of an error in one place beside one that is everywhere."""
 
 
-def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
+def shape_errors(
+    problem: Problem,
+    effects: Sequence[Effect],
+    free: np.ndarray,
+    model: Model,
+    progress: Callable[[str], None] = lambda _: None,
+) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
     simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
     motion is unstable is left out.
@@ -40,13 +46,15 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
         effects: of the model.
         free: coordinates at which the model was fitted [(K,)]
         model: whose body may be wrong.
+        progress: told what happens.
 
     Raises:
         SimulationError: the motion is unstable with every one of them.
     """
     reference = model.predict(free)
     parts = problem.parts(effects, model.physical(free))
-    return of_each(problem, [_of_recording(part, problem.part_of(reference, n)) for n, part in enumerate(parts)])
+    found = [_of_recording(part, problem.part_of(reference, n), progress) for n, part in enumerate(parts)]
+    return of_each(problem, found)
 
 
 def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
@@ -92,14 +100,17 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate(columns, axis=-1)
 
 
-def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
+def _of_recording(part: Part, reference: np.ndarray, progress: Callable[[str], None]) -> np.ndarray:
     problem = part.recording
     if not isinstance(problem, StateProblem):
         return problem.measuring_errors
     right = problem.coarse_model(part.effects, part.known)
     base = right.predict(right.start)
     bodies = [body for body in wrong_bodies(problem, distortion(problem, reference)) if len(body.positions)]
-    seen = list(each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)))
+    seen: list[np.ndarray | SimulationError] = []
+    for found in each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)):
+        seen.append(found)
+        progress(f"wrong shapes of {problem.scene}: {len(seen)} of {len(bodies)}")
     changes = [problem.relative(found - base) for found in seen if not isinstance(found, SimulationError)]
     if not changes:
         raise next(found for found in seen if isinstance(found, SimulationError))
