@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -25,14 +26,13 @@ class Keep:
             overlay = gui.add_button("Save overlay", icon=viser.Icon.FILE_PLUS, hint=f"{OVERLAY}, for fit --config")
             session = gui.add_button("Save session", icon=viser.Icon.DEVICE_FLOPPY, hint="to open it again")
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")
-            self.dark = gui.add_checkbox("dark", False, hint="colours of all pages")
+            self.dark = gui.add_checkbox("dark", page.dark, hint="colours of all pages")
         for button, save in ((overlay, self._overlay), (session, self._session), (story, self._story)):
-            button.on_click(page.by_hand(lambda _, save=save: page.changes.ask(save.__name__, save)))
-        self.dark.on_update(
-            page.by_hand(
-                lambda _: gui.configure_theme(dark_mode=self.dark.value, show_logo=False, show_share_button=False)
-            )
-        )
+            button.on_click(page.by_hand(self._saver(save)))
+        self.dark.on_update(page.by_hand(lambda _: page.colours(self.dark.value)))
+
+    def _saver(self, save: Callable[[], None]) -> Callable[[Any], None]:
+        return lambda _: self.page.changes.ask(save.__name__, save)
 
     def _path(self) -> Path:
         path = Path(self.folder.value.strip() or ".")

@@ -65,7 +65,8 @@ class Page:
         with redirect_stdout(io.StringIO()):  # the command says where the page is
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.host, self.port = host, self.server.get_port()
-        self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+        self.dark = dark
+        self.colours(dark)
         self.server.gui.set_panel_label(session.name)
         self.changes = Worker(self.complain, self._refine, REST)
         self.questions = Worker(self.complain, lambda: None, REST)
@@ -81,6 +82,10 @@ class Page:
         self.choose_recording(self.recording)
         self.changes.ask("redraw", self.redraw, refined_later=True)
         threading.Thread(target=self._play, name="play", daemon=True).start()
+
+    def colours(self, dark: bool) -> None:
+        """Dark colours, or light ones."""
+        self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
     @property
     def url(self) -> str:
