@@ -34,7 +34,6 @@ LEAST_CAMERAS = 4
 the very fault in question."""
 CERTAIN = 1 - 1e-9
 """Probability above which a logarithm of its complement is not taken."""
-Build = Callable[[Sequence[Effect], dict[str, float]], Model]
 LEAST_CHANGE = 1e-4
 """A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 
@@ -104,18 +103,14 @@ def probe(
     comparison: Comparison,
     candidates: Sequence[Candidate],
     progress: Callable[[str], None],
-    build: Build | None = None,
 ) -> Probes:
-    """Try every candidate at the fitted model, see :func:`probed`; ``build`` makes models, those of the problem's own
-    body when not given.
-    """
-    build = build or problem.model
+    """Try every candidate at the fitted model, see :func:`probed`."""
     held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
     outside = [c for c in candidates if c.observes and c.view in held]
     inside = [candidate for candidate in candidates if candidate not in outside]
-    null, free = build(effects, comparison.known), comparison.free
+    null, free = problem.model(effects, comparison.known), comparison.free
     families = [
-        probed(problem, effects, null, free, family, mask, progress, build) if family else ([], 0)
+        probed(problem, effects, null, free, family, mask, progress) if family else ([], 0)
         for family, mask in zip((inside, outside), masks(problem), strict=True)
     ]
     return Probes(families[0][0], families[1][0], families[0][1] + families[1][1])
@@ -169,7 +164,6 @@ def probed(
     candidates: Sequence[Candidate],
     mask: np.ndarray,
     progress: Callable[[str], None] = lambda _: None,
-    build: Build | None = None,
 ) -> tuple[list[Hypothesis], int]:
     """Every candidate as a hypothesis about the entries of a mask [(R, F, 11), bool], and the number of simulations.
 
@@ -182,14 +176,12 @@ def probed(
         candidates: effects to try beside those of the model.
         mask: entries to return.
         progress: called with the name of each candidate.
-        build: makes models of effects and values [SI]; that of the problem's own body when not given.
     """
-    build = build or problem.model
     path, known = null.path(free), null.physical(free)
     before = null.observe(path, free)
     trials = [list(candidate.trials()) for candidate in candidates]
     models = (
-        [build([*effects, candidate.effect], {**known, **trial}) for trial in tried]
+        [problem.model([*effects, candidate.effect], {**known, **trial}) for trial in tried]
         for candidate, tried in zip(candidates, trials, strict=True)
     )
     seen = each(

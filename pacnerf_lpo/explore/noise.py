@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,13 +19,9 @@ from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import Source
 from pacnerf_lpo.identification.base_fit import priors
-from pacnerf_lpo.identification.least_squares import sensitivities
-from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.standardised import spread
-from pacnerf_lpo.mpm.effects.base import Effect
 
 Progress = Callable[[str], None]
 LEARNT = "explore_noise"
@@ -123,8 +119,11 @@ class Noise:
         wrong = shape_errors(problem, effects, free, model, progress)
         coarser = discretisation_errors(problem, effects, free, model)
         force = force_changes(problem, effects, step.values, progress)
-        now = comparison_at(problem, effects, step.values, problem.residual(model.predict(free)))
-        return replace(now, replicates=found, sensor=sensor, shape_errors=wrong, discretisation=coarser, force=force)
+        mean, deviation = priors(problem, model)
+        residual = problem.residual(model.predict(free))
+        none = np.zeros((*residual.shape, 0))
+        at = (model.names, free, model.physical(free), mean, deviation, 0.0, residual, none)
+        return Comparison(*at, found, sensor, wrong, coarser, force, (), 0)
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""
@@ -154,38 +153,3 @@ class Noise:
         """Simulate in processes where bodies deform."""
         with processes(jobs if self.problem.deforms else jobs or 1):
             yield
-
-
-def comparison_at(
-    problem: Problem, effects: Sequence[Effect], values: dict[str, float], residual: np.ndarray
-) -> Comparison:
-    """A model as it stands, and by how much each unknown changes its residual, which a coarse body shows; the noise is
-    left empty.
-
-    Args:
-        problem: the measurements.
-        effects, values: of the model [SI]
-        residual: measured minus predicted [(R, F, 11)]
-    """
-    model = problem.coarse_model(effects, values)
-    mean, deviation = priors(problem, model)
-    seen = problem.residual_of(model, problem.usable)
-    changes = sensitivities(seen, model.start, seen(model.start), model.scales, model.bounds)
-    none = np.zeros((*problem.usable.shape, 0))
-    return Comparison(
-        model.names,
-        model.start,
-        model.physical(model.start),
-        mean,
-        deviation,
-        0.0,
-        residual,
-        spread(changes, problem.usable),
-        none,
-        none,
-        none,
-        none,
-        none,
-        (),
-        1 + len(model.names),
-    )

@@ -218,14 +218,16 @@ class Measured:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """An effect that would help, by the change that one simulation of it shows.
+    """An effect that may help.
 
     effect: its name, as :meth:`Session.add` takes it.
     readable: how a person calls it.
     log_bayes_factor: logarithm of how many times more probable the recording is with it than without.
     p_value: probability that the best of all effects scores as high where nothing is missing.
     stands_out: whether that is below the level at which a diagnosis adds an effect.
-    values: of its coefficients that the linear change calls for [SI]
+    fitted: whether the two come from a fit of all parameters with it; else from the linear change that one simulation
+        of it shows.
+    values: of its coefficients that explain most [SI]
     intervals: 90 % intervals of them [SI]
     units: of them.
     signature: what a video shows of it.
@@ -238,6 +240,7 @@ class Suggestion:
     log_bayes_factor: float
     p_value: float
     stands_out: bool
+    fitted: bool
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     units: dict[str, str]

@@ -370,7 +370,8 @@ class Session:
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
     ) -> list[Suggestion]:
         """What would help? Every effect of the catalogue is added to the current model, by one simulation for each of
-        its probes on the coarse body, and scored by how well that explains what is left; best first.
+        its probes, and scored by how well that explains what its parameters cannot; those that could be the best are
+        fitted. All on the coarse body: a diagnosis decides. Best first.
 
         Args:
             most: so many are returned.

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.refitting import starts
-from pacnerf_lpo.diagnosis.screening import judge, probe
-from pacnerf_lpo.explore.noise import comparison_at
+from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
+from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
+from pacnerf_lpo.explore.coarse import fitted, on_coarse_body
 from pacnerf_lpo.explore.records import Step, Suggestion
-from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.inference.decision import LEVEL, worth_refitting
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.report.wording import readable
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
+MOST = 4
+"""Effects that are fitted: those that move the body alike, such as drags, gravity and a wind, are no more than that."""
 NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 
@@ -27,44 +29,57 @@ NORMAL = 1.645
 def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
     """Every effect that could be added to a step and changes something, best first.
 
-    What is left is that of the fine body; what effects and parameters change is that of the coarse one, which small
-    changes move alike. Scores, their noise and the p-value of the selection are those of a diagnosis' screening.
+    The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
+    Effects are screened at that fit, and those that could be the best are fitted with all parameters, as a round of a
+    diagnosis does it on the fine body.
 
     Raises:
         SimulationError, Stopped: as :meth:`Session.suggest`.
     """
-    problem, effects = session.problem, session.catalogue.chosen(step.effects)
+    problem, effects = on_coarse_body(session.problem), session.catalogue.chosen(step.effects)
     noise = session.noise.of(step, progress).comparison
-    progress("what is left of the residual")
-    residual = problem.residual(session.rolled(step, "refined").predicted)
-    now = comparison_at(problem, effects, step.values, residual)
-    kept = {name: getattr(noise, name) for name in ("replicates", "sensor", "shape_errors", "discretisation", "force")}
-    comparison = replace(now, **kept)
+    progress("fitting the model as it is")
+    null = fitted(problem, effects, step.values, noise, progress)
     candidates = session.catalogue.candidates(step.effects)
-    probes = probe(problem, effects, comparison, candidates, progress, problem.coarse_model)
-    progress("scores of all effects")
-    screening = judge(problem, comparison, probes)
+    screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
-    return [
-        _suggestion(by_name[score.name], score, screening.p_value(score.name, score.log_bayes_factor))
-        for score in screening.scores
-        if score.name in by_name
-    ]
+    scores = [score for score in screening.scores if score.name in by_name]
+    worth = worth_refitting([(one.name, one.log_bayes_factor) for one in scores], screening.threshold)[:MOST]
+    refits: dict[str, Refit] = {}
+    tried = ((problem, effects, null, by_name[name], screening, _quiet) for name in worth)
+    for name, again in zip(worth, each(refit, tried), strict=True):
+        progress(f"fitted with {name}")
+        if again is not None:
+            refits[name] = again
+    found = [_suggestion(by_name[one.name], one, screening, refits.get(one.name)) for one in scores]
+    return sorted(found, key=lambda one: (not one.fitted, -one.log_bayes_factor))
 
 
-def _suggestion(candidate: Candidate, score: Score, p_value: float) -> Suggestion:
-    effect, null = candidate.effect, candidate.effect.null
-    values = {name: _within(candidate, name, value) for name, value in starts(candidate, score)[0].items()}
-    intervals = {}
-    if not candidate.discrete and (candidate.joint or len(null) == 1):
-        for name, error in zip(null, score.error, strict=True):
-            intervals[name] = values[name] - NORMAL * error, values[name] + NORMAL * error
+def _quiet(_: str) -> None:
+    """Progress of another process."""
+
+
+def _suggestion(candidate: Candidate, score: Score, screening: Screening, again: Refit | None) -> Suggestion:
+    effect = candidate.effect
+    if again is None:
+        factor = score.log_bayes_factor
+        p_value = screening.p_value(score.name, factor)
+        values = {name: _within(candidate, name, value) for name, value in starts(candidate, score)[0].items()}
+        intervals = {}
+        if not candidate.discrete and len(score.error) == len(effect.null):
+            widths = zip(effect.null, score.error, strict=True)
+            intervals = {name: (values[name] - NORMAL * e, values[name] + NORMAL * e) for name, e in widths}
+    else:
+        factor, p_value = again.log_bayes_factor, again.p_value
+        values = {name: again.known[name] for name in effect.parameters}
+        intervals = {one.name: (one.low, one.high) for one in again.intervals if one.name in values}
     return Suggestion(
         candidate.name,
         readable(candidate.name),
-        score.log_bayes_factor,
+        factor,
         p_value,
-        p_value < LEVEL and score.log_bayes_factor > 0,
+        p_value < LEVEL and factor > 0,
+        again is not None,
         values,
         intervals,
         {name: parameter.unit for name, parameter in effect.parameters.items()},
