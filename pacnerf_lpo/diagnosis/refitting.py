@@ -21,7 +21,7 @@ from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
 
-ITERATIONS = 12
+ITERATIONS, QUICK_ITERATIONS = 12, 8
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 GIVE_UP = 1.2
@@ -71,6 +71,7 @@ def refit(
     progress: Progress,
     best_cost: float = np.inf,
     searched: bool = False,
+    thorough: bool = True,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 
@@ -83,6 +84,8 @@ def refit(
         progress: told what happens.
         best_cost: of another effect; a fit that stays far above it is given up.
         searched: whether the whole parameter space of the model with the effect is searched first.
+        thorough: False: a few steps from the first start, with sensitivities that are corrected and not measured again:
+            enough to see which effects can win, not to decide between them.
 
     Returns:
         None if the motion is unstable from every start.
@@ -105,7 +108,7 @@ def refit(
         begun, rollouts = [found.free], found.rollouts
     best, cost = None, np.inf
     own = np.isin(model.names, list(candidate.effect.parameters))
-    for start in begun:
+    for start in begun if thorough else begun[:1]:
         if np.isfinite(cost) and min(cost, best_cost) <= mask.sum():
             break  # no more than noise is left, by this or by another effect: another optimum is not needed
         least = min(without, GIVE_UP * best_cost, GIVE_UP * cost)
@@ -116,10 +119,11 @@ def refit(
             start if first is None else first,
             model.scales,
             model.bounds,
-            ITERATIONS,
+            ITERATIONS if thorough else QUICK_ITERATIONS,
             report=report,
             abort_above=least,
             rows=objective.rows,
+            confirm=thorough,
         )
         rollouts += int(own.sum()) + 2 if tried is None else tried.rollouts
         if tried is not None and tried.cost_of(objective.rows) < cost:

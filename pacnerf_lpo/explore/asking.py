@@ -41,7 +41,7 @@ def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, l
     effects = tuple(name_of(effect) for effect in ended.effects)
     step = Step(0, session.current.number, title, "diagnose", dict(ended.known), effects, ends, notes=notes)
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
-    return session.adopt(step), [verdict["sentence"], *verdict["details"]]
+    return session.stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
 
 
 def plan(session: Session, progress: Callable[[str], None]) -> list[Proposal]:

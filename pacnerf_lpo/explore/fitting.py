@@ -128,7 +128,7 @@ def _taken(
     known = model.physical(free)
     values = {name: known.get(name, value) for name, value in step.values.items()}
     intervals = {**step.intervals, **ends}
-    return session.adopt(Step(0, step.number, title, "fit", values, step.effects, intervals, notes=doubts))
+    return session.stepper.adopt(Step(0, step.number, title, "fit", values, step.effects, intervals, notes=doubts))
 
 
 def _starts(model: Model, effects: Sequence[Effect], names: Sequence[str]) -> list[np.ndarray]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -19,7 +18,6 @@ from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import Source
 from pacnerf_lpo.identification.base_fit import priors
-from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 
@@ -147,9 +145,3 @@ class Noise:
         found, _ = intervals(self.problem, self.catalogue.chosen(names), comparison)
         ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
         return Known(tuple(names), dict(comparison.known), ends, comparison)
-
-    @contextmanager
-    def working(self, jobs: int | None) -> Iterator[None]:
-        """Simulate in processes where bodies deform."""
-        with processes(jobs if self.problem.deforms else jobs or 1):
-            yield

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,10 +12,9 @@ import numpy as np
 from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
-from pacnerf_lpo.errors import SimulationError, Stopped, UserInputError
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.explore import asking, fitting, saving, suggesting, views
 from pacnerf_lpo.explore.catalogue import Catalogue
-from pacnerf_lpo.explore.history import History
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
     Camera,
@@ -28,21 +24,14 @@ from pacnerf_lpo.explore.records import (
     Measured,
     Motion,
     Outlines,
-    Resolution,
     Setting,
     Step,
     Suggestion,
 )
-from pacnerf_lpo.explore.simulate import Simulated, errors_of, out_of_sight, simulate
+from pacnerf_lpo.explore.simulate import errors_of
 from pacnerf_lpo.explore.source import Source, open_source
+from pacnerf_lpo.explore.stepping import Progress, Stepper
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.mpm.runtime import stoppable
-
-KEPT = 6
-"""Rollouts that are remembered; others are simulated again when they are looked at."""
-NOTICED = 0.02
-"""Share of the measured outlines and points that a model may lose sight of without a word."""
-Progress = Callable[[str], None]
 
 
 class Session:
@@ -63,14 +52,12 @@ class Session:
     def __init__(self, source: Source, listed: str | None = None, jobs: int | None = None):
         """Use :meth:`open`. Raises UserInputError, SimulationError."""
         self.source, self.problem, self.jobs = source, source.problem, jobs
-        self.history = History()
         self._base = dict(self.problem.first_guess)
         self.listed = listed or source.options.candidates
         self.catalogue = Catalogue(self.problem, self._base, self.listed)
+        self.stepper = Stepper(self.catalogue)
+        self.history = self.stepper.history
         self.noise = Noise(source, self.catalogue)
-        self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
-        self._generation, self._stop = 0, threading.Event()
-        self._rolled: OrderedDict[tuple[int, Resolution], Simulated] = OrderedDict()
         self._seen = views.Views(self.problem)
 
     @classmethod
@@ -106,11 +93,11 @@ class Session:
         installed = tuple(session.catalogue.installed)
         intervals = session.source.intervals
         first = Step(0, None, "as the run has it", "open", session._base, installed, intervals)
-        session._take(first, must=True)
+        session.stepper.take(first, must=True)
         stored = session.noise.first
         if stored is not None:
             fitted = Step(0, 0, "as diagnose fitted it", "diagnose", stored.values, stored.effects, stored.intervals)
-            session._take(replace(fitted, notes=stored.comparison.notes))
+            session.stepper.take(replace(fitted, notes=stored.comparison.notes))
         return session
 
     # What there is
@@ -119,6 +106,11 @@ class Session:
     def name(self) -> str:
         """Of the scene, or of the recordings."""
         return self.problem.scene
+
+    @property
+    def folder(self) -> Path:
+        """Where a session of this source is kept where nobody says otherwise: in the run, or beside the study."""
+        return self.source.store.folder.parent / "explore"
 
     @property
     def unit(self) -> str:
@@ -185,7 +177,7 @@ class Session:
         if not changes:
             raise UserInputError("explore: give at least one setting to change")
         checked = {key: self.catalogue.check(key, number) for key, number in changes.items()}  # type: ignore[arg-type]
-        with self._change():
+        with self.stepper.change():
             step = self.current
             owners = {key: self.catalogue.owner(key) for key in checked}
             added = [
@@ -200,7 +192,7 @@ class Session:
                 f"{self._called(key)} {self.catalogue.show(key, number)}" for key, number in checked.items()
             )
             made = Step(0, step.number, title, "set", values, effects, step.intervals)
-            return self._dragged(made, tuple(checked)) if dragging else self._take(made)
+            return self.stepper.drag(made, tuple(checked)) if dragging else self.stepper.take(made)
 
     def add(self, effect: str, values: Mapping[str, float] | None = None) -> Step:
         """Add an effect to the model: at given values, or where it vanishes.
@@ -221,7 +213,7 @@ class Session:
             if key not in own.parameters:
                 raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
         told = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
-        with self._change():
+        with self.stepper.change():
             step = self.current
             if effect in step.effects:
                 raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
@@ -229,33 +221,33 @@ class Session:
             shown = ", ".join(self.catalogue.show(key, number) for key, number in told.items())
             title = f"+ {effect} {shown}".rstrip()
             known = {**step.values, **self._nulls([effect]), **told}
-            return self._take(Step(0, step.number, title, "add", known, effects, step.intervals))
+            return self.stepper.take(Step(0, step.number, title, "add", known, effects, step.intervals))
 
     def remove(self, effect: str) -> Step:
         """Take an effect out of the model. Raises UserInputError where the model has it not."""
         own = self.catalogue.effect(effect)
-        with self._change():
+        with self.stepper.change():
             step = self.current
             if effect not in step.effects:
                 raise UserInputError(f"explore: the model has no {effect}; it has {', '.join(step.effects) or 'none'}")
             kept = tuple(name for name in step.effects if name != effect)
             values = {name: value for name, value in step.values.items() if name not in own.parameters}
             intervals = {name: ends for name, ends in step.intervals.items() if name not in own.parameters}
-            return self._take(Step(0, step.number, f"- {effect}", "remove", values, kept, intervals))
+            return self.stepper.take(Step(0, step.number, f"- {effect}", "remove", values, kept, intervals))
 
     def undo(self) -> Step:
         """Go back to what the current step was made from. Raises UserInputError at the first step."""
-        with self._change():
+        with self.stepper.change():
             return self.history.undo()
 
     def redo(self) -> Step:
         """Go on to what was undone last. Raises UserInputError where nothing was, or something was changed since."""
-        with self._change():
+        with self.stepper.change():
             return self.history.redo()
 
     def go_to(self, number: int) -> Step:
         """Make any step of the history the current one. Raises UserInputError."""
-        with self._change():
+        with self.stepper.change():
             return self.history.go(number)
 
     def refine(self, number: int | None = None) -> Step:
@@ -267,20 +259,7 @@ class Session:
         Args:
             number: of the step; None: the current one.
         """
-        step = self.history.step(number)
-        if step.resolution == "refined" or step.trouble is not None:
-            return step
-        begun = self._generation
-        try:
-            with stoppable(lambda: self._generation != begun):
-                self.rolled(step, "refined")
-        except Stopped:
-            return step
-        except SimulationError as error:
-            note = f"on the fine body the motion is unstable ({error}); a larger physics.substep_rate may mend that"
-            return self.history.update(replace(step, notes=(*step.notes, note)), self.history.tables.get(step.number))
-        with self._changing:
-            return step if self._generation != begun else self._measured(step, "refined")
+        return self.stepper.refine(self.history.step(number))
 
     # Looking
 
@@ -291,34 +270,34 @@ class Session:
             UserInputError: there is no such step, or its motion is unstable.
         """
         step = self.history.step(number)
-        found = self._simulated(step)
+        found = self.stepper.simulated(step)
         return errors_of(self.problem, found, self.noise.floor(step))
 
     def motion(self, number: int | None = None, recording: str | int = 0) -> Motion:
         """The body at every frame, see :class:`Motion`. Raises as :meth:`error`."""
         at = self._seen.number(recording)
-        return self._seen.motion(self._simulated(self.history.step(number)), at)
+        return self._seen.motion(self.stepper.simulated(self.history.step(number)), at)
 
     def stretch(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
         """Largest principal stretch of the body at every particle and frame, relative to frame 0 [(F, N), float32]: of
         the affine map that fits the motion of its nearest neighbours best. Raises as :meth:`error`.
         """
         at = self._seen.number(recording)
-        return self._seen.stretch(self._simulated(self.history.step(number)), at)
+        return self._seen.stretch(self.stepper.simulated(self.history.step(number)), at)
 
     def particle_errors(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
         """Where on the body the outlines disagree [pixels, (F, N), float32]: the area on which matte and model differ,
         each pixel counted for the particle that is nearest to it, a mean over the cameras. Raises as :meth:`error`.
         """
         at = self._seen.number(recording)
-        return self._seen.particle_errors(self._simulated(self.history.step(number)), at)
+        return self._seen.particle_errors(self.stepper.simulated(self.history.step(number)), at)
 
     def regions(self, number: int | None = None, recording: str | int = 0) -> dict[str, np.ndarray]:
         """:meth:`particle_errors` summed over each side of the body: left (-x), right, bottom (-y), top, back (-z) and
         front, as it lies at frame 0 [pixels, (F,) each]. Raises as :meth:`error`.
         """
         at = self._seen.number(recording)
-        return self._seen.regions(self._simulated(self.history.step(number)), at)
+        return self._seen.regions(self.stepper.simulated(self.history.step(number)), at)
 
     def outlines(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> Outlines:
         """Image, matte and model of a camera at a frame.
@@ -334,7 +313,7 @@ class Session:
         """
         at = self._seen.number(recording)
         self._seen.check(at, camera, frame)
-        return self._seen.outlines(self._simulated(self.history.step(number)), at, camera, frame)
+        return self._seen.outlines(self.stepper.simulated(self.history.step(number)), at, camera, frame)
 
     def picture(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> np.ndarray:
         """Measured | model | residual with both outlines, side by side [uint8, (H, 3 W, 3)]; as :meth:`outlines`."""
@@ -360,11 +339,14 @@ class Session:
     # Questions
 
     def prepare(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> None:
-        """Learn what the residual may be where nothing is missing, which suggestions and intervals need, unless that is
-        known for a model with these effects: once, some tens of seconds. Raises as :meth:`suggest`.
+        """Make the first answers quick, in the background of a session that was just opened: start the processes, let
+        them compile the kernels of all effects, and learn what the residual may be where nothing is missing, which
+        suggestions and intervals need, unless that is known for a model with these effects. The next question stops it.
+        Raises as :meth:`suggest`.
         """
-        with self._job(progress, stop) as told:
+        with self.stepper.job(progress, stop, self.jobs, yielding=True) as told:
             self.noise.learn(self.current, told)
+            suggesting.warm(self, told, self.jobs or 2)
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -383,7 +365,7 @@ class Session:
             SimulationError: the current motion is unstable.
             UserInputError: another question is being answered.
         """
-        with self._job(progress, stop) as told:
+        with self.stepper.job(progress, stop, self.jobs) as told:
             return suggesting.suggest(self, self.current, told)[:most]
 
     def fit(
@@ -404,7 +386,7 @@ class Session:
             UserInputError: no such settings, or another question is being answered.
         """
         fitting.check(self, names)
-        with self._job(progress, stop) as told:
+        with self.stepper.job(progress, stop, self.jobs) as told:
             return fitting.fit(self, self.current, list(names), told)
 
     def diagnose(
@@ -419,7 +401,7 @@ class Session:
         Raises:
             Stopped, SimulationError, UserInputError: as :meth:`suggest`.
         """
-        with self._job(progress, stop) as told:
+        with self.stepper.job(progress, stop, self.jobs) as told:
             return asking.diagnose(self, told)
 
     def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
@@ -430,17 +412,17 @@ class Session:
             UserInputError: the diagnosis names one cause or none, or only flights were measured.
             Stopped, SimulationError: as :meth:`suggest`.
         """
-        with self._job(progress, stop) as told:
+        with self.stepper.job(progress, stop, self.jobs) as told:
             return asking.plan(self, told)
 
     def stop(self) -> None:
         """Stop the question that is being answered, if there is one; it raises ``Stopped`` where it was asked."""
-        self._stop.set()
+        self.stepper.stop()
 
     @property
     def busy(self) -> bool:
         """Whether a question is being answered."""
-        return self._working.locked()
+        return self.stepper.busy
 
     # Keeping
 
@@ -461,10 +443,7 @@ class Session:
 
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""
-        self._stop.set()
-        self._generation += 1
-        with self._looking:
-            self._rolled.clear()
+        self.stepper.close()
 
     def __enter__(self) -> Session:
         return self
@@ -473,34 +452,6 @@ class Session:
         self.close()
 
     # Inside
-
-    @contextmanager
-    def _change(self) -> Iterator[None]:
-        """One change after the other; each stops a refinement."""
-        self._generation += 1
-        with self._changing:
-            yield
-
-    @contextmanager
-    def _job(self, progress: Progress, stop: Callable[[], bool]) -> Iterator[Progress]:
-        """The one question that is being answered, with a progress that raises ``Stopped`` when it is not wanted."""
-        if not self._working.acquire(blocking=False):
-            raise UserInputError("explore: another question is being answered; wait for it, or stop it first")
-        try:
-            self._stop.clear()
-
-            def unwanted() -> bool:
-                return self._stop.is_set() or stop()
-
-            def told(text: str) -> None:
-                if unwanted():
-                    raise Stopped("stopped")
-                progress(text)
-
-            with stoppable(unwanted), self.noise.working(self.jobs):
-                yield told
-        finally:
-            self._working.release()
 
     def _joined(self, effects: Sequence[str], more: Sequence[str] | Mapping[str, None]) -> tuple[str, ...]:
         """Effects of a model with some more. Raises UserInputError where they do not suit each other."""
@@ -520,76 +471,3 @@ class Session:
         owner = self.catalogue.owner(name)
         alone = owner is not None and len(self.catalogue.effects[owner].parameters) == 1
         return owner if alone and owner is not None else name
-
-    def _dragged(self, made: Step, keys: tuple[str, ...]) -> Step:
-        """A step of a moving hand: in the place of the current one where that is of the same hand."""
-        step = self.current
-        last = step.number == len(self.steps) - 1
-        if step.kind == "set" and last and getattr(self, "_hand", None) == (step.number, keys):
-            found = self._measured(replace(made, number=step.number, parent=step.parent), "coarse", fresh=True)
-        else:
-            found = self._take(made)
-        self._hand = (found.number, keys)
-        return found
-
-    def _take(self, step: Step, must: bool = False) -> Step:
-        """Simulate a step on the coarse body and put it into the history; one that is unstable, too, unless it must
-        not be.
-        """
-        with self._changing:
-            step = self.history.add(step, None)
-            return self._measured(step, "coarse", must, fresh=True)
-
-    def _measured(self, step: Step, resolution: Resolution, must: bool = False, fresh: bool = False) -> Step:
-        """Simulate a step of the history and keep its errors."""
-        try:
-            found = self.rolled(step, resolution, fresh)
-        except SimulationError as error:
-            if must or resolution == "refined":
-                raise
-            return self.history.update(replace(step, trouble=str(error)), None)
-        return self._kept(step, found)
-
-    def _kept(self, step: Step, found: Simulated) -> Step:
-        """A step of the history with the errors of its rollout."""
-        errors = errors_of(self.problem, found)
-        lost = out_of_sight(self.problem, found)
-        notes = tuple(note for note in step.notes if not note.startswith(views.LOST))
-        if lost > NOTICED:
-            notes = (*notes, f"{views.LOST} in {lost:.0%} of what was measured; its error does not count there")
-        step = replace(
-            step, resolution=found.resolution, fitted=errors.fitted, held_out=errors.held_out, trouble=None, notes=notes
-        )
-        return self.history.update(step, errors.table)
-
-    def _simulated(self, step: Step) -> Simulated:
-        """The rollout of a step. Raises UserInputError where it is unstable."""
-        if step.trouble is not None:
-            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {step.trouble}")
-        try:
-            return self.rolled(step, step.resolution)
-        except SimulationError as error:
-            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {error}") from error
-
-    def adopt(self, step: Step) -> Step:
-        """Take a step over that was found on the fine body. Raises SimulationError."""
-        with self._change():
-            found = self.rolled(replace(step, number=len(self.steps)), "refined", fresh=True)
-            return self._kept(self.history.add(step, None), found)
-
-    def rolled(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
-        """The rollout of a step, remembered or new. Raises SimulationError."""
-        key = step.number, resolution
-        with self._looking:
-            for stale in [other for other in self._rolled if fresh and other[0] == step.number]:
-                self._rolled.pop(stale)
-            found = self._rolled.get(key)
-        if found is None:
-            effects = self.catalogue.chosen(step.effects)
-            found = simulate(self.problem, effects, step.values, resolution)
-        with self._looking:
-            self._rolled[key] = found
-            self._rolled.move_to_end(key)
-            while len(self._rolled) > KEPT:
-                self._rolled.popitem(last=False)
-        return found

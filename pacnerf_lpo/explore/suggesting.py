@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +13,10 @@ import numpy as np
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.coarse import fitted, on_coarse_body
 from pacnerf_lpo.explore.records import Step, Suggestion
+from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.inference.decision import LEVEL, worth_refitting
 from pacnerf_lpo.inference.evidence import Score
@@ -40,19 +45,57 @@ def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> li
     noise = session.noise.of(step, progress).comparison
     progress("fitting the model as it is")
     null = fitted(problem, effects, step.values, noise, progress)
-    candidates = session.catalogue.candidates(step.effects)
+    candidates = [_largest(candidate) for candidate in session.catalogue.candidates(step.effects)]
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
     worth = worth_refitting([(one.name, one.log_bayes_factor) for one in scores], screening.threshold)[:MOST]
     refits: dict[str, Refit] = {}
+    quickly = partial(refit, thorough=False)
     tried = ((problem, effects, null, by_name[name], screening, _quiet) for name in worth)
-    for name, again in zip(worth, each(refit, tried), strict=True):
+    for name, again in zip(worth, each(quickly, tried), strict=True):
         progress(f"fitted with {name}")
         if again is not None:
             refits[name] = again
     found = [_suggestion(by_name[one.name], one, screening, refits.get(one.name)) for one in scores]
     return sorted(found, key=lambda one: (not one.fitted, -one.log_bayes_factor))
+
+
+def _largest(candidate: Candidate) -> Candidate:
+    """A candidate that is tried at the largest of its probes alone, where one coefficient leads smoothly from its null:
+    the fit that follows bends the line.
+    """
+    effect = candidate.effect
+    if candidate.joint or candidate.discrete or len(effect.null) > 1:
+        return candidate
+    found = copy(effect)
+    found.probes = (
+        max(effect.probes, key=lambda probe: max(abs(probe[name] - null) for name, null in effect.null.items())),
+    )
+    return Candidate(candidate.name, found)
+
+
+def warm(session: Session, progress: Callable[[str], None], copies: int) -> None:
+    """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
+    problem, step = on_coarse_body(session.problem), session.current
+    candidates = session.catalogue.candidates(step.effects)
+    effects = session.catalogue.chosen(step.effects)
+    known = [{**step.values, **candidate.effect.null} for candidate in candidates]
+    models = [
+        problem.model((*effects, candidate.effect), values)
+        for candidate, values in zip(candidates, known, strict=True)
+        if candidate.effect.acts_on_motion
+    ]
+    for number, _ in enumerate(each(_first_frame, ((model,) for model in models for _ in range(copies))), 1):
+        progress(f"compiling the kernels of all effects: {number} of {copies * len(models)}")
+
+
+def _first_frame(model: Model) -> None:
+    """Roll a model out as far as its kernels need to be compiled; an effect may be unstable at its null."""
+    for one in getattr(model, "models", [model]):
+        one.frames = 2
+        with suppress(SimulationError):
+            one.path(one.start)
 
 
 def _quiet(_: str) -> None:

@@ -23,7 +23,6 @@ from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.report.residual_colours import residual_colours
 from pacnerf_lpo.types import Video
 
-LOST = "the body is out of sight"
 NEIGHBOURS = 12
 """Of a particle, by which its stretch is measured: those that share a face or an edge with its cell, about."""
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))

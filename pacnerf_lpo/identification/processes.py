@@ -24,9 +24,9 @@ def check_jobs(count: int | None, where: str) -> None:
 
 
 @contextlib.contextmanager
-def processes(count: int | None) -> Iterator[None]:
+def processes(count: int | None, linger: float | None = None) -> Iterator[None]:
     """Let :func:`each` use so many processes, one thread each; None: as many as torch may use threads, at most 8, and
-    one where simulations run on a GPU.
+    one where simulations run on a GPU. They wait for more work for so many seconds afterwards; None: five minutes.
 
     Raises:
         UserInputError: less than one.
@@ -37,7 +37,8 @@ def processes(count: int | None) -> Iterator[None]:
     if count == 1:
         yield
         return
-    with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, max_nbytes=None):
+    waiting = {} if linger is None else {"idle_worker_timeout": linger}
+    with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, max_nbytes=None, **waiting):
         yield
 
 

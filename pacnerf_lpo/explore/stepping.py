@@ -1,0 +1,182 @@
+"""Steps that are simulated as they are made: the history, the rollouts that are remembered, and who waits for whom."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from pacnerf_lpo.errors import SimulationError, Stopped, UserInputError
+from pacnerf_lpo.explore.catalogue import Catalogue
+from pacnerf_lpo.explore.history import History
+from pacnerf_lpo.explore.records import Resolution, Step
+from pacnerf_lpo.explore.simulate import Simulated, errors_of, out_of_sight, simulate
+from pacnerf_lpo.identification.processes import processes
+from pacnerf_lpo.mpm.runtime import stoppable
+
+KEPT = 6
+"""Rollouts that are remembered; others are simulated again when they are looked at."""
+LINGER = 3600.0
+"""Seconds for which processes wait for the next question: each needs ten to begin."""
+NOTICED = 0.02
+"""Share of the measured outlines and points that a model may lose sight of without a word."""
+LOST = "the body is out of sight"
+Progress = Callable[[str], None]
+
+
+class Stepper:
+    """The steps of a session. Changes are made one after the other, each stops a refinement; looking waits for none.
+
+    Args:
+        catalogue: of the settings and effects that the steps have.
+
+    Attributes:
+        history: the steps.
+    """
+
+    def __init__(self, catalogue: Catalogue):
+        self.catalogue, self.problem, self.history = catalogue, catalogue.problem, History()
+        self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
+        self._generation, self._stop, self._yielding = 0, threading.Event(), False
+        self._rolled: OrderedDict[tuple[int, Resolution], Simulated] = OrderedDict()
+        self._hand: tuple[int, tuple[str, ...]] | None = None
+
+    @contextmanager
+    def change(self) -> Iterator[None]:
+        """While entered, no other thread changes anything."""
+        self._generation += 1
+        with self._changing:
+            yield
+
+    def take(self, step: Step, must: bool = False) -> Step:
+        """Put a step into the history and simulate it on the coarse body; one that is unstable stays there with the
+        reason. Raises SimulationError for one that ``must`` be stable.
+        """
+        with self._changing:
+            return self._coarse(self.history.add(step, None), must)
+
+    def drag(self, step: Step, keys: tuple[str, ...]) -> Step:
+        """The same for a hand that moves these settings: in the place of the current step where it made that, too."""
+        with self._changing:
+            current = self.history.current
+            if self._hand == (current.number, keys) and current.number == len(self.history.steps) - 1:
+                found = self._coarse(replace(step, number=current.number, parent=current.parent))
+            else:
+                found = self.take(step)
+            self._hand = found.number, keys
+            return found
+
+    def adopt(self, step: Step) -> Step:
+        """Put a step that was found on the fine body into the history. Raises SimulationError."""
+        with self.change():
+            found = self.rolled(replace(step, number=len(self.history.steps)), "refined", fresh=True)
+            return self._kept(self.history.add(step, None), found)
+
+    def refine(self, step: Step) -> Step:
+        """Simulate a step on the fine body; it stays as it is where a change comes meanwhile, or that is unstable."""
+        if step.resolution == "refined" or step.trouble is not None:
+            return step
+        begun = self._generation
+        try:
+            with stoppable(lambda: self._generation != begun):
+                found = self.rolled(step, "refined")
+        except Stopped:
+            return step
+        except SimulationError as error:
+            note = f"on the fine body the motion is unstable ({error}); a larger physics.substep_rate may mend that"
+            return self.history.update(replace(step, notes=(*step.notes, note)), self.history.tables.get(step.number))
+        with self._changing:
+            return step if self._generation != begun else self._kept(step, found)
+
+    def simulated(self, step: Step) -> Simulated:
+        """The rollout of a step as it was simulated last. Raises UserInputError where it is unstable."""
+        if step.trouble is not None:
+            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {step.trouble}")
+        try:
+            return self.rolled(step, step.resolution)
+        except SimulationError as error:
+            raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {error}") from error
+
+    def rolled(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
+        """The rollout of a step, remembered unless it has to be ``fresh``. Raises SimulationError."""
+        key = step.number, resolution
+        with self._looking:
+            for stale in [other for other in self._rolled if fresh and other[0] == step.number]:
+                self._rolled.pop(stale)
+            found = self._rolled.get(key)
+        if found is None:
+            found = simulate(self.problem, self.catalogue.chosen(step.effects), step.values, resolution)
+        with self._looking:
+            self._rolled[key] = found
+            self._rolled.move_to_end(key)
+            while len(self._rolled) > KEPT:
+                self._rolled.popitem(last=False)
+        return found
+
+    @contextmanager
+    def job(
+        self, progress: Progress, stop: Callable[[], bool], jobs: int | None, yielding: bool = False
+    ) -> Iterator[Progress]:
+        """The one question that is being answered, in so many processes, with a progress that raises ``Stopped`` when
+        the answer is not wanted any more; one that is ``yielding`` is stopped by the next one.
+
+        Raises:
+            UserInputError: there is one already.
+        """
+        if not self._working.acquire(blocking=False):
+            if not self._yielding:
+                raise UserInputError("explore: another question is being answered; wait for it, or stop it first")
+            self._stop.set()
+            self._working.acquire()
+        self._yielding = yielding
+
+        def unwanted() -> bool:
+            return self._stop.is_set() or stop()
+
+        def told(text: str) -> None:
+            if unwanted():
+                raise Stopped("stopped")
+            progress(text)
+
+        try:
+            self._stop.clear()
+            with stoppable(unwanted), processes(jobs if self.problem.deforms else jobs or 1, LINGER):
+                yield told
+        finally:
+            self._yielding = False
+            self._working.release()
+
+    def stop(self) -> None:
+        """Stop the question that is being answered."""
+        self._stop.set()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a question is being answered."""
+        return self._working.locked()
+
+    def close(self) -> None:
+        """Stop everything and forget all rollouts."""
+        self._stop.set()
+        self._generation += 1
+        with self._looking:
+            self._rolled.clear()
+
+    def _coarse(self, step: Step, must: bool = False) -> Step:
+        try:
+            return self._kept(step, self.rolled(step, "coarse", fresh=True))
+        except SimulationError as error:
+            if must:
+                raise
+            return self.history.update(replace(step, trouble=str(error)), None)
+
+    def _kept(self, step: Step, found: Simulated) -> Step:
+        """A step of the history with the errors of its rollout."""
+        errors, lost = errors_of(self.problem, found), out_of_sight(self.problem, found)
+        notes = tuple(note for note in step.notes if not note.startswith(LOST))
+        if lost > NOTICED:
+            notes = (*notes, f"{LOST} in {lost:.0%} of what was measured; its error does not count there")
+        made = replace(step, resolution=found.resolution, fitted=errors.fitted, held_out=errors.held_out)
+        return self.history.update(replace(made, trouble=None, notes=notes), errors.table)
