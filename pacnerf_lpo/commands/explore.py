@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
 import threading
 import webbrowser
 
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.explore import Session
+from pacnerf_lpo.explore.page import LOCAL, PORT, open_page
 from pacnerf_lpo.heartbeat import doing
 
 
 def run(
     run_dirs: list[str] | str,
-    host: str = "127.0.0.1",
-    port: int = 8080,
+    host: str = LOCAL,
+    port: int = PORT,
     phase: str | None = None,
     candidates: str | None = None,
     jobs: int | None = None,
@@ -41,13 +39,11 @@ def run(
         dark: dark colours.
         browser: open the page in a browser, too.
     """
-    check_address(host, port)
-    Page = page_class()
     doing("reading the run")
     given = [run_dirs] if isinstance(run_dirs, str) else run_dirs
     with Session.open(given, phase, candidates, jobs=jobs) as session:
-        page = Page(session, host, port, dark)
-        told = "" if page.port == port else f" (port {port} is taken)"
+        page = open_page(session, host, port, dark)
+        told = "" if port in (0, page.port) else f" (port {port} is taken)"
         print(f"explore: {page.url}{told}; Ctrl-C ends it", flush=True)
         if browser:
             webbrowser.open(page.url)
@@ -56,30 +52,6 @@ def run(
         finally:
             page.close()
     print("explore: ended", flush=True)
-
-
-def page_class() -> type:
-    """The page, whose viewer is an optional dependency. Raises UserInputError where it is missing."""
-    try:
-        from pacnerf_lpo.explore.page.page import Page
-    except ModuleNotFoundError as error:
-        if error.name != "viser":
-            raise
-        raise UserInputError("explore needs the viewer viser: pip install 'pacnerf-lpo[explore]'") from error
-    return Page
-
-
-def check_address(host: str, port: int) -> None:
-    """Raise UserInputError where nothing can listen at an address."""
-    if not 0 <= port < 65536:
-        raise UserInputError(f"--port {port}: give a number from 0 (any free one) to 65535")
-    if 0 < port < 1024 and os.geteuid() != 0:
-        raise UserInputError(f"--port {port}: ports below 1024 belong to the system; give a larger one")
-    try:
-        with socket.socket() as trial:
-            trial.bind((host, 0))
-    except OSError as error:
-        raise UserInputError(f"--host {host}: {error}; give an address of this machine, such as 127.0.0.1") from error
 
 
 def wait_for_signal() -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 MEASURED = tuple(round(255 * value) for value in POSITIVE)
 MODEL = tuple(round(255 * value) for value in NEGATIVE)
 """Colours of the outlines: those of what only the video, and only the model shows in the residual."""
+Window = tuple[float, float, float, float]
+"""Left, top, width and height of a part of an image [pixels]."""
 GAP = 2
 SCALE = colormaps["cividis"]
 """Of values on particles: evenly readable with every colour vision."""
@@ -29,29 +31,31 @@ SHADE = 0.6
 
 
 def seen_by(session: Session, camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
-    """:func:`triptych` of a step of a session. Raises UserInputError where the step has no motion."""
+    """:func:`triptych` of a step of a session, close. Raises UserInputError where the step has no motion."""
     seen = session.outlines(camera.view, frame, step, recording)
     motion = session.motion(step, recording)
     drawn = drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
-    return triptych(seen, drawn, side)
+    return triptych(seen, drawn, side, close=True)
 
 
-def triptych(seen: Outlines, drawn: np.ndarray, side: int) -> np.ndarray:
+def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:
     """The measured image with both outlines, large; model and residual, half as large, below each other beside it.
 
     Args:
         seen: one camera at one frame.
         drawn: the model as the camera sees it [0..1, (H, W, 3)].
         side: height of the picture [pixels].
+        close: show a square around the measured body, half as large again, instead of the whole image.
 
     Returns:
         [0..255, (side, W', 3), uint8]
     """
+    window = around(seen) if close else (0.0, 0.0, seen.measured.shape[1], seen.measured.shape[0])
     lines = contours(seen.measured), contours(seen.model)
     residual = residual_colours(torch.as_tensor(np.nan_to_num(seen.residual)), 1.0).numpy()
     half = (side - GAP) // 2
-    large = enlarged(seen.image, lines, side)
-    small = [enlarged(drawn, ([], lines[1]), half), enlarged(residual, lines, half)]
+    large = enlarged(seen.image, lines, window, side)
+    small = [enlarged(drawn, ([], lines[1]), window, half), enlarged(residual, lines, window, half)]
     sheet = Image.new("RGB", (large.width + GAP + small[0].width, side), (190, 190, 190))
     sheet.paste(large, (0, 0))
     for row, image in enumerate(small):
@@ -66,15 +70,32 @@ def contours(opacity: np.ndarray) -> list[np.ndarray]:
     return [np.asarray(line) - 1.0 for line in found]
 
 
-def enlarged(image: np.ndarray, lines: tuple[Sequence[np.ndarray], Sequence[np.ndarray]], height: int) -> Image.Image:
-    """A picture [0..1, (H, W, 3)] at another height, with the outlines of the video and of the model."""
-    factor = height / image.shape[0]
-    sheet = Image.fromarray(to_bytes(torch.as_tensor(np.nan_to_num(image))))
-    sheet = sheet.resize((round(image.shape[1] * factor), height), Image.Resampling.BILINEAR)
+def around(seen: Outlines) -> Window:
+    """A square around the measured body, or around the model's where nothing was measured."""
+    height, width = seen.measured.shape
+    inside = seen.measured > 0.5 if (seen.measured > 0.5).any() else seen.model > 0.5
+    if not inside.any():
+        return 0.0, 0.0, width, height
+    rows, columns = np.nonzero(inside)
+    side = min(1.5 * max(np.ptp(rows), np.ptp(columns)) + 8.0, float(max(height, width)))
+    return (columns.min() + columns.max() - side) / 2, (rows.min() + rows.max() - side) / 2, side, side
+
+
+def enlarged(
+    image: np.ndarray, lines: tuple[Sequence[np.ndarray], Sequence[np.ndarray]], window: Window, height: int
+) -> Image.Image:
+    """A part of a picture [0..1, (H, W, 3)] at another height, with the outlines of the video and of the model."""
+    left, top, wide, high = window
+    factor = height / high
+    whole = Image.fromarray(to_bytes(torch.as_tensor(np.nan_to_num(image))))
+    whole = whole.resize((round(image.shape[1] * factor), round(image.shape[0] * factor)), Image.Resampling.BILINEAR)
+    sheet = Image.new("RGB", (round(wide * factor), height), "white")
+    corner = np.array([left, top])
+    sheet.paste(whole, tuple(np.rint(-corner * factor).astype(int).tolist()))
     pencil = ImageDraw.Draw(sheet)
     for some, colour in zip(lines, (MEASURED, MODEL), strict=True):
         for line in some:
-            pencil.line([tuple(point) for point in (line + 0.5) * factor], fill=colour, width=2)
+            pencil.line([tuple(point) for point in (line + 0.5 - corner) * factor], fill=colour, width=2)
     return sheet
 
 

@@ -10,7 +10,7 @@ import viser
 
 from pacnerf_lpo.errors import Stopped, UserInputError
 from pacnerf_lpo.explore.page.charts import STYLE
-from pacnerf_lpo.explore.page.words import evidence
+from pacnerf_lpo.explore.page.words import evidence, reason
 from pacnerf_lpo.explore.records import Suggestion
 from pacnerf_lpo.report.wording import capitalised
 
@@ -30,6 +30,10 @@ class Ask:
         self._rows: list[Any] = []
         groups = dict.fromkeys(s.group for s in page.session.settings if s.active and s.fitted)
         with tabs.add_tab("Ask", viser.Icon.BULB):
+            self.doing = self.gui.add_html("")
+            self.bar = self.gui.add_progress_bar(100.0, animated=True, visible=False)
+            self.halt = self.gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP, visible=False)
+            self.answer = self.gui.add_html("")
             help_ = self.gui.add_button("What would help?", icon=viser.Icon.BULB)
             self.offers = self.gui.add_folder("Suggestions", visible=False)
             with self.gui.add_folder("Fit"):
@@ -42,10 +46,6 @@ class Ask:
                 fit = self.gui.add_button("Fit", icon=viser.Icon.TARGET)
             diagnose = self.gui.add_button("Diagnose", icon=viser.Icon.STETHOSCOPE, hint="all rounds: minutes")
             plan = self.gui.add_button("Which experiment next?", icon=viser.Icon.FLASK)
-            self.doing = self.gui.add_html("")
-            self.bar = self.gui.add_progress_bar(100.0, animated=True, visible=False)
-            self.halt = self.gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP, visible=False)
-            self.answer = self.gui.add_html("")
         self._buttons = [help_, fit, diagnose, plan]
         for button, job in ((help_, self._suggest), (fit, self._fit), (diagnose, self._diagnose), (plan, self._plan)):
             button.on_click(page.by_hand(self._asker(job)))
@@ -93,7 +93,7 @@ class Ask:
         self._offered, self._rows = {}, []
         with self.offers:
             for one in found:
-                tick = self.gui.add_checkbox(capitalised(one.readable), False)
+                tick = self.gui.add_checkbox(capitalised(one.readable), False, hint=reason(one))
                 tick.on_update(self.page.by_hand(self._ticker(one, tick)))
                 self._offered[one.effect] = one, tick
                 self._rows += [tick, self.gui.add_html(evidence(one))]

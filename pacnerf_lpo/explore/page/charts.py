@@ -15,11 +15,12 @@ FITTED, HELD = "#2a7de1", "#e8710a"
 """Colours of what is fitted and of what is held out; apart for every common colour deficiency, on light and on dark."""
 KEY = f'<b style="color:{FITTED}">fitted</b>, <b style="color:{HELD}">held out</b>'
 STYLE = (
-    "<style>.pl{display:block;width:100%;font:11px system-ui,sans-serif;fill:currentColor;overflow:visible}"
+    "<style>.pl{display:block;width:100%;padding:6px 10px;box-sizing:border-box;"
+    "font:11px system-ui,sans-serif;fill:currentColor;overflow:visible}"
     ".pl [data-go],.steps [data-go]{cursor:pointer}.pl .soft{opacity:.62}.pl .line{stroke:currentColor;opacity:.18}"
     ".pl .cell:hover{stroke:currentColor}.steps{display:flex;flex-direction:column-reverse;max-height:190px;"
     "overflow:auto;font:12px system-ui,sans-serif}.steps table{width:100%;border-collapse:collapse}"
-    ".steps td{padding:1px 4px}"
+    ".steps td{padding:1px 4px}.steps{margin:0 8px 12px}"
     ".steps tr.now{background:rgba(42,125,225,.16)}.steps td.n{text-align:right;font-variant-numeric:tabular-nums}"
     ".steps i{display:block;height:5px;border-radius:2px;margin:1px 0}.hint{font:12px system-ui,sans-serif;opacity:.7;"
     "padding:0 10px 6px}</style>"
@@ -150,10 +151,10 @@ def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected:
     every = np.concatenate((fitted, held))
     most = float(np.nanmax(every)) if np.isfinite(every).any() else 1.0
     span = float(times[-1] - times[0]) or 1.0
-    x = 34 + 304 * (times - times[0]) / span
-    parts = [f'<line class=line x1="34" x2="338" y1="{y}" y2="{y}"/>' for y in (10, 60, 110)]
+    x = 38 + 300 * (times - times[0]) / span
+    parts = [f'<line class=line x1="38" x2="338" y1="{y}" y2="{y}"/>' for y in (10, 60, 110)]
     parts += [
-        f'<text class=soft x="30" y="{y + 4}" text-anchor="end">{figure(value)}</text>'
+        f'<text class=soft x="34" y="{y + 4}" text-anchor="end">{figure(value)}</text>'
         for y, value in ((10, most), (60, most / 2), (110, 0.0))
     ]
     for values, colour, dash in ((fitted, FITTED, ""), (held, HELD, ' stroke-dasharray="4 3"')):
@@ -167,7 +168,7 @@ def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected:
                 parts += [f'<circle cx="{x[i]:.1f}" cy="{y[i]:.1f}" r="2" fill="{colour}"/>' for i in piece]
     now = x[min(selected, len(x) - 1)]
     parts.append(f'<line x1="{now:.1f}" x2="{now:.1f}" y1="6" y2="110" stroke="currentColor" opacity=".55"/>')
-    parts.append(f'<text class=soft x="34" y="124">{times[0]:.2f} s</text>')
+    parts.append(f'<text class=soft x="38" y="124">{times[0]:.2f} s</text>')
     parts.append(f'<text class=soft x="338" y="124" text-anchor="end">{times[-1]:.2f} s</text>')
     return f'{STYLE}<svg class=pl viewBox="0 0 346 130"><title>error over time [{unit}]</title>{"".join(parts)}</svg>'
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import viser
 
+from pacnerf_lpo.explore.page.charts import STYLE
 from pacnerf_lpo.explore.page.story_page import STORY, write_story
 
 if TYPE_CHECKING:
@@ -26,10 +28,9 @@ class Keep:
             overlay = gui.add_button("Save overlay", icon=viser.Icon.FILE_PLUS, hint=f"{OVERLAY}, for fit --config")
             session = gui.add_button("Save session", icon=viser.Icon.DEVICE_FLOPPY, hint="to open it again")
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")
-            self.dark = gui.add_checkbox("dark", page.dark, hint="colours of all pages")
+            self.saved = gui.add_html("")
         for button, save in ((overlay, self._overlay), (session, self._session), (story, self._story)):
             button.on_click(page.by_hand(self._saver(save)))
-        self.dark.on_update(page.by_hand(lambda _: page.colours(self.dark.value)))
 
     def _saver(self, save: Callable[[], None]) -> Callable[[Any], None]:
         return lambda _: self.page.changes.ask(save.__name__, save)
@@ -41,12 +42,18 @@ class Keep:
 
     def _overlay(self) -> None:
         path = self.page.session.save_overlay(self._path() / OVERLAY, recording=self.page.recording)
-        self.page.say("Overlay saved", f"{path}; use it by: pacnerf-lpo fit --config RUN/config.yaml --config {path}")
+        self._tell("Overlay saved", path, f"pacnerf-lpo fit --config RUN/config.yaml --config {path}")
 
     def _session(self) -> None:
         path = self.page.session.save(self._path())
-        self.page.say("Session saved", f"open it again by: pacnerf-lpo explore {path.parent}")
+        self._tell("Session saved", path, f"pacnerf-lpo explore {path.parent}")
 
     def _story(self) -> None:
-        path = write_story(self.page.session, self._path() / STORY)
-        self.page.say("Page saved", f"{path}: one file that opens without a server")
+        self._tell(
+            "Page saved", write_story(self.page.session, self._path() / STORY), "one file, opens without a server"
+        )
+
+    def _tell(self, title: str, path: Path, use: str) -> None:
+        self.page.say(title, path.name)
+        text = f"<b>{title}</b>: {html.escape(str(path))}<br>{html.escape(use)}"
+        self.saved.content = f'{STYLE}<div class=hint style="opacity:1;overflow-wrap:anywhere">{text}</div>'

@@ -9,17 +9,19 @@ import numpy as np
 import viser
 
 from pacnerf_lpo.explore import pictures
-from pacnerf_lpo.explore.page.charts import HELD, STYLE, figure
+from pacnerf_lpo.explore.page.charts import FITTED, HELD, STYLE, figure
 from pacnerf_lpo.explore.page.stage import KINDS, Moving
 from pacnerf_lpo.explore.records import Measured, Motion
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
 
-SIDE = 270
+SIDE = 230
 """Height of the picture [pixels]."""
-WIDTH, HEIGHT = 440, 500
-"""Of the panel [pixels]: the lower one keeps a third of a small screen."""
+WIDTH = 400
+"""Of the panel [pixels]."""
+GHOST = 0.6
+"""Opacity of what was measured where one looks through a camera: the model is seen behind it."""
 QUALITY = 85
 KEPT = 400
 """Pictures that are remembered while a step is shown: all frames of a few cameras."""
@@ -44,18 +46,20 @@ class See:
         self.panel = gui.add_panel()
         self.panel.dock_left()
         self.panel.set_width(WIDTH)
-        self.panel.set_height(HEIGHT)
         with self.panel.add_tab("See", viser.Icon.EYE):
             self.recording = gui.add_dropdown("recording", page.session.recordings, visible=several)
             self.frame = gui.add_slider("frame", 0, 1, 1, 0)
             self.camera = gui.add_slider("camera", 0, 1, 1, 0)
             self.buttons = gui.add_button_group("", ("play", "pause", "look through"))
+            self.caption = gui.add_html("")
+            self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
+        with self.panel.add_tab("Show", viser.Icon.PALETTE):
             self.paint = gui.add_dropdown("colour", tuple(PAINTS), hint="of the particles")
             self.legend = gui.add_html("")
             told = "hull of the mattes, tracks and clouds, in space"
             self.measured = gui.add_checkbox("measured", not page.cameras, hint=told)
-            self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
-            self.caption = gui.add_html("")
+            self.close = gui.add_checkbox("close-up", True, hint="the picture follows the body")
+            self.dark = gui.add_checkbox("dark", page.dark, hint="colours of all pages")
         self._listen()
 
     def _listen(self) -> None:
@@ -65,6 +69,8 @@ class See:
         self.recording.on_update(page.by_hand(lambda _: page.make("recording", self._other, False)))
         self.paint.on_update(page.by_hand(lambda _: page.changes.ask("paint", self.take)))
         self.measured.on_update(page.by_hand(lambda _: page.changes.ask("measured", self._measure)))
+        self.dark.on_update(page.by_hand(lambda _: page.colours(self.dark.value)))
+        self.close.on_update(page.by_hand(lambda _: page.changes.ask("close", self._zoom)))
         self.buttons.on_click(page.by_hand(self._pressed))
 
     def _pressed(self, event: viser.GuiEvent) -> None:
@@ -90,12 +96,16 @@ class See:
         self._pictures.clear()
         if cameras:
             eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras])
-            scale = 0.12 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0)
+            scale = 0.06 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0)
             held = np.array([camera.held_out for camera in cameras])
             matrices = np.array([camera.intrinsics for camera in cameras])
             poses = np.array([camera.camera_to_world for camera in cameras])
             poses[:, :3, 3] += self._offset(page.recording)
             page.stage.cameras(poses, matrices, (cameras[0].width, cameras[0].height), held, scale)
+
+    def _zoom(self) -> None:
+        self._pictures.clear()
+        self.draw()
 
     def next_frame(self) -> None:
         """Show the next frame, the first after the last; the charts follow when playing ends."""
@@ -132,15 +142,13 @@ class See:
             where = f"{camera.name}, {where}"
             held = held or camera.held_out
             if page.shown.motions:
-                picture = self._picture(frame)
-                self.picture.image = picture
-                page.stage.mark(
-                    page.camera, page.session.outlines(camera.view, frame, page.shown.step.number, page.recording).image
-                )
+                self.picture.image = self._picture(frame)
+                seen = page.session.outlines(camera.view, frame, page.shown.step.number, page.recording)
+                page.stage.mark(page.camera, np.dstack((seen.image, GHOST * seen.measured)))
         note = f' <b style="color:{HELD}">held out</b>' if held else " fitted"
-        lines = f'<b style="color:rgb{pictures.MEASURED}">measured</b>, <b style="color:rgb{pictures.MODEL}">model</b>'
-        side = f"; right: model, residual; outlines: {lines}" if cameras else ""
-        self.caption.content = f"{STYLE}<div class=hint>{html.escape(where)}:{note}{side}</div>"
+        lines = f'<b style="color:{FITTED}">measured</b>, <b style="color:{HELD}">model</b>'
+        side = f" Outlines: {lines}; right: model, residual" if cameras else ""
+        self.caption.content = f"{STYLE}<div class=hint>{html.escape(where)},{note}.{side}</div>"
 
     def _picture(self, frame: int) -> np.ndarray:
         page = self.page
@@ -152,7 +160,7 @@ class See:
             drawn = pictures.drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
             if len(self._pictures) >= KEPT:
                 self._pictures.clear()
-            self._pictures[key] = pictures.triptych(seen, drawn, SIDE)
+            self._pictures[key] = pictures.triptych(seen, drawn, SIDE, self.close.value)
         return self._pictures[key]
 
     def _place(self) -> None:
@@ -163,8 +171,12 @@ class See:
         floor = grounds[0] if grounds else float(centre[1] - size / 2)
         count = len(self.page.session.recordings)
         self.page.stage.ground(floor, centre, size * count)
-        self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 1.1 * size * (1 + count))
+        self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 0.75 * size * (1 + count))
         self._size, self._placed = size, True
+        errors = self.page.shown.errors
+        if errors is not None and np.isfinite(errors.by_frame_fitted).any():
+            self.page.frame = int(np.nanargmax(errors.by_frame_fitted))
+            self.frame.value = self.page.frame
         self.of_recording()
 
     def _offset(self, name: str) -> np.ndarray:

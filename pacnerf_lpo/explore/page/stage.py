@@ -147,7 +147,7 @@ class Stage:
                 page.camera.wxyz, page.camera.position, page.camera.fov = wxyz, position, fov
 
     def mark(self, number: int, picture: np.ndarray | None) -> None:
-        """Mark the chosen camera, and show a picture [0..255, (H, W, 3)] in its frustum, small."""
+        """Mark the chosen camera, and show a picture with opacity [0..1, (H, W, 4)] in its frustum, small."""
         for index, frustum in enumerate(self._frusta):
             chosen = index == number
             colour = CHOSEN_EDGE if chosen else HELD_EDGE if self._held[index] else EDGE
@@ -157,4 +157,5 @@ class Stage:
                     frustum.image = None
         if picture is not None and self._frusta:
             step = max(1, max(picture.shape[:2]) // THUMBNAIL)
-            self._frusta[number].image = np.ascontiguousarray(picture[::step, ::step])
+            small = np.clip(np.nan_to_num(picture[::step, ::step]), 0, 1)
+            self._frusta[number].image = np.rint(255 * small).astype(np.uint8)

@@ -53,6 +53,7 @@ def story_page(session: Session) -> str:
     data = {
         "steps": told,
         "current": shown.number,
+        "frame": at[1] if at else 0,
         "particles": told[str(shown.number)]["particles"],
         "times": motion.times.tolist(),
         "frames": [f"frame {frame}" for frame in range(len(motion.times))],

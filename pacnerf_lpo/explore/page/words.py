@@ -10,7 +10,10 @@ from pacnerf_lpo.explore.records import Setting, Suggestion
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.mpm.parameters import OF
 from pacnerf_lpo.quantities import quantity, symbol
-from pacnerf_lpo.report.wording import listed, probability, readable
+from pacnerf_lpo.report.wording import capitalised, listed, probability, readable
+
+MOST_SIZES = 2
+"""Coefficients of a suggestion that are written out: two lines each are read, more are not."""
 
 
 def short(setting: Setting) -> str:
@@ -36,20 +39,25 @@ def between(interval: tuple[float, float], unit: str) -> str:
 
 
 def evidence(found: Suggestion) -> str:
-    """Why an effect would help, as a part of a page."""
+    """How much an effect would help, and how large it would be, as a part of a page."""
     odds = found.log_bayes_factor / math.log(10.0)
-    sizes = ", ".join(
-        f"{symbol(name)} ≈ {quantity(value, found.units[name])} {between(found.intervals[name], found.units[name])}"
-        if name in found.intervals
-        else f"{symbol(name)} ≈ {quantity(value, found.units[name])}"
+    sizes = [
+        f"{symbol(name)} ≈ {quantity(value, found.units[name])}"
+        + (f" {between(found.intervals[name], found.units[name])}" if name in found.intervals else "")
         for name, value in found.values.items()
-    )
+    ]
+    more = f", and {len(sizes) - MOST_SIZES} more" if len(sizes) > MOST_SIZES else ""
     sure = "stands out" if found.stands_out else "may be chance"
-    text = f"<b>odds 10<sup>{odds:.1f}</sup></b>, p {probability(found.p_value)}: {sure}. {html.escape(sizes)}"
-    text += f"<br>{html.escape(found.signature)}"
+    text = f"<b>odds 10<sup>{odds:.0f}</sup></b>, {probability(found.p_value)}: {sure}"
+    return f"{STYLE}<div class=hint>{text}<br>{html.escape(', '.join(sizes[:MOST_SIZES]) + more)}</div>"
+
+
+def reason(found: Suggestion) -> str:
+    """What a video shows of an effect, what it is confused with, and what would tell."""
+    text = capitalised(found.signature)
     if found.confused_with:
-        text += f"; easily confused with {html.escape(listed([readable(name) for name in found.confused_with]))}"
-    return f"{STYLE}<div class=hint>{text}</div>"
+        text += f"; easily confused with {listed([readable(name) for name in found.confused_with])}"
+    return f"{text}. It would tell: {found.separating_experiment}." if found.separating_experiment else f"{text}."
 
 
 def difference_table(session: Session, before: int, after: int) -> str:

@@ -11,7 +11,7 @@
   const at = (frame, i, k) => axis[k][0] + axis[k][1] * packed[3 * (frame * count + i) + k];
   const centre = [0, 1, 2].map((k) => cloud.lower[k] + cloud.extent[k] / 2);
   const size = Math.max(...cloud.extent);
-  let frame = 0;
+  let frame = DATA.frame || 0;
 
   /* Speed [m/s] between neighbouring frames, or distance from the start [m], of every particle. */
   function measure(kind) {
