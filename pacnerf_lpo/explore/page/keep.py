@@ -24,7 +24,7 @@ class Keep:
     def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
         self.page, gui = page, page.server.gui
         with tabs.add_tab("Keep", viser.Icon.DEVICE_FLOPPY):
-            self.folder = gui.add_text("folder", str(Path(page.session.source.store.folder).parent / "explore"))
+            self.folder = gui.add_text("folder", str(page.session.folder))
             overlay = gui.add_button("Save overlay", icon=viser.Icon.FILE_PLUS, hint=f"{OVERLAY}, for fit --config")
             session = gui.add_button("Save session", icon=viser.Icon.DEVICE_FLOPPY, hint="to open it again")
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")

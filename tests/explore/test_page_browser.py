@@ -1,0 +1,137 @@
+"""What a person does on the page, in a headless Chromium: sees, asks, ticks, fits, saves; and presses everything."""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from pacnerf_lpo.explore import Session
+from pacnerf_lpo.explore.page import open_page
+from pacnerf_lpo.mpm.physics import Physics
+from tests.explore.dropped import DRAG
+from tests.explore.hand import Hand, browser
+from tests.test_effects_overlay import ROOT, configured
+
+FUZZ = 40.0
+"""Seconds of random hands: some dozens of changes."""
+GROWTH = 150e6
+"""Bytes that random hands may cost: six remembered rollouts and the pictures of a step; a leak costs more."""
+PRESSED = ("play", "pause", "look through", "undo", "redo", "compare", "Add", "Set", "Save session", "Save overlay")
+DRAGGED = ("frame", "camera", "E =", "v_x", "v_y", "v_z", "h [m]", "step", "compare with")
+TABS = ("See", "Show", "Steps", "Camera, frame", "Time and body", "Change", "Ask", "Keep")
+
+
+@pytest.fixture
+def session(dropped: Path) -> Iterator[Session]:
+    with Session.open(dropped, jobs=1) as found:
+        yield found
+
+
+def lower_edge(opacity: np.ndarray) -> int:
+    """Lowest row of an image in which the body is."""
+    return int(np.nonzero((opacity > 0.5).any(1))[0].max())
+
+
+@pytest.mark.end_to_end
+def test_a_person_finds_the_drag_that_the_model_lacks(session: Session, tmp_path: Path):
+    with browser() as pages:
+        page = open_page(session, port=0)
+        hand = pages()
+        hand.open(page.url)
+        seen = session.outlines(0, 6)
+        assert lower_edge(seen.model) > lower_edge(seen.measured)  # the measured ball falls late
+        before = hand.steps()[-1]
+        hand.tab("Ask")
+        hand.press("What would help?")
+        hand.until(lambda: "Suggestions for step" in hand.text(), 600)
+        assert "Linear drag" in hand.text()
+        hand.tick("Linear drag")
+        hand.until(lambda: any(name.startswith("+ LinearDrag") for name, *_ in hand.steps()))
+        hand.tick("material")
+        hand.press("Fit")
+        hand.until(lambda: any(name.startswith("fit") for name, *_ in hand.steps()), 600)
+        assert hand.steps()[-1][2] < 0.5 * before[2]
+        hand.tab("Keep")
+        hand.type("folder", str(tmp_path))
+        hand.press("Save overlay")
+        hand.until(lambda: "Overlay saved" in hand.text())
+        page.close()
+    assert hand.wrong == []
+    found = configured(ROOT / "configs/fit.yaml", ROOT / "configs/demo.yaml", tmp_path / "effects.yaml").physics
+    assert isinstance(found, Physics)
+    assert found.guess["drag"] == pytest.approx(DRAG, rel=0.2)  # images of 64 pixels, a grid as coarse as a third
+
+
+@pytest.mark.end_to_end
+def test_two_pages_show_the_same_and_one_can_be_closed_and_opened_again(session: Session):
+    with browser() as pages:
+        page = open_page(session, port=0)
+        first, second = pages(), pages(1920, 1080)
+        first.open(page.url)
+        second.open(page.url)
+        first.drag("v_y", 0.9)
+        second.until(lambda: any(name.startswith("v_y") for name, *_ in second.steps()))
+        first.until(lambda: [name for name, *_ in first.steps()] == [name for name, *_ in second.steps()])
+        second.page.close()
+        third = pages()
+        third.open(page.url)
+        assert [name for name, *_ in third.steps()] == [name for name, *_ in first.steps()]
+        first.tab("Camera, frame")
+        first.page.locator(".cell").nth(13).click()  # five cameras of ten frames
+        first.until(lambda: (page.camera, page.frame) == (1, 3))
+        page.close()
+
+
+def random_act(hand: Hand, dice: random.Random) -> None:
+    """One of the things that hands do; what is hidden at the moment is left."""
+    kind, visible = dice.random(), hand.page.locator(".mantine-Slider-root:visible")
+    if kind < 0.25:
+        hand.tab(dice.choice(TABS))
+    elif kind < 0.6:
+        name = dice.choice(DRAGGED)
+        if visible.count() and hand.row(name).is_visible():
+            hand.drag(name, dice.random(), steps=2)
+    elif kind < 0.85:
+        button = hand.page.get_by_role("button", name=dice.choice(PRESSED), exact=True)
+        if button.is_visible() and button.is_enabled():
+            button.click()
+    else:
+        boxes = hand.page.locator("input[type=checkbox]:visible")
+        if boxes.count():
+            boxes.nth(dice.randrange(boxes.count())).click()
+
+
+@pytest.mark.end_to_end
+def test_whatever_hands_press_is_explained_and_costs_no_memory(session: Session):
+    dice = random.Random(1)
+    with browser() as pages:
+        page = open_page(session, port=0)
+        page.keep.folder.value = str(session.folder)
+        hand = pages()
+        hand.page.set_default_timeout(5000)
+        hand.open(page.url)
+        end, grown, acts = time.monotonic() + FUZZ, 0.0, 0
+        start = math.nan
+        while time.monotonic() < end:
+            random_act(hand, dice)
+            acts += 1
+            said = hand.page.content()
+            assert not re.search(r"\b(NaN|nan)\b", re.sub(r"<style.*?</style>", "", said, flags=re.S))
+            assert "mistake of the program" not in said
+            memory = psutil.Process().memory_info().rss
+            if acts == 10:
+                start = memory
+            grown = memory - start
+        page.playing.clear()
+        assert acts > 10
+        assert grown < GROWTH
+        assert hand.wrong == []
+        page.close()
