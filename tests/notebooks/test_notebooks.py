@@ -23,4 +23,4 @@ def test_notebook_runs(path: Path):
 
 
 def test_there_are_notebooks():
-    assert {path.stem for path in FOLDER.glob("*.py")} >= {"quickstart", "engine_alone", "missing_physics"}
+    assert {path.stem for path in FOLDER.glob("*.py")} >= {"quickstart", "engine_alone", "missing_physics", "explore"}
