@@ -106,14 +106,14 @@ def fit(session: Session, step: Step, names: list[str], progress: Progress) -> S
                 best, whole = found, some.all(found.free)
     except Stopped:
         if latest:
-            _taken(session, step, model, latest[0], f"{title}, stopped", {}, ())
+            _taken(session, step, model, latest[0], names, f"{title}, stopped", {}, ())
         raise
     if best is None:
         assert unstable is not None
         raise unstable
     ends = _intervals(problem, objective, noise, model, best, places, deviation)
     doubts = tuple(notes(model, whole, mean, deviation))
-    return _taken(session, step, model, whole, title, ends, doubts)
+    return _taken(session, step, model, whole, names, title, ends, doubts)
 
 
 def _taken(
@@ -121,12 +121,13 @@ def _taken(
     step: Step,
     model: Model,
     free: np.ndarray,
+    names: Sequence[str],
     title: str,
     ends: dict[str, tuple[float, float]],
     doubts: tuple[str, ...],
 ) -> Step:
     known = model.physical(free)
-    values = {name: known.get(name, value) for name, value in step.values.items()}
+    values = {**step.values, **{name: known[name] for name in names}}
     intervals = {**step.intervals, **ends}
     return session.stepper.adopt(Step(0, step.number, title, "fit", values, step.effects, intervals, notes=doubts))
 

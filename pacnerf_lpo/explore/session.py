@@ -89,10 +89,14 @@ class Session:
         given = [source] if isinstance(source, (str, Path)) else list(source)
         if len(given) == 1 and (Path(given[0]) / saving.FILE).is_file():
             return saving.reopen(cls, Path(given[0]), jobs)
-        session = cls(open_source(given, phase, options), candidates, jobs)
+        return cls.of(open_source(given, phase, options), candidates, jobs)
+
+    @classmethod
+    def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> Session:
+        """Begin with a source that was read; arguments and errors as of :meth:`open`."""
+        session = cls(source, candidates, jobs)
         installed = tuple(session.catalogue.installed)
-        intervals = session.source.intervals
-        first = Step(0, None, "as the run has it", "open", session._base, installed, intervals)
+        first = Step(0, None, "as the run has it", "open", session._base, installed, source.intervals)
         session.stepper.take(first, must=True)
         stored = session.noise.first
         if stored is not None:
