@@ -16,7 +16,9 @@ import pytest
 from pacnerf_lpo.explore import Session
 from pacnerf_lpo.explore.page import open_page
 from pacnerf_lpo.mpm.physics import Physics
+from tests.diagnosis.falling import FRAMES, install
 from tests.explore.dropped import DRAG
+from tests.explore.falling import study_of
 from tests.explore.hand import Hand, browser
 from tests.test_effects_overlay import ROOT, configured
 
@@ -70,22 +72,21 @@ def test_a_person_finds_the_drag_that_the_model_lacks(session: Session, tmp_path
     assert found.guess["drag"] == pytest.approx(DRAG, rel=0.2)  # images of 64 pixels, a grid as coarse as a third
 
 
-@pytest.mark.end_to_end
-def test_two_pages_show_the_same_and_one_can_be_closed_and_opened_again(session: Session):
+def test_two_pages_show_the_same_and_one_can_be_closed_and_opened_again(falling: Session):
     with browser() as pages:
-        page = open_page(session, port=0)
-        first, second = pages(), pages(1920, 1080)
+        page = open_page(falling, port=0)
+        first, second = pages(), pages(1000, 700)
         first.open(page.url)
         second.open(page.url)
         first.drag("v_y", 0.9)
         second.until(lambda: any(name.startswith("v_y") for name, *_ in second.steps()))
         first.until(lambda: [name for name, *_ in first.steps()] == [name for name, *_ in second.steps()])
         second.page.close()
-        third = pages()
+        third = pages(1000, 700)
         third.open(page.url)
         assert [name for name, *_ in third.steps()] == [name for name, *_ in first.steps()]
         first.tab("Camera, frame")
-        first.page.locator(".cell").nth(13).click()  # five cameras of ten frames
+        first.page.locator(".cell").nth(FRAMES + 3).click()
         first.until(lambda: (page.camera, page.frame) == (1, 3))
         page.close()
 
@@ -109,15 +110,30 @@ def random_act(hand: Hand, dice: random.Random) -> None:
             boxes.nth(dice.randrange(boxes.count())).click()
 
 
-@pytest.mark.end_to_end
-def test_whatever_hands_press_is_explained_and_costs_no_memory(session: Session):
+def test_recordings_of_a_study_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None):
+    install(monkeypatch)
+    with browser() as pages:
+        page = open_page(study_of(tmp_path), port=0)
+        hand = pages()
+        hand.open(page.url)
+        bodies = [page.server.scene.get_handle_by_name(f"/body {name}") for name in ("low", "high")]
+        apart = bodies[1].position[0] - bodies[0].position[0]
+        assert apart > np.ptp(bodies[0].points[:, 0])
+        hand.row("recording").get_by_role("combobox").click()
+        hand.page.get_by_role("option", name="high").click()
+        hand.until(lambda: page.recording == "high")
+        hand.press("look through")
+        assert hand.wrong == []
+        page.close()
+
+
+def test_whatever_hands_press_is_explained_and_costs_no_memory(falling: Session):
     dice = random.Random(1)
     with browser() as pages:
-        page = open_page(session, port=0)
-        page.keep.folder.value = str(session.folder)
-        hand = pages()
-        hand.page.set_default_timeout(5000)
+        page = open_page(falling, port=0)
+        hand = pages(1000, 700)
         hand.open(page.url)
+        hand.page.set_default_timeout(5000)
         end, grown, acts = time.monotonic() + FUZZ, 0.0, 0
         start = math.nan
         while time.monotonic() < end:
