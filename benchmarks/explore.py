@@ -101,9 +101,9 @@ def report(found: dict[str, Any]) -> str:
     lines = [
         "# How long a person waits in a session",
         "",
-        f"Made by `python -m benchmarks.explore` on {found['machine']}, {found['date']}, load {found['load']:.1f} at the "
-        "beginning, on the demo's drag scene after its diagnosis. Times of the session alone; the targets are those of "
-        "a page, from the event to the redrawn picture.",
+        f"Made by `python -m benchmarks.explore` on {found['machine']}, {found['date']}, load {found['load']:.1f} at "
+        "the beginning, on the demo's drag scene after its diagnosis. Times of a session; the targets are those "
+        "of a page, from the event to the redrawn picture.",
         "",
         "| question | seconds | target |",
         "|---|---|---|",
