@@ -30,10 +30,12 @@ class Candidate:
 
     name: class name, with the file id of its camera where it concerns one: ``CameraShift@3``.
     effect: an instance at its null.
+    quick: it is tried at the first of its probes alone, where one coefficient leads smoothly from its null.
     """
 
     name: str
     effect: Effect
+    quick: bool = False
 
     @property
     def joint(self) -> bool:
@@ -68,7 +70,7 @@ class Candidate:
         """
         probes, null = list(self.effect.probes), self.effect.null
         if not self.joint:
-            return probes
+            return probes[:1] if self.quick and not self.discrete and len(null) == 1 else probes
         if any(probe[name] == null[name] for probe in probes for name in null):
             probes = [{name: self._farthest(name) for name in null}]
         return [{**null, name: probe[name]} for probe in probes for name in null]

@@ -13,7 +13,7 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, fitting, saving, suggesting, views
+from pacnerf_lpo.explore import asking, changes, fitting, reporting, saving, suggesting, views
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
@@ -177,25 +177,12 @@ class Session:
         Raises:
             UserInputError: no such setting, not a number, NaN, or out of bounds; nothing is changed then.
         """
-        changes = dict(name) if isinstance(name, Mapping) else {name: value}
-        if not changes:
+        wanted = dict(name) if isinstance(name, Mapping) else {name: value}
+        if not wanted:
             raise UserInputError("explore: give at least one setting to change")
-        checked = {key: self.catalogue.check(key, number) for key, number in changes.items()}  # type: ignore[arg-type]
+        checked = {key: self.catalogue.check(key, number) for key, number in wanted.items()}  # type: ignore[arg-type]
         with self.stepper.change():
-            step = self.current
-            owners = {key: self.catalogue.owner(key) for key in checked}
-            added = [
-                own
-                for key, own in owners.items()
-                if own and own not in step.effects and checked[key] != self.catalogue.effects[own].null[key]
-            ]
-            effects = self._joined(step.effects, dict.fromkeys(added))
-            told = {key: number for key, number in checked.items() if owners[key] is None or owners[key] in effects}
-            values = {**step.values, **self._nulls(added), **told}
-            title = ", ".join(
-                f"{self._called(key)} {self.catalogue.show(key, number)}" for key, number in checked.items()
-            )
-            made = Step(0, step.number, title, "set", values, effects, step.intervals)
+            made = changes.with_values(self.catalogue, self.current, checked)
             return self.stepper.drag(made, tuple(checked)) if dragging else self.stepper.take(made)
 
     def add(self, effect: str, values: Mapping[str, float] | None = None) -> Step:
@@ -218,26 +205,12 @@ class Session:
                 raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
         told = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
         with self.stepper.change():
-            step = self.current
-            if effect in step.effects:
-                raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
-            effects = self._joined(step.effects, [effect])
-            shown = ", ".join(self.catalogue.show(key, number) for key, number in told.items())
-            title = f"+ {effect} {shown}".rstrip()
-            known = {**step.values, **self._nulls([effect]), **told}
-            return self.stepper.take(Step(0, step.number, title, "add", known, effects, step.intervals))
+            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, told))
 
     def remove(self, effect: str) -> Step:
         """Take an effect out of the model. Raises UserInputError where the model has it not."""
-        own = self.catalogue.effect(effect)
         with self.stepper.change():
-            step = self.current
-            if effect not in step.effects:
-                raise UserInputError(f"explore: the model has no {effect}; it has {', '.join(step.effects) or 'none'}")
-            kept = tuple(name for name in step.effects if name != effect)
-            values = {name: value for name, value in step.values.items() if name not in own.parameters}
-            intervals = {name: ends for name, ends in step.intervals.items() if name not in own.parameters}
-            return self.stepper.take(Step(0, step.number, f"- {effect}", "remove", values, kept, intervals))
+            return self.stepper.take(changes.without_effect(self.catalogue, self.current, effect))
 
     def undo(self) -> Step:
         """Go back to what the current step was made from. Raises UserInputError at the first step."""
@@ -445,6 +418,26 @@ class Session:
         write_atomically(Path(path), self.overlay(number, recording).encode())
         return Path(path)
 
+    def report(self, folder: str | Path, number: int | None = None, progress: Progress = lambda _: None) -> Path:
+        """Write a page that shows a step beside the first one, as a diagnosis shows a model before and after: the video
+        next to both, errors by camera and frame, and every parameter.
+
+        Args:
+            folder: where the page and what it is made of go.
+            number: of the step; None: the current one.
+            progress: told what happens.
+
+        Returns:
+            The page.
+
+        Raises:
+            SimulationError, UserInputError: a motion is unstable, or a question is being answered.
+        """
+        step = self.history.step(number)
+        self.stepper.simulated(step)
+        with self.stepper.job(progress, lambda: False, self.jobs) as told:
+            return reporting.report(self, Path(folder), step, told)
+
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""
         self.stepper.close()
@@ -454,24 +447,3 @@ class Session:
 
     def __exit__(self, *_: Any) -> None:
         self.close()
-
-    # Inside
-
-    def _joined(self, effects: Sequence[str], more: Sequence[str] | Mapping[str, None]) -> tuple[str, ...]:
-        """Effects of a model with some more. Raises UserInputError where they do not suit each other."""
-        found = tuple(effects)
-        for name in more:
-            allowed = {candidate.name for candidate in self.catalogue.candidates(found)}
-            if name not in allowed:
-                raise UserInputError(f"explore: {name} cannot be added to a model with {' and '.join(found)}")
-            found = (*found, name)
-        return found
-
-    def _nulls(self, effects: Sequence[str]) -> dict[str, float]:
-        return {key: null for name in effects for key, null in self.catalogue.effects[name].null.items()}
-
-    def _called(self, name: str) -> str:
-        """A setting in the name of a step: by its effect where that has one coefficient."""
-        owner = self.catalogue.owner(name)
-        alone = owner is not None and len(self.catalogue.effects[owner].parameters) == 1
-        return owner if alone and owner is not None else name

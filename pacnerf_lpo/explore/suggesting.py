@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from copy import copy
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -45,7 +45,7 @@ def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> li
     noise = session.noise.of(step, progress).comparison
     progress("fitting the model as it is")
     null = fitted(problem, effects, step.values, noise, progress)
-    candidates = [_largest(candidate) for candidate in session.catalogue.candidates(step.effects)]
+    candidates = [replace(candidate, quick=True) for candidate in session.catalogue.candidates(step.effects)]
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
@@ -59,20 +59,6 @@ def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> li
             refits[name] = again
     found = [_suggestion(by_name[one.name], one, screening, refits.get(one.name)) for one in scores]
     return sorted(found, key=lambda one: (not one.fitted, -one.log_bayes_factor))
-
-
-def _largest(candidate: Candidate) -> Candidate:
-    """A candidate that is tried at the largest of its probes alone, where one coefficient leads smoothly from its null:
-    the fit that follows bends the line.
-    """
-    effect = candidate.effect
-    if candidate.joint or candidate.discrete or len(effect.null) > 1:
-        return candidate
-    found = copy(effect)
-    found.probes = (
-        max(effect.probes, key=lambda probe: max(abs(probe[name] - null) for name, null in effect.null.items())),
-    )
-    return Candidate(candidate.name, found)
 
 
 def warm(session: Session, progress: Callable[[str], None], copies: int) -> None:

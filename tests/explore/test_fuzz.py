@@ -18,7 +18,7 @@ from pacnerf_lpo.mpm import runtime
 from tests.diagnosis.falling import FRAMES, VIEWS, install, motion
 from tests.explore.falling import session_of
 
-CLICKS, WARM = 400, 150
+CLICKS, WARM = 300, 60
 MOST_PER_STEP = 20_000
 """Bytes that a step may keep: its numbers and its table of errors. A motion of this ball is ten times that."""
 
@@ -34,7 +34,7 @@ def clicks(session: Session, random: np.random.Generator) -> list[Callable[[], o
     step = int(random.integers(-1, len(session.steps) + 1))
     usual = [name for name in ("E", "nu", "v_x", "v_y", "drag", "push_x") if random.random() < 0.3]
     return [
-        lambda: session.set(setting.name, value),
+        *[lambda: session.set(setting.name, value)] * 4,
         lambda: session.set(setting.name, value, dragging=True),
         lambda: session.set({name: value for name in usual}),
         lambda: session.add(effect),
@@ -56,20 +56,21 @@ def clicks(session: Session, random: np.random.Generator) -> list[Callable[[], o
 
 def drawn(found: object) -> list[np.ndarray]:
     """Numbers of a result that a page would draw; a NaN in a table of errors is a gap there."""
-    values = vars(found).items() if hasattr(found, "__dict__") else []
+    if isinstance(found, (dict, np.ndarray)):
+        return list(found.values()) if isinstance(found, dict) else [found]
+    values = vars(found) if hasattr(found, "__dict__") else {}
     gaps = ("table", "change", "by_frame_fitted", "by_frame_held_out")
-    arrays = [value for name, value in values if isinstance(value, np.ndarray) and name not in gaps]
-    numbers = [value for name, value in values if isinstance(value, float)]
-    return [*arrays, np.array(numbers), np.array(list(getattr(found, "values", {}).values()), float)]
+    arrays = [value for name, value in values.items() if isinstance(value, np.ndarray) and name not in gaps]
+    numbers = [value for value in values.values() if isinstance(value, float)]
+    return [*arrays, np.array(numbers), np.array(list(values.get("values", {}).values()), float)]
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_an_hour_of_random_clicks_in_a_minute(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads, seed: int
-):
+def test_an_hour_of_random_clicks_in_a_minute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None):
     install(monkeypatch, lambda model, free: model.physical(free).get("drag", 0.0) > 50)
-    session, random = session_of(tmp_path), np.random.default_rng(seed)
-    session.suggest()
+    session, random = session_of(tmp_path), np.random.default_rng(0)
+    session.prepare()
+    for frame in range(FRAMES):
+        session.measured(frame)
     tracemalloc.start()
     for click in range(CLICKS):
         if click == WARM:
@@ -84,7 +85,7 @@ def test_an_hour_of_random_clicks_in_a_minute(
             assert str(error) and "\n" not in str(error)
             continue
         for numbers in drawn(found):
-            assert not numbers.dtype.kind == "f" or np.isfinite(numbers).all(), (click, found)
+            assert numbers.dtype.kind != "f" or np.isfinite(numbers).all(), (click, found)
     gc.collect()
     grown = tracemalloc.get_traced_memory()[0] - warm
     tracemalloc.stop()

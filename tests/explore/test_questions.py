@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from pathlib import Path
 
@@ -111,6 +112,19 @@ def test_the_overlay_is_a_configuration(asked, tmp_path: Path):
     (effect,) = read_effects(path, section["effects"])
     assert effect.guess["drag"] == pytest.approx(step.values["drag"], rel=1e-5)
     assert section["material"]["init_args"]["E"] == pytest.approx(step.values["E"], rel=1e-5)
+
+
+def test_a_step_is_a_page_beside_the_first(asked, tmp_path: Path):
+    session = asked[0]
+    step = next(step for step in session.steps if step.kind == "fit" and "LinearDrag" in step.effects)
+    page = session.report(tmp_path / "page", step.number)
+    text = page.read_text()
+    assert f"Step {step.number}, {step.name}: error of the fitted data" in text and "has not judged it" in text
+    result = json.loads((page.parent / "diagnosis.json").read_text())
+    assert [stage["readable"] for stage in result["stages"]] == ["as the run has it", step.name]
+    assert result["stages"][1]["error"]["held"] < result["stages"][0]["error"]["held"] / 2
+    drag = next(one for one in result["rounds"][1]["parameters"] if one["name"] == "drag")
+    assert (drag["low"], drag["high"]) == pytest.approx(step.intervals["drag"])
 
 
 def test_a_session_is_closed_and_opened_again(asked, monkeypatch: pytest.MonkeyPatch):

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.errors import Stopped, UserInputError
 from pacnerf_lpo.explore import Session
+from tests.data.trajectories.throws import BALL, write_drops
 from tests.diagnosis.falling import CENTRE, FRAMES, GUESS, RADIUS, SIZE, SPACING, VIEWS, install
 from tests.explore.falling import DRAG, session_of, study_of
 
@@ -46,7 +48,7 @@ def test_what_a_person_looks_at(falling: Session):
     np.testing.assert_allclose(falling.stretch(), np.broadcast_to(wide[:, None], moving.speed.shape), rtol=1e-3)
     outline = falling.outlines(1, 7)
     assert outline.measured.shape == outline.model.shape == (SIZE, SIZE)
-    assert np.abs(outline.residual).max() > 0.5, "with another velocity it is elsewhere"
+    assert 0.3 < np.abs(outline.residual).max() <= 1, "with another velocity it is elsewhere"
     area = [np.abs((o.measured > 0.5) ^ (o.model > 0.5)).sum() for o in (falling.outlines(v, 7) for v in range(VIEWS))]
     assert falling.particle_errors()[7].sum() == pytest.approx(np.mean(area))
     sides = falling.regions()
@@ -186,3 +188,21 @@ def test_stop_without_a_question_does_no_harm(falling: Session):
     with pytest.raises(Stopped):
         falling.suggest(stop=lambda: True)
     assert not falling.busy
+
+
+def test_measured_flights_have_no_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Balls that fall with a drag that grows with the square of the speed, made by another integrator."""
+    scenes = tmp_path / "scenes"
+    assert main(["init", str(write_drops(tmp_path / "ball.csv", 0.02)), str(scenes), *BALL]) == 0
+    session = Session.open(scenes, jobs=1)
+    assert session.unit == "mm" and len(session.recordings) == 2 and session.cameras(0) == []
+    assert not any(setting.group == "ground" for setting in session.settings)
+    assert session.measured(3).centre.shape == (3,) and not len(session.measured(3).hull)
+    best = session.suggest()[0]
+    session.add(best.effect, best.values)
+    starts = [setting.name for setting in session.settings if setting.group == "motion"]
+    fitted = session.fit([*best.values, *starts])
+    assert fitted.held_out < session.steps[0].held_out / 2
+    assert (session.stretch() == 1).all() and not session.particle_errors().any()
+    kept = session.save(session.folder)
+    assert Session.open(kept.parent).steps == session.steps
