@@ -13,7 +13,7 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, changes, fitting, reporting, saving, suggesting, views
+from pacnerf_lpo.explore import asking, changes, fitting, pictures, reporting, saving, suggesting, views
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
@@ -292,9 +292,16 @@ class Session:
         self._seen.check(at, camera, frame)
         return self._seen.outlines(self.stepper.simulated(self.history.step(number)), at, camera, frame)
 
-    def picture(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> np.ndarray:
-        """Measured | model | residual with both outlines, side by side [uint8, (H, 3 W, 3)]; as :meth:`outlines`."""
-        return views.picture(self.outlines(camera, frame, number, recording))
+    def picture(
+        self, camera: int, frame: int, number: int | None = None, recording: str | int = 0, side: int = 300
+    ) -> np.ndarray:
+        """The measured body with its outline and the model's; smaller beside it, the model and the residual
+        [0..255, (side, W, 3), uint8]; as :meth:`outlines`.
+        """
+        at = self._seen.number(recording)
+        self._seen.check(at, camera, frame)
+        seeing = next(one for one in self._seen.cameras(at) if one.view == camera)
+        return pictures.seen_by(self, seeing, frame, self.history.step(number).number, at, side)
 
     def measured(self, frame: int, recording: str | int = 0) -> Measured:
         """What was measured in space at a frame, see :class:`Measured`. Raises UserInputError."""

@@ -20,15 +20,12 @@ from pacnerf_lpo.identification.forward_model import MARGIN
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.rigid import RigidProblem
 from pacnerf_lpo.render.observation import Observer
-from pacnerf_lpo.report.residual_colours import residual_colours
 from pacnerf_lpo.types import Video
 
 NEIGHBOURS = 12
 """Of a particle, by which its stretch is measured: those that share a face or an edge with its cell, about."""
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 """Of the body along x, y and z."""
-MODEL, MATTE = (0.84, 0.12, 0.47), (0.0, 0.55, 0.35)
-"""Colours of the two outlines, apart for every common colour deficiency."""
 WIDER = 1.3
 """The box in which a hull is looked for, relative to what the outlines say of its size."""
 
@@ -237,23 +234,6 @@ def hull_at(video: Video, frame: int) -> tuple[np.ndarray, float]:
     reach = WIDER * max(s * np.linalg.norm(centre - eye) for s, eye in zip(sizes, eyes, strict=True)) / 2
     views = [View(v, "", intrinsics[v], poses[v], video.valid[v].numpy(), None) for v in seeing]
     return visual_hull(views, [mattes[v] for v in seeing], centre - reach, centre + reach)
-
-
-def picture(found: Outlines) -> np.ndarray:
-    """Measured | model | residual with both outlines [uint8, (H, 3 W, 3)]."""
-    model = np.repeat(1 - 0.75 * found.model[..., None], 3, axis=-1)
-    residual = residual_colours(torch.from_numpy(found.residual), 1.0).numpy()
-    panels = [np.array(panel, np.float32) for panel in (found.image, model, residual)]
-    for panel in panels:
-        panel[edge(found.measured)], panel[edge(found.model)] = MATTE, MODEL
-    return np.rint(255 * np.clip(np.concatenate(panels, axis=1), 0, 1)).astype(np.uint8)
-
-
-def edge(opacity: np.ndarray) -> np.ndarray:
-    """Pixels of a body that touch one that is not [(H, W), bool]."""
-    inside = np.pad(opacity > 0.5, 1)
-    surrounded = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
-    return inside[1:-1, 1:-1] & ~surrounded
 
 
 @torch.no_grad()

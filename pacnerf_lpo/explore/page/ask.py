@@ -48,18 +48,18 @@ class Ask:
             plan = self.gui.add_button("Which experiment next?", icon=viser.Icon.FLASK)
         self._buttons = [help_, fit, diagnose, plan]
         for button, job in ((help_, self._suggest), (fit, self._fit), (diagnose, self._diagnose), (plan, self._plan)):
-            button.on_click(page.by_hand(self._asker(job)))
+            button.on_click(page.by_hand(self.asker(job)))
         self.halt.on_click(page.by_hand(lambda _: page.session.stop()))
 
-    def _asker(self, job: Callable[[], None]) -> Callable[[Any], None]:
+    def asker(self, job: Callable[[], None]) -> Callable[[Any], None]:
+        """A callback that has something long done, between a start and an end that one sees."""
+
         def ask(_: Any) -> None:
             self.page.questions.ask("question", self._answering(job))
 
         return ask
 
     def _answering(self, job: Callable[[], None]) -> Callable[[], None]:
-        """The job between a start and an end that one sees."""
-
         def answer() -> None:
             self._busy(True)
             try:
@@ -78,7 +78,8 @@ class Ask:
             button.disabled = busy
         self.bar.visible = self.halt.visible = busy
 
-    def _tell(self, text: str) -> None:
+    def tell(self, text: str) -> None:
+        """Say what is being done."""
         self.doing.content = f"{STYLE}<div class=hint>{html.escape(text)}</div>"
 
     def draw(self) -> None:
@@ -87,7 +88,7 @@ class Ask:
             tick.value = found.effect in self.page.session.current.effects
 
     def _suggest(self) -> None:
-        found = self.page.session.suggest(MOST, self._tell)
+        found = self.page.session.suggest(MOST, self.tell)
         for row in self._rows:
             row.remove()
         self._offered, self._rows = {}, []
@@ -127,14 +128,14 @@ class Ask:
         ]
         if not names:
             raise UserInputError("tick what is to be fitted")
-        self.page.session.fit(names, self._tell)
+        self.page.session.fit(names, self.tell)
 
     def _diagnose(self) -> None:
-        _, sentences = self.page.session.diagnose(self._tell)
+        _, sentences = self.page.session.diagnose(self.tell)
         self._report(*sentences)
 
     def _plan(self) -> None:
-        self._report(*(f"{k + 1}. {one.words}" for k, one in enumerate(self.page.session.plan(self._tell))))
+        self._report(*(f"{k + 1}. {one.words}" for k, one in enumerate(self.page.session.plan(self.tell))))
 
     def _report(self, *sentences: str) -> None:
         said = "<br>".join(html.escape(sentence) for sentence in sentences)

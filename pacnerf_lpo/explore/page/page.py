@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from time import monotonic
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import Stopped, UserInputError
 from pacnerf_lpo.explore.page.ask import Ask
 from pacnerf_lpo.explore.page.change import Change
 from pacnerf_lpo.explore.page.keep import Keep
@@ -81,7 +81,8 @@ class Page:
         self.server.gui.main_panel.set_width(380)
         self.choose_recording(self.recording)
         self.changes.ask("redraw", self.redraw, refined_later=True)
-        threading.Thread(target=self._play, name="play", daemon=True).start()
+        for name, job in (("play", self._play), ("prepare", self._prepare)):
+            threading.Thread(target=job, name=name, daemon=True).start()
 
     def colours(self, dark: bool) -> None:
         """Dark colours, or light ones."""
@@ -170,6 +171,15 @@ class Page:
         step = self.session.refine()
         if step.resolution == "refined" and not self.changes.wanted:
             self.redraw()
+
+    def _prepare(self) -> None:
+        """Make the first answers quick, until a question comes; runs in a thread of its own."""
+
+        def prepare() -> None:
+            with suppress(Stopped, UserInputError):  # a person was quicker
+                self.session.prepare()
+
+        guarded(prepare, self.complain)
 
     def _play(self) -> None:
         """Show frame after frame while playing; runs in a thread of its own."""
