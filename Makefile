@@ -19,6 +19,7 @@ demo: $(READY)
 	@tail -n 4 $(MISSING).log
 	@echo "$(abspath $(RUN))/report.html"
 	@echo "$(abspath $(MISSING))/diagnosis/diagnosis.html"
+	@echo "change it by hand and watch the error fall: $(BIN)/pacnerf-lpo explore $(MISSING)"
 
 bird: $(READY)
 	@$(call fit,$(RUN),configs/demo.yaml)
@@ -47,7 +48,7 @@ clean:
 # a stamp is newer than what it was installed from, so an installation is not repeated
 $(READY): pyproject.toml setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[explore]'
 	touch $@
 
 $(INSTALLED): $(READY)

@@ -23,9 +23,13 @@ from pacnerf_lpo.mpm.simulator import Simulator
 from tests.data.trajectories.throws import write_drops, write_throws
 
 ROOT = Path(__file__).resolve().parents[1]
-README, CONTRIBUTING, REAL = (ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md"))
+README, CONTRIBUTING, REAL, EXPLORE = (
+    ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md", "docs/explore.md")
+)
 LARGEST_PICTURES = 200_000
-"""Of the pictures of the documentation together [bytes]."""
+"""Of the pictures of real measurements together [bytes]."""
+LARGEST_PICTURE, LARGEST_FILM = 150_000, 2_000_000
+"""Of a picture of a page, and of the film of README [bytes]: a slow line shows them in seconds."""
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -85,7 +89,7 @@ def test_readme_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest
     assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
 
 
-@pytest.mark.parametrize("path", [README, CONTRIBUTING, REAL], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [README, CONTRIBUTING, REAL, EXPLORE], ids=lambda path: path.name)
 def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
@@ -126,6 +130,14 @@ def test_pictures_of_the_documentation_are_small():
     shown = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", REAL.read_text())
     assert len(shown) == 2
     assert 0 < sum((REAL.parent / name).stat().st_size for name in shown) < LARGEST_PICTURES
+
+
+def test_pictures_of_pages_are_small():
+    shown = [EXPLORE.parent / name for name in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", EXPLORE.read_text())]
+    assert len(shown) == 6
+    assert all(0 < path.stat().st_size <= LARGEST_PICTURE for path in shown)
+    (film,) = re.findall(r"!\[[^\]]+\]\(([^)]+\.gif)\)", README.read_text())
+    assert 0 < (ROOT / film).stat().st_size <= LARGEST_FILM
 
 
 def test_table_of_effects_is_complete():

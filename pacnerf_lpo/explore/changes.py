@@ -30,7 +30,7 @@ def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -
 
 
 def with_effect(catalogue: Catalogue, step: Step, effect: str, values: Mapping[str, float]) -> Step:
-    """With one more effect, at values that were checked [SI]. Raises UserInputError where it does not suit the others."""
+    """With one more effect, at checked values [SI]. Raises UserInputError where it does not suit the others."""
     if effect in step.effects:
         raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
     effects = joined(catalogue, step.effects, [effect])
