@@ -72,7 +72,6 @@ def story(run: str | Path) -> None:
         page = open_page(session, port=0)
         hand = pages()
         hand.open(page.url)
-        hand.page.locator(".mantine-Notification-closeButton").click()  # that there is no graphics card
         hand.tab("Show")
         hand.tick("measured")
         hand.page.wait_for_timeout(5 * SETTLED)
