@@ -18,7 +18,7 @@ from pacnerf_lpo.explore.page import open_page
 from tests.explore.hand import Hand, browser
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "explore"
-COLOURS = 96
+COLOURS = 200
 """Of a picture: few enough for 150 kB, and no edge of the body changes."""
 WIDTH = 880
 """Of the film [pixels]: what README shows at its full width."""
