@@ -22,6 +22,8 @@ WIDTH = 400
 """Of the panel [pixels]."""
 GHOST = 0.6
 """Opacity of what was measured where one looks through a camera: the model is seen behind it."""
+SLOWER = 5
+"""Frames for one change of the words while playing: nobody reads faster, and a page without a graphics card can play."""
 QUALITY = 85
 KEPT = 400
 """Pictures that are remembered while a step is shown: all frames of a few cameras."""
@@ -78,7 +80,8 @@ class See:
             self.page.playing.set()
         elif self.buttons.value == "pause":
             self.page.playing.clear()
-            self.page.story.mark()
+            self.frame.value = self.page.frame
+            self.page.look()
         elif self.page.cameras:
             self.page.stage.step_into(self.page.camera, event.client)
 
@@ -108,12 +111,19 @@ class See:
         self.draw()
 
     def next_frame(self) -> None:
-        """Show the next frame, the first after the last; the charts follow when playing ends."""
-        frame = (self.page.frame + 1) % len(self.page.session.times(self.page.recording))
-        self.page.frame = frame
-        with self.page.server.atomic():
-            self.frame.value = frame
-            self.draw()
+        """Show the next frame, the first after the last: the body and the picture; words follow more slowly, and the
+        charts when playing ends.
+        """
+        page = self.page
+        page.frame = (page.frame + 1) % len(page.session.times(page.recording))
+        with page.server.atomic():
+            if page.frame % SLOWER == 0:
+                self.frame.value = page.frame
+                self.draw()
+            else:
+                page.stage.show(page.frame)
+                if page.cameras and page.shown.motions:
+                    self.picture.image = self._picture(page.frame)
 
     def take(self) -> None:
         """Take over the step that is shown: bodies and their colours."""
