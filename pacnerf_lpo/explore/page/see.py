@@ -23,7 +23,7 @@ WIDTH = 400
 GHOST = 0.6
 """Opacity of what was measured where one looks through a camera: the model is seen behind it."""
 SLOWER = 5
-"""Frames for one change of the words while playing: nobody reads faster, and a page without a graphics card can play."""
+"""Frames for one change of the words while playing: nobody reads faster, and drawing by software is slow."""
 QUALITY = 85
 KEPT = 400
 """Pictures that are remembered while a step is shown: all frames of a few cameras."""
