@@ -18,7 +18,7 @@ from pacnerf_lpo.explore.page import open_page
 from tests.explore.hand import Hand, browser
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "explore"
-COLOURS = 96
+COLOURS = 200
 """Of a picture: few enough for 150 kB, and no edge of the body changes."""
 WIDTH = 880
 """Of the film [pixels]: what README shows at its full width."""
@@ -72,7 +72,6 @@ def story(run: str | Path) -> None:
         page = open_page(session, port=0)
         hand = pages()
         hand.open(page.url)
-        hand.page.locator(".mantine-Notification-closeButton").click()  # that there is no graphics card
         hand.tab("Show")
         hand.tick("measured")
         hand.page.wait_for_timeout(5 * SETTLED)

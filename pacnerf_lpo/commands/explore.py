@@ -10,6 +10,9 @@ from pacnerf_lpo.explore import Session
 from pacnerf_lpo.explore.page import LOCAL, PORT, open_page
 from pacnerf_lpo.heartbeat import doing
 
+LAST = "last"
+"""Folder of the session that ended last: nothing that was tried is lost, and nothing that was saved is overwritten."""
+
 
 def run(
     run_dirs: list[str] | str,
@@ -42,6 +45,7 @@ def run(
     doing("reading the run")
     given = [run_dirs] if isinstance(run_dirs, str) else run_dirs
     with Session.open(given, phase, candidates, jobs=jobs) as session:
+        begun = len(session.steps)
         page = open_page(session, host, port, dark)
         told = "" if port in (0, page.port) else f" (port {port} is taken)"
         print(f"explore: {page.url}{told}; Ctrl-C ends it", flush=True)
@@ -51,6 +55,9 @@ def run(
             wait_for_signal()
         finally:
             page.close()
+        if len(session.steps) > begun:
+            kept = session.save(session.folder / LAST).parent
+            print(f"explore: all steps are kept; go on by pacnerf-lpo explore {kept}")
     print("explore: ended", flush=True)
 
 

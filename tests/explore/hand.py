@@ -33,6 +33,13 @@ class Hand:
         self.page.goto(url)
         self.page.get_by_text("Material", exact=True).wait_for()
         self.until(lambda: self.steps())
+        self.page.get_by_text("Software WebGL").wait_for()
+        self.dismiss()
+
+    def dismiss(self) -> None:
+        """Close what the page has said."""
+        for button in self.page.locator(".mantine-Notification-closeButton").all():
+            button.click(force=True)
 
     def tab(self, name: str) -> None:
         """Go to a tab."""
@@ -44,7 +51,7 @@ class Hand:
 
     def tick(self, label: str) -> None:
         """Tick or untick a box by its label."""
-        self.page.get_by_text(label, exact=True).first.locator("xpath=../../..").get_by_role("checkbox").first.click()
+        self.row(label).get_by_role("checkbox").click()
 
     def type(self, label: str, text: str) -> None:
         """Write into a field by its label."""

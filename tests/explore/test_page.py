@@ -9,10 +9,12 @@ import sys
 import threading
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pacnerf_lpo.commands import explore
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.explore import Camera, Outlines, Session, Setting, Step, pictures
 from pacnerf_lpo.explore.page import charts, open_page
@@ -121,6 +123,22 @@ def test_a_page_to_share_opens_without_a_server(dropped: Path, tmp_path: Path):
     found = dom(text, f"{probe}</script></body>", tmp_path)
     assert "Step 1: LinearDrag 3 1/s|9|" in found
     assert "drag" in found.partition("<title>")[2].partition("</title>")[0]
+
+
+def test_what_was_tried_is_kept_when_the_command_ends(
+    dropped: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    def opened(session: Session, host: str, port: int, dark: bool) -> SimpleNamespace:
+        session.set("drag", 1.0)
+        return SimpleNamespace(url=f"http://{host}:{port + 1}", port=port + 1, close=lambda: None)
+
+    monkeypatch.setattr(explore, "open_page", opened)
+    monkeypatch.setattr(explore, "wait_for_signal", lambda: None)
+    explore.run(str(dropped), jobs=1)
+    said = capsys.readouterr().out
+    assert "(port 8080 is taken)" in said
+    with Session.open(said.split("pacnerf-lpo explore ")[1].split()[0], jobs=1) as again:
+        assert [step.name for step in again.steps][1:] == ["LinearDrag 1 1/s"]
 
 
 @pytest.mark.end_to_end

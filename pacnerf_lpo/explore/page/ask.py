@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import html
+import threading
 from collections.abc import Callable
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import viser
@@ -31,7 +33,6 @@ class Ask:
         groups = dict.fromkeys(s.group for s in page.session.settings if s.active and s.fitted)
         with tabs.add_tab("Ask", viser.Icon.BULB):
             self.doing = self.gui.add_html("")
-            self.bar = self.gui.add_progress_bar(100.0, animated=True, visible=False)
             self.halt = self.gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP, visible=False)
             self.answer = self.gui.add_html("")
             help_ = self.gui.add_button("What would help?", icon=viser.Icon.BULB)
@@ -61,26 +62,37 @@ class Ask:
 
     def _answering(self, job: Callable[[], None]) -> Callable[[], None]:
         def answer() -> None:
+            ended = threading.Event()
+            self._task = "beginning"
+            threading.Thread(target=self._count, args=(ended,), name="seconds", daemon=True).start()
             self._busy(True)
             try:
                 job()
             except Stopped:
                 self.page.say("Stopped", "What was found until then is kept.")
             finally:
+                ended.set()
                 self._busy(False)
-                self.doing.content = ""
                 self.page.changes.ask("redraw", self.page.redraw, refined_later=True)
 
         return answer
 
+    def _count(self, ended: threading.Event) -> None:
+        """Say what is being done and for how long, until it is done; an animated bar would cost the work a core."""
+        began = monotonic()
+        while not ended.wait(1.0):
+            said = f"{monotonic() - began:.0f} s: {self._task}"
+            self.doing.content = f'{STYLE}<div class=hint style="opacity:1">{html.escape(said)}</div>'
+        self.doing.content = ""
+
     def _busy(self, busy: bool) -> None:
         for button in self._buttons:
             button.disabled = busy
-        self.bar.visible = self.halt.visible = busy
+        self.halt.visible = busy
 
     def tell(self, text: str) -> None:
         """Say what is being done."""
-        self.doing.content = f"{STYLE}<div class=hint>{html.escape(text)}</div>"
+        self._task = text
 
     def draw(self) -> None:
         """Ticks follow the model."""

@@ -29,8 +29,8 @@ REST = 0.35
 """Seconds without a movement after which a hand rests: longer than between two events of a slider that is dragged."""
 RATE = 24.0
 """Frames shown in a second: eyes see a motion, and a recording of a drop, mostly slower, is in slow motion."""
-NOTICE = 8.0
-"""Seconds that a remark stays on the page; an error stays until it is closed."""
+NOTICE, ERROR = 8.0, 40.0
+"""Seconds that a remark and an error stay on the page: long enough to be read twice, and no pile is left."""
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,13 @@ class Page:
 
     def complain(self, text: str) -> None:
         """Show an error to everyone."""
-        self._notify("This did not work", text, None, "red")
+        self._notify("This did not work", text, ERROR, "red")
 
     def say(self, title: str, text: str) -> None:
         """Show a remark to everyone."""
         self._notify(title, text, NOTICE, "blue")
 
-    def _notify(self, title: str, text: str, seconds: float | None, colour: Any) -> None:
+    def _notify(self, title: str, text: str, seconds: float, colour: Any) -> None:
         for client in self.server.get_clients().values():
             client.add_notification(title, text, auto_close_seconds=seconds, color=colour)
 

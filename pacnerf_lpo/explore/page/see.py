@@ -171,7 +171,7 @@ class See:
         floor = grounds[0] if grounds else float(centre[1] - size / 2)
         count = len(self.page.session.recordings)
         self.page.stage.ground(floor, centre, size * count)
-        self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 0.75 * size * (1 + count))
+        self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 0.55 * size * (1 + count))
         self._size, self._placed = size, True
         errors = self.page.shown.errors
         if errors is not None and np.isfinite(errors.by_frame_fitted).any():
