@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ NOTICED = 0.02
 """Share of the measured outlines and points that a model may lose sight of without a word."""
 LOST = "the body is out of sight"
 Progress = Callable[[str], None]
+warnings.filterwarnings("ignore", ".*still being processed by the workers have been cancelled")  # as a stop means to
 
 
 class Stepper:

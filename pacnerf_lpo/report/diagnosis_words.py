@@ -183,7 +183,7 @@ def missing(result: Result) -> list[str]:
         return [sentence for done, again in refits_of(result) for sentence in _named(done, again)]
     tried = _tried(result)
     if kind == "unfinished":
-        return ["Not determined yet: the diagnosis was stopped before candidates were fitted."]
+        return ["Not determined yet: no candidates were fitted."]
     if kind == "nothing":
         return [
             tried,
