@@ -16,6 +16,8 @@ from pacnerf_lpo.explore.records import Measured, Motion
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
 
+RADIUS = 0.6
+"""Of a particle, of the distance to its neighbours: they touch, and the body is hardly larger than its outline."""
 SIDE = 230
 """Height of the picture [pixels]."""
 WIDTH = 400
@@ -136,7 +138,7 @@ class See:
         for name, motion in motions.items():
             colours = self._colours(name, motion)
             frames = list(motion.positions)
-            self.page.stage.put(f"body {name}", Moving(frames, colours, 1.1 * motion.size, self._offset(name)))
+            self.page.stage.put(f"body {name}", Moving(frames, colours, RADIUS * motion.size, self._offset(name)))
         self.draw()
 
     def draw(self) -> None:
