@@ -36,10 +36,16 @@ def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     return matte(image, background)[1]
 
 
-def matte(image: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)]."""
+def matte(
+    image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)].
+
+    solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.
+    """
     shade = shade_factor(image, background)
-    solid = solid_region(image, background, shade)
+    if solid is None:
+        solid = solid_region(image, background, shade)
     inside, outside = ndimage.binary_erosion(solid, iterations=RIM), ~ndimage.binary_dilation(solid, iterations=RIM)
     plate = background * spread(shade[..., None], ~ndimage.binary_dilation(solid))
     alpha = rim_opacity(image, plate, spread(image, inside))

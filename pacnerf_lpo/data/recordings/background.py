@@ -1,61 +1,248 @@
-"""The background of a camera that stands still, from its own video."""
+"""The background of a camera that stands still, from its own video, and the object before it.
+
+A pixel shows the background whenever the object is elsewhere, lit or in the object's shadow. Which of its colours is
+the background is decided by two things: where nothing moves while something moves far away, there is background; and
+the object has everywhere the colours that it has where it is sure. Otherwise a body that falls and then stays would
+become background where it rests, as in a median of the video.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
-from pacnerf_lpo.data.recordings.media import read_frames
-from pacnerf_lpo.data.recordings.recording import Camera
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
+from pacnerf_lpo.data.recordings.media import library
+from pacnerf_lpo.data.recordings.other_views import NEVER, Expectation
 
-CHANGED = 0.06
-"""Difference of colours from which on a pixel has changed [0..1]."""
-RESTING = 1e-3
-"""What a frame without motion counts, relative to all motion of the video."""
-TOGETHER = 0.02
-"""Standard deviation of the window in which pixels decide together, relative to the image's width."""
+KEYFRAMES = 16
+"""Frames from which the background is found, spaced by how much moves between them: a rest is few, a fall is many."""
+COARSE = 160
+"""Pixels along an image in which one of them is chosen; the background itself has all pixels."""
+ROUNDS = 2
+"""How often background, object and its colours are found from each other."""
+MOVED = 9.0
+"""Half the squared change, in standard deviations, from which on a pixel has changed: once in a million of noise."""
+LINK = 0.05
+"""Gaps in what moves that are closed, relative to the image's width: an evenly coloured body changes at its rim alone."""
+STILL = 4.0
+"""Changes of a frame count as motion from so many times their median on: most of the image stands still."""
+RESTING = 0.01
+"""What a frame without motion counts, relative to that with the most."""
+FAR = 0.3
+"""How far from all motion a pixel must be to show background, relative to the size of what moves."""
+NEAR = 0.05
+"""Weight of a frame in which motion is near, so that only pixels near motion in all frames are decided by these."""
+COVERED, FREE = 0.5, 0.03
+"""Probability of the object near motion and far from it."""
+TOGETHER = 1.0
+"""Standard deviation of the window in which pixels decide together [coarse pixels]."""
+LIT = 0.8
+"""Quantile of brightness that is taken to be without shadow: some frames show a pixel before the shadow comes."""
+RIM = 2
+"""Pixels around an object that are mixed with it."""
+STRONGEST = 6.0
+"""Log odds up to which one pixel counts, so that a wrong one is outvoted by its neighbours."""
+SMOOTH = 3.0
+"""Log odds of a pixel for each pixel of outline: what a straight outline through noise saves."""
+PIECE = 0.02
+"""Pieces smaller than this part of the largest one are no part of the object."""
+AROUND = 0.06
+"""Standard deviation of the window from which never seen background is continued, relative to the image's width."""
 
 
-def still_background(camera: Camera) -> np.ndarray:
-    """What lies behind an object that moves from one place to another [0..1, (H, W, 3)].
+@dataclass(frozen=True)
+class Background:
+    """What lies behind the object of a camera.
 
-    A pixel shows the background in the first frame or in the last one, unless the two outlines overlap. Where these
-    frames differ, the one counts that the pixel keeps for longer: a moving object changes a pixel all the time,
-    and the background does not. Duration is measured by how much of the image moves, so that an object that lies
-    still at the end for half of the video does not become background.
-
-    Raises:
-        UserInputError: nothing moves.
+    plate: lit, without the object's shadow [0..1, (H, W, 3)]
+    noise: standard deviation of a smoothed image's difference from it [0..1, (H, W)]
+    known: where it was seen [(H, W), bool]; elsewhere it is continued from around, and ``noise`` says how surely
+    colours: of the object
     """
-    amount, first, last = _motion(camera)
-    weight = amount / amount.sum() + RESTING
-    unchanged, from_start, to_end = np.ones(first.shape[:2], bool), np.zeros(first.shape[:2]), np.zeros(first.shape[:2])
-    for pixels, share in zip(read_frames(camera.frames), weight, strict=True):
-        unchanged &= ~_differ(pixels, first)
-        from_start += share * unchanged
-        to_end = np.where(_differ(pixels, last), 0.0, to_end + share)
-    score = np.where(_differ(first, last), to_end - from_start, 0.0)
-    late = ndimage.gaussian_filter(score, TOGETHER * first.shape[1]) > 0.0
-    return np.where(late[..., None], last, first)
+
+    plate: np.ndarray
+    noise: np.ndarray
+    known: np.ndarray
+    colours: Colours
+
+    def log_odds(self, image: np.ndarray) -> np.ndarray:
+        """Log odds of the object in each pixel of an image [0..1, (H, W, 3)], by its colour alone [(H, W)]."""
+        image = smoothed(image[..., :3])
+        odds = self.colours.log_of(image) - log_of_background(image, smoothed(self.plate), self.noise)
+        return np.clip(odds, -STRONGEST, STRONGEST)
+
+    def object_in(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
+        """Where the object is in an image [0..1, (H, W, 3)], without specks [(H, W), bool].
+
+        Args:
+            expected: log odds of the object before the colours are looked at [(H, W)].
+
+        The outline minimises log odds and its own length together: a level set of the total-variation denoised log odds
+        (Chambolle 2004; Chan, Esedoglu, Nikolova 2006).
+        """
+        denoise = library("skimage.restoration", "mattes from a video without plates").denoise_tv_chambolle
+        return _pieces(denoise(self.log_odds(image) + expected, weight=SMOOTH) > 0.0, PIECE)
 
 
-def _motion(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Part of the image that changes before every frame [(F,)], the first and the last frame [(H, W, 3)]."""
-    amount: list[float] = []
-    first = last = np.empty(0)
-    for pixels in read_frames(camera.frames):
-        now = pixels[..., :3]
-        first = first if amount else now
-        amount.append(float(_differ(now, last).mean()) if amount else 0.0)
-        last = now
-    if not any(amount):
-        raise UserInputError(
-            f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
-            f"background as backgrounds/{camera.name}.png"
-        )
-    return np.array(amount), first, last
+def still_background(
+    pictures: Callable[[], Iterator[np.ndarray]], expected: Expectation | None = None
+) -> Background | None:
+    """What lies behind an object that moves before a camera that stands still; None where nothing moves.
+
+    Args:
+        pictures: all frames of the camera, each time it is called [0..1, (H, W, 3)].
+        expected: what the other views say.
+    """
+    chosen = _keyframes(pictures)
+    frames = np.stack([_bytes(pixels) for number, pixels in enumerate(pictures()) if number in chosen])
+    coarse = np.stack([_reduced(frame / np.float32(255.0)) for frame in frames])
+    views = np.stack([smoothed(frame) for frame in coarse])
+    noise = np.sqrt(2.0) * noise_of(views)
+    seen = np.stack([[log_of_background(now, plate, noise) for now in views] for plate in views])
+    factor = -(-max(frames.shape[1:3]) // COARSE)
+    prior = np.zeros(views.shape[:3])
+    if expected is not None:
+        prior = np.stack([_reduced(expected.log_odds(number)[..., None])[..., 0] for number in chosen])
+        far, covered = prior < 0.5 * NEVER, expected.share
+    else:
+        found, covered = _far_from_motion(seen, noise), COVERED
+        if found is None:
+            return None
+        far = found
+    colours = Colours.unknown()
+    for _ in range(ROUNDS):
+        plate = _most_probable(views, seen, far, covered, colours)
+        background = Background(plate, noise, np.ones(noise.shape, bool), colours)
+        for _ in range(ROUNDS):
+            solid = np.stack([background.object_in(*pair) for pair in zip(coarse, prior, strict=True)])
+            colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in solid])])
+            shows = _shows_background(views, solid, noise)
+            background = _composed(coarse, shows, colours)
+    fine = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, : frames.shape[1], : frames.shape[2]]
+    return _composed(frames, fine, colours)
 
 
-def _differ(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.abs(one[..., :3] - other).max(axis=-1) > CHANGED
+def _keyframes(pictures: Callable[[], Iterator[np.ndarray]]) -> list[int]:
+    """Numbers of frames of which each shows about as much motion since the one before; all where there are few."""
+    before, moved = None, []
+    for pixels in pictures():
+        now = smoothed(_reduced(pixels))
+        change = np.zeros(1) if before is None else np.linalg.norm(now - before, axis=-1)
+        moved.append(float((change > max(STILL * float(np.median(change)), FINEST)).mean()))
+        before = now
+    if len(moved) <= KEYFRAMES:
+        return list(range(len(moved)))
+    course = np.cumsum(np.array(moved) + RESTING * max(moved))
+    wanted = np.linspace(course[0], course[-1], KEYFRAMES)
+    return sorted(set(np.abs(course[:, None] - wanted).argmin(axis=0).tolist()))
+
+
+def _bytes(pixels: np.ndarray) -> np.ndarray:
+    return np.round(255.0 * pixels).astype(np.uint8)
+
+
+def _reduced(image: np.ndarray) -> np.ndarray:
+    """The image [(H, W, C)] averaged over squares of pixels, so that its longer edge has at most COARSE of them."""
+    factor = -(-max(image.shape[:2]) // COARSE)
+    if factor == 1:
+        return image
+    padded = np.pad(image, [(0, -image.shape[0] % factor), (0, -image.shape[1] % factor), (0, 0)], mode="edge")
+    rows, columns = padded.shape[0] // factor, padded.shape[1] // factor
+    return padded.reshape(rows, factor, columns, factor, image.shape[2]).mean(axis=(1, 3))
+
+
+def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
+    """Where each frame is far from everything that moves then [(F, H, W), bool]; None where nothing moves.
+
+    Frames are compared with the next ones before and after in which enough has moved, so that a slow body counts.
+
+    Args:
+        seen: log density of each frame, if another one shows the background (F, F, H, W). noise: (H, W).
+    """
+    half_square = -np.maximum(seen, seen.swapaxes(0, 1)) - 1.5 * np.log(2.0 * np.pi * noise**2)
+    count, width = len(seen), noise.shape[1]
+    changed = {(a, b): ndimage.binary_opening(half_square[a, b] > MOVED) for a, b in np.ndindex(count, count) if a < b}
+    areas = {pair: int(one.sum()) for pair, one in changed.items()}
+    steps = sorted(areas[t, t + 1] for t in range(count - 1))
+    enough = steps[-max(1, count // 4)]
+    if not max(areas.values()):
+        return None
+    convex_hull_object = library('skimage.morphology','x').convex_hull_object
+    reach = max(2, round(LINK * width))
+    disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
+    moving = np.zeros((count, *noise.shape), bool)
+    for t in range(count):
+        for others in (range(t - 1, -1, -1), range(t + 1, count)):
+            pairs = ((min(t, other), max(t, other)) for other in others)
+            pair = next((pair for pair in pairs if areas[pair] > max(enough, 1)), None)
+            if pair is not None:
+                moving[t] |= changed[pair]
+        moving[t] = _pieces(ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach], 0.1)
+        moving[t] = convex_hull_object(moving[t])
+    away = FAR * np.sqrt(np.median(moving.sum(axis=(1, 2))))
+    return np.stack([one.any() and ndimage.distance_transform_edt(~one) > away for one in moving])
+
+
+def _most_probable(
+    views: np.ndarray, seen: np.ndarray, far: np.ndarray, covered: float, colours: Colours
+) -> np.ndarray:
+    """For each pixel the frame's colour that explains its colours in all frames best as background [(H, W, 3)]."""
+    chance = np.where(far, FREE, covered)
+    as_object = np.log(chance) + colours.log_of(views)
+    weight = np.where(far, 1.0, NEAR)
+    scores = [(weight * np.logaddexp(np.log(1.0 - chance) + one, as_object)).sum(axis=0) for one in seen]
+    best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)
+    return np.take_along_axis(views, best[None, ..., None], axis=0)[0]
+
+
+def _shows_background(views: np.ndarray, solid: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Which frames show the background in each pixel, lit [(F, H, W), bool]: outside the object, its holes and rim."""
+    rim = ndimage.generate_binary_structure(2, 1)
+    covered = [ndimage.binary_dilation(ndimage.binary_fill_holes(one), rim, iterations=RIM) for one in solid]
+    light = np.where(covered, np.inf, views.mean(axis=-1))
+    place = np.round(LIT * (np.isfinite(light).sum(axis=0) - 1)).astype(int)
+    lit = np.take_along_axis(np.sort(light, axis=0), np.maximum(place, 0)[None], axis=0)
+    return np.isfinite(light) & (np.abs(light - np.minimum(lit, 1.0)) < 2.0 * noise)
+
+
+def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:
+    """The background from the frames in which each pixel shows it; around pixels that never do, it is continued.
+
+    Args:
+        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W). colours: of the object.
+    """
+    scale = np.float32(255.0 if frames.dtype == np.uint8 else 1.0)
+    count, known = shows.sum(axis=0), shows.any(axis=0)
+    total, squares = np.zeros(frames.shape[1:], np.float32), np.zeros(known.shape)
+    for frame, shown in zip(frames, shows, strict=True):
+        total += shown[..., None] * (frame / scale)
+    mean = total / np.maximum(count, 1)[..., None]
+    around = AROUND * known.shape[1]
+    plate = np.where(known[..., None], mean, _continued(mean, known, around))
+    even = smoothed(plate)
+    for frame, shown in zip(frames, shows, strict=True):
+        squares += shown * ((smoothed(frame / scale) - even) ** 2).mean(-1)
+    variance = _continued((squares / np.maximum(count, 1))[..., None], known, around)[..., 0]
+    guessed = _continued(((mean - _continued(mean, known, around)) ** 2).mean(-1, keepdims=True), known, around)[..., 0]
+    noise = np.sqrt(np.where(known, variance, variance + guessed))
+    return Background(plate, np.maximum(noise, FINEST), known, colours)
+
+
+def _continued(values: np.ndarray, known: np.ndarray, width: float) -> np.ndarray:
+    """Values [(H, W, C)] averaged in a Gaussian window over ``known`` pixels; the nearest where there are none near."""
+    weight = smoothed(known.astype(np.float64), width)[..., None]
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    averaged = smoothed(np.where(known[..., None], values, 0.0), width) / np.maximum(weight, 1e-9)
+    return np.where(weight > 1e-3, averaged, values[tuple(nearest)]) if known.any() else values
+
+
+def _pieces(solid: np.ndarray, share: float) -> np.ndarray:
+    """The connected pieces that are not smaller than this share of the largest one [(H, W), bool]."""
+    labels, count = ndimage.label(solid)
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    return (areas >= share * areas.max())[labels] & solid if count else solid

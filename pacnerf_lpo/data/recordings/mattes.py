@@ -8,8 +8,9 @@ import numpy as np
 
 from pacnerf_lpo.data.images import on_white, read_png
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.recordings.background import still_background
+from pacnerf_lpo.data.recordings.background import Background, still_background
 from pacnerf_lpo.data.recordings.media import library, read_frames
+from pacnerf_lpo.data.recordings.other_views import Expectation
 from pacnerf_lpo.data.recordings.recording import Camera, check_image_size, check_lens
 from pacnerf_lpo.errors import UserInputError
 
@@ -65,7 +66,9 @@ class Mattes:
         check_lens(str(camera.frames[0].file), camera, self.size)
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
-        self.cut: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+        self.still: Background | None = None
+        self.expected: Expectation | None = None
+        self.cut: Callable[[np.ndarray, np.ndarray | None, int], np.ndarray]
         border = np.concatenate((first[0], first[-1], first[:, 0], first[:, -1]))
         if camera.frames[0].mask is not None:
             self.way, self.cut = "masks", self._by_mask
@@ -76,7 +79,9 @@ class Mattes:
         else:
             self.way, self.cut = "background plate", self._by_plate
             if camera.plate is None:
-                self.way, background = "background of the video", still_background(camera)
+                self.way, self.cut = "background of the video", self._by_video
+                self.plate = self.find_background()
+                return
             else:
                 background = read_png(camera.plate)[..., :3]
             if background.shape[1::-1] != self.size:
@@ -85,9 +90,33 @@ class Mattes:
                 )
             self.plate = self.lens.undistorted(background)
 
+    def find_background(self, expected: Expectation | None = None) -> np.ndarray:
+        """The background from the video itself [0..1, (H, W, 3)], for all mattes from now on.
+
+        Args:
+            expected: what the other views say about this camera, if they do.
+
+        Raises:
+            UserInputError: nothing moves.
+        """
+        camera = self.camera
+
+        def pictures() -> Iterator[np.ndarray]:
+            return (self.lens.undistorted(pixels[..., :3]) for pixels in read_frames(camera.frames))
+
+        self.still, self.expected = still_background(pictures, expected), expected
+        if self.still is None:
+            raise UserInputError(
+                f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
+                f"background as backgrounds/{camera.name}.png"
+            )
+        self.plate = self.still.plate
+        return self.plate
+
     def __iter__(self) -> Iterator[np.ndarray]:
         """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""
-        for frame, pixels in zip(self.camera.frames, read_frames(self.camera.frames), strict=True):
+        for number, pixels in enumerate(read_frames(self.camera.frames)):
+            frame = self.camera.frames[number]
             if pixels.shape[1::-1] != self.size:
                 raise UserInputError(
                     f"{frame.file}: {pixels.shape[1]} x {pixels.shape[0]} pixels, but the first image of camera "
@@ -96,11 +125,11 @@ class Mattes:
             mask = None if frame.mask is None else read_png(frame.mask)
             if mask is not None and mask.shape[:2] != pixels.shape[:2]:
                 raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
-            result = self.cut(pixels, mask)
+            result = self.cut(pixels, mask, number)
             result[..., 3] *= self.lens.valid
             yield result
 
-    def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None, _: int) -> np.ndarray:
         if mask is None:
             raise UserInputError(
                 f"camera {self.camera.name}: some frames have a mask and some have not; give all or none"
@@ -112,14 +141,24 @@ class Mattes:
             raise UserInputError(f"{name}: bright along the image border, so it marks the background; invert the masks")
         return self.lens.undistorted(np.dstack((pixels[..., :3], opacity)).astype(np.float32))
 
-    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         return self.lens.undistorted(pixels)
 
-    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         return np.dstack(on_white(self.lens.undistorted(pixels[..., :3])))
 
-    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
+        assert self.still is not None
+        image = self.lens.undistorted(pixels[..., :3])
+        solid = self.still.object_in(image, 0.0 if self.expected is None else self.expected.log_odds(number))
+        return _unmixed(*matte(image, self.still.plate, solid))
+
+    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         assert self.plate is not None
-        colour, opacity = matte(self.lens.undistorted(pixels[..., :3]), self.plate)
-        own = (colour - (1.0 - opacity[..., None])) / np.maximum(opacity[..., None], 1e-3)
-        return np.dstack((np.clip(own, 0.0, 1.0), opacity)).astype(np.float32)
+        return _unmixed(*matte(self.lens.undistorted(pixels[..., :3]), self.plate))
+
+
+def _unmixed(colour: np.ndarray, opacity: np.ndarray) -> np.ndarray:
+    """The object's own colour and its opacity [(H, W, 4)] from its colour on white [0..1, (H, W, 3)]."""
+    own = (colour - (1.0 - opacity[..., None])) / np.maximum(opacity[..., None], 1e-3)
+    return np.dstack((np.clip(own, 0.0, 1.0), opacity)).astype(np.float32)

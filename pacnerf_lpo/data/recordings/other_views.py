@@ -1,0 +1,163 @@
+"""What the other cameras say about where a camera sees the object: their visual hull, without this camera (Laurentini 1994).
+
+A matte that is wrong in one view, where colours do not tell object and background apart, is right in most others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from tqdm import tqdm
+
+from pacnerf_lpo.data.recordings.voxel_hull import RASTER, hull_picture, projected
+from pacnerf_lpo.data.recordings.written_scene import View
+
+FEWEST = 3
+"""Other views that a hull needs: two allow everything along their lines of sight."""
+OUTVOTED = 4
+"""Other views from which on one of them may miss a part of the object."""
+CELLS = 44
+"""Cells along the box around all motion; those on the object are halved once more."""
+ROOM = 1.4
+"""Size of that box relative to what the middle one of the cameras sees of the motion."""
+IN_STEP = 0.1
+"""Frames nearer in time than this part of a frame are of one moment; else the frames before and after count together."""
+UNSURE = 1.5
+"""Pixels by which outlines of good mattes and calibrations differ from each other's hull, beside its cells."""
+AGREES = 0.5
+"""Part of a matte that lies on the others' hull, below which some calibration or clock is wrong and says nothing here."""
+NEVER = -4.0
+"""Log odds of the object outside the others' hull."""
+WITHIN = (0.3, 0.9)
+"""Probability of the object inside it, at least and at most: some hulls are much larger than their bodies."""
+
+
+@dataclass(frozen=True)
+class Silhouettes:
+    """What a camera showed.
+
+    view: its pose and intrinsics
+    times: of its frames, by the common clock [s, (F,)]
+    masks: where the object is in each [(F, H, W), bool]
+    """
+
+    view: View
+    times: np.ndarray
+    masks: np.ndarray
+
+    def at(self, time: float, step: float) -> np.ndarray:
+        """The mask at a time [s]; the frames before and after it together, where there is none then [(H, W), bool]."""
+        near = np.abs(self.times - time) < step
+        exact = np.abs(self.times - time) < IN_STEP * step
+        return self.masks[exact if exact.any() else near].any(axis=0)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What the others say about a camera.
+
+    depth: how far inside their hull each pixel is, negative outside [pixels, (F, H, W)]
+    unsure: how exact that is [pixels]
+    share: part of the hull that shows the object
+    """
+
+    depth: np.ndarray
+    unsure: float
+    share: float
+
+    def log_odds(self, frame: int) -> np.ndarray:
+        """Log odds of the object in each pixel of a frame, before its colour is looked at [(H, W)]."""
+        within = float(np.log(self.share / (1.0 - self.share)))
+        return np.interp(self.depth[frame], (-self.unsure, self.unsure), (NEVER, within))
+
+
+def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
+    """For each camera what the others say; None where they are too few or contradict it.
+
+    Args:
+        cameras: of one recording. centre: a point near the middle of the motion, in the unit of the poses (3,).
+    """
+    if len(cameras) <= FEWEST:
+        return [None] * len(cameras)
+    points, cell = _box(cameras, centre)
+    places = [_pixels(points, camera) for camera in cameras]
+    step = float(np.median(np.diff(cameras[0].times)))
+    found: list[Expectation | None] = []
+    for number, camera in enumerate(tqdm(cameras, desc="comparing the views", delay=2.0, leave=False)):
+        others = [other for other in range(len(cameras)) if other != number]
+        depth, finest = [], 1.0
+        for time in camera.times:
+            masks = [cameras[other].at(time, step) for other in others]
+            kept = points[_allowed([places[other] for other in others], masks)]
+            fine = (kept[:, None] + 0.25 * cell * (2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0)).reshape(-1, 3)
+            fine = fine[_allowed([_pixels(fine, cameras[other]) for other in others], masks)]
+            picture, corner, scale = hull_picture(fine, 0.5 * cell, camera.view) if len(fine) else (None, None, 1.0)
+            depth.append(_depth(picture, corner, scale, camera.masks.shape[1:]))
+            finest = max(finest, RASTER / scale if len(fine) else 1.0)
+        found.append(_expectation(np.stack(depth), UNSURE + finest, camera.masks))
+    return found
+
+
+def _expectation(depth: np.ndarray, unsure: float, masks: np.ndarray) -> Expectation | None:
+    hull, near = depth > 0.0, depth > -unsure
+    if not masks.any() or not hull.any() or (masks & near).sum() < AGREES * masks.sum():
+        return None
+    share = float(np.clip((masks & hull).sum() / hull.sum(), *WITHIN))
+    return Expectation(depth.astype(np.float32), unsure, share)
+
+
+def _box(cameras: Sequence[Silhouettes], centre: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centres of cells [(N, 3)] around all motion, and their edge."""
+    reaches = []
+    for camera in cameras:
+        y, x = np.nonzero(camera.masks.any(axis=0))
+        middle, depth = projected(centre[None], camera.view)
+        if len(x) and depth[0] > 0:
+            away = np.linalg.norm(np.stack((x, y), axis=-1) + 0.5 - middle, axis=-1).max()
+            reaches.append(away * depth[0] / camera.view.intrinsic[0, 0])
+    half = ROOM * float(np.median(reaches))
+    cell = 2.0 * half / CELLS
+    axis = (np.arange(CELLS) + 0.5) * cell - half
+    return centre + np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3), cell
+
+
+def _pixels(points: np.ndarray, camera: Silhouettes) -> tuple[np.ndarray, np.ndarray]:
+    """Index of each point's pixel in a flat image, and whether the camera sees it [(N,) each]."""
+    pixels, depth = projected(points, camera.view)
+    height, width = camera.masks.shape[1:]
+    inside = (depth > 0) & np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
+    column, row = np.where(inside[:, None], pixels, 0.0).astype(int).T
+    flat = row * width + column
+    return flat, inside & camera.view.valid.ravel()[flat]
+
+
+def _allowed(places: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """Points that lie on the object in all views that see them, but for one where there are many [(N,), bool]."""
+    missed = np.zeros(len(places[0][0]), int)
+    seen = np.zeros_like(missed)
+    for (flat, inside), mask in zip(places, masks, strict=True):
+        whole = ndimage.binary_dilation(mask)
+        missed += inside & ~whole.ravel()[flat]
+        seen += inside
+    return (missed <= int(len(masks) >= OUTVOTED)) & (seen > len(masks) / 2)
+
+
+def _depth(picture: np.ndarray | None, corner: np.ndarray, scale: float, shape: tuple[int, int]) -> np.ndarray:
+    """Signed distance from the rim of a hull's picture in each pixel of an image, positive inside [pixels, (H, W)]."""
+    far = -float(max(shape))
+    if picture is None or not picture.any():
+        return np.full(shape, far)
+    room = round(10 * scale)
+    padded = np.pad(picture, room)
+    signed = ndimage.distance_transform_edt(padded) - ndimage.distance_transform_edt(~padded)
+    rows, columns = (np.floor((np.arange(n) + 0.5 - c) * scale).astype(int) + room for n, c in zip(shape, corner[::-1]))
+    grid = np.ix_(np.clip(rows, 0, padded.shape[0] - 1), np.clip(columns, 0, padded.shape[1] - 1))
+    outside = ~np.logical_and.outer(_within(rows, padded.shape[0]), _within(columns, padded.shape[1]))
+    return np.where(outside, far, signed[grid] / scale)
+
+
+def _within(places: np.ndarray, count: int) -> np.ndarray:
+    return (places >= 0) & (places < count)
