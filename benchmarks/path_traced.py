@@ -104,7 +104,11 @@ def glowing(vertices: np.ndarray, faces: np.ndarray, folder: Path) -> dict:
     values.update()
     path = folder / "glowing.ply"
     mesh.write_ply(str(path))
-    return {"type": "ply", "filename": str(path), "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}}
+    return {
+        "type": "ply",
+        "filename": str(path),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+    }
 
 
 def main(folder: Path) -> None:

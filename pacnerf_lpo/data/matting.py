@@ -36,9 +36,7 @@ def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     return matte(image, background)[1]
 
 
-def matte(
-    image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)].
 
     solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.

@@ -9,11 +9,12 @@ become background where it rests, as in a median of the video.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
+from pacnerf_lpo.data.matting import SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.recordings.other_views import NEVER, Expectation
@@ -27,7 +28,7 @@ ROUNDS = 2
 MOVED = 9.0
 """Half the squared change, in standard deviations, from which on a pixel has changed: once in a million of noise."""
 LINK = 0.05
-"""Gaps in what moves that are closed, relative to the image's width: an evenly coloured body changes at its rim alone."""
+"""Gaps in what moves that are closed, relative to the image's width: an even body changes at its rim alone."""
 STILL = 4.0
 """Changes of a frame count as motion from so many times their median on: most of the image stands still."""
 RESTING = 0.01
@@ -40,6 +41,8 @@ COVERED, FREE = 0.5, 0.03
 """Probability of the object near motion and far from it."""
 TOGETHER = 1.0
 """Standard deviation of the window in which pixels decide together [coarse pixels]."""
+DARKENED = 1.0 / SHADE_RANGE[0]
+"""How much lighter a pixel may become, where the frame that stands for its background shows it in a shadow."""
 LIT = 0.8
 """Quantile of brightness that is taken to be without shadow: some frames show a pixel before the shadow comes."""
 RIM = 2
@@ -62,30 +65,48 @@ class Background:
     noise: standard deviation of a smoothed image's difference from it [0..1, (H, W)]
     known: where it was seen [(H, W), bool]; elsewhere it is continued from around, and ``noise`` says how surely
     colours: of the object
+    brightest: how much lighter than the plate the background may be
     """
 
     plate: np.ndarray
     noise: np.ndarray
     known: np.ndarray
     colours: Colours
+    brightest: float = SHADE_RANGE[1]
 
     def log_odds(self, image: np.ndarray) -> np.ndarray:
         """Log odds of the object in each pixel of an image [0..1, (H, W, 3)], by its colour alone [(H, W)]."""
         image = smoothed(image[..., :3])
-        odds = self.colours.log_of(image) - log_of_background(image, smoothed(self.plate), self.noise)
+        odds = self.colours.log_of(image) - log_of_background(image, smoothed(self.plate), self.noise, self.brightest)
         return np.clip(odds, -STRONGEST, STRONGEST)
 
-    def object_in(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
-        """Where the object is in an image [0..1, (H, W, 3)], without specks [(H, W), bool].
+    def denoised_odds(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
+        """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
+
+        Where they are positive is the object: that outline minimises the log odds inside and its own length together
+        (level sets of total-variation denoising: Chambolle 2004; Chan, Esedoglu, Nikolova 2006).
 
         Args:
-            expected: log odds of the object before the colours are looked at [(H, W)].
-
-        The outline minimises log odds and its own length together: a level set of the total-variation denoised log odds
-        (Chambolle 2004; Chan, Esedoglu, Nikolova 2006).
+            expected: log odds before the colours are looked at [(H, W)].
         """
         denoise = library("skimage.restoration", "mattes from a video without plates").denoise_tv_chambolle
-        return _pieces(denoise(self.log_odds(image) + expected, weight=SMOOTH) > 0.0, PIECE)
+        return denoise(self.log_odds(image) + expected, weight=SMOOTH)
+
+
+def solid_part(odds: np.ndarray) -> np.ndarray:
+    """Where log odds [(H, W)] say that the object is, without specks [(H, W), bool]."""
+    return _pieces(odds > 0.0, PIECE)
+
+
+def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
+    """Intersection over union that a matte has with the truth, if the log odds are right: the figure of how sure it is.
+
+    Args:
+        odds: log odds of the object [(H, W)]. solid: the matte [(H, W), bool].
+    """
+    chance = 1.0 / (1.0 + np.exp(-odds))
+    near = ndimage.binary_dilation(solid, iterations=2 * RIM) & ~solid
+    return float(chance[solid].sum() / max(solid.sum() + chance[near].sum(), 1.0))
 
 
 def still_background(
@@ -102,26 +123,28 @@ def still_background(
     coarse = np.stack([_reduced(frame / np.float32(255.0)) for frame in frames])
     views = np.stack([smoothed(frame) for frame in coarse])
     noise = np.sqrt(2.0) * noise_of(views)
-    seen = np.stack([[log_of_background(now, plate, noise) for now in views] for plate in views])
+    seen = np.stack([[log_of_background(now, plate, noise, DARKENED) for now in views] for plate in views])
     factor = -(-max(frames.shape[1:3]) // COARSE)
     prior = np.zeros(views.shape[:3])
     if expected is not None:
         prior = np.stack([_reduced(expected.log_odds(number)[..., None])[..., 0] for number in chosen])
         far, covered = prior < 0.5 * NEVER, expected.share
+        hidden = np.stack([_reduced(expected.depth[number][..., None])[..., 0] for number in chosen]) > expected.unsure
     else:
         found, covered = _far_from_motion(seen, noise), COVERED
         if found is None:
             return None
-        far = found
+        far, hidden = found, np.zeros_like(found)
     colours = Colours.unknown()
     for _ in range(ROUNDS):
-        plate = _most_probable(views, seen, far, covered, colours)
-        background = Background(plate, noise, np.ones(noise.shape, bool), colours)
+        plate = _most_probable(views, seen, noise, far, hidden, covered, colours)
+        background = Background(plate, noise, np.ones(noise.shape, bool), colours, DARKENED)
         for _ in range(ROUNDS):
-            solid = np.stack([background.object_in(*pair) for pair in zip(coarse, prior, strict=True)])
+            odds = [background.denoised_odds(*pair) for pair in zip(coarse, prior, strict=True)]
+            solid = np.stack([solid_part(one) for one in odds])
             colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in solid])])
-            shows = _shows_background(views, solid, noise)
-            background = _composed(coarse, shows, colours)
+            shows = _shows_background(views, solid | hidden, noise)
+            background = replace(_composed(coarse, shows, colours), brightest=DARKENED)
     fine = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, : frames.shape[1], : frames.shape[2]]
     return _composed(frames, fine, colours)
 
@@ -171,7 +194,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
     enough = steps[-max(1, count // 4)]
     if not max(areas.values()):
         return None
-    convex_hull_object = library('skimage.morphology','x').convex_hull_object
+    convex_hull_object = library("skimage.morphology", "x").convex_hull_object
     reach = max(2, round(LINK * width))
     disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     moving = np.zeros((count, *noise.shape), bool)
@@ -188,25 +211,43 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
 
 
 def _most_probable(
-    views: np.ndarray, seen: np.ndarray, far: np.ndarray, covered: float, colours: Colours
+    views: np.ndarray,
+    seen: np.ndarray,
+    noise: np.ndarray,
+    far: np.ndarray,
+    hidden: np.ndarray,
+    covered: float,
+    colours: Colours,
 ) -> np.ndarray:
-    """For each pixel the frame's colour that explains its colours in all frames best as background [(H, W, 3)]."""
+    """For each pixel the colour that, lit or in a shadow, explains all frames best as background [(H, W, 3)]."""
     chance = np.where(far, FREE, covered)
     as_object = np.log(chance) + colours.log_of(views)
     weight = np.where(far, 1.0, NEAR)
     scores = [(weight * np.logaddexp(np.log(1.0 - chance) + one, as_object)).sum(axis=0) for one in seen]
-    best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)
-    return np.take_along_axis(views, best[None, ..., None], axis=0)[0]
+    best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)[None]
+    one = -1.5 * np.log(2.0 * np.pi * noise**2) - np.take_along_axis(seen, best[None], axis=0)[0] < MOVED
+    return np.take_along_axis(views, _lit(views, one & ~hidden, best)[..., None], axis=0)[0]
+
+
+def _lit(views: np.ndarray, shows: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """The frame in which each pixel is lit best, but for the brightest few [(1, H, W)].
+
+    Args:
+        views: (F, H, W, 3). shows: frames to choose from (F, H, W). otherwise: frame where there are none (1, H, W).
+    """
+    order = np.argsort(np.where(shows, views.mean(axis=-1), np.inf), axis=0)
+    count = shows.sum(axis=0, keepdims=True)
+    place = np.maximum(np.round(LIT * (count - 1)).astype(int), 0)
+    return np.where(count > 0, np.take_along_axis(order, place, axis=0), otherwise)
 
 
 def _shows_background(views: np.ndarray, solid: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Which frames show the background in each pixel, lit [(F, H, W), bool]: outside the object, its holes and rim."""
     rim = ndimage.generate_binary_structure(2, 1)
     covered = [ndimage.binary_dilation(ndimage.binary_fill_holes(one), rim, iterations=RIM) for one in solid]
-    light = np.where(covered, np.inf, views.mean(axis=-1))
-    place = np.round(LIT * (np.isfinite(light).sum(axis=0) - 1)).astype(int)
-    lit = np.take_along_axis(np.sort(light, axis=0), np.maximum(place, 0)[None], axis=0)
-    return np.isfinite(light) & (np.abs(light - np.minimum(lit, 1.0)) < 2.0 * noise)
+    light, free = views.mean(axis=-1), ~np.array(covered)
+    lit = np.take_along_axis(light, _lit(views, free, np.zeros((1, *light.shape[1:]), int)), axis=0)
+    return free & (np.abs(light - lit) < 2.0 * noise)
 
 
 def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:

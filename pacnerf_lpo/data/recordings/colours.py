@@ -23,9 +23,9 @@ FINEST = 0.016
 NOISIEST = 2.0
 """Noise of a pixel relative to the median of all; more is motion."""
 TINGE = 0.1
-"""By how much a shadow changes colours beside scaling them, relative to what it takes away: light that is thrown back by
-the surroundings has another hue than that of the lamp."""
-RARE = 2.0
+"""By how much a shadow changes colours beside scaling them, relative to what it takes away: light that is thrown back
+by the surroundings has another hue than that of the lamp."""
+RARE = 3.0
 """Log odds against a pixel of the background being in a shadow of the object."""
 SHADOW_EDGE = 1.5
 """Standard deviation of the window in which one shade is measured [pixels]: lamps are no points."""
@@ -52,15 +52,18 @@ def noise_of(frames: np.ndarray) -> np.ndarray:
     return np.maximum(smoothed(even, window / 3) / (1.54 * np.sqrt(2.0)), FINEST)
 
 
-def log_of_background(image: np.ndarray, plate: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def log_of_background(
+    image: np.ndarray, plate: np.ndarray, noise: np.ndarray, brightest: float = SHADE_RANGE[1]
+) -> np.ndarray:
     """Log density of colours where the background is seen, lit as on the plate or in a shadow of the object [(H, W)].
 
     Args:
         image, plate: smoothed [0..1, (H, W, 3)]. noise: standard deviation of both together (H, W).
+        brightest: how much lighter than the plate the background may be; more where the plate may show a shadow.
     """
     variance = noise**2
     shade = smoothed((image * plate).sum(-1), SHADOW_EDGE) / smoothed((plate**2).sum(-1) + 1e-6, SHADOW_EDGE)
-    shade = np.clip(shade, *SHADE_RANGE)
+    shade = np.clip(shade, SHADE_RANGE[0], brightest)
     tinged = variance + (TINGE * (1.0 - shade)) ** 2 * (plate**2).mean(-1)
     lit = ((image - plate) ** 2).sum(-1) / (2.0 * variance)
     shaded = ((image - plate * shade[..., None]) ** 2).sum(-1) / (2.0 * tinged)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pacnerf_lpo.data.images import on_white, read_png
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.recordings.background import Background, still_background
+from pacnerf_lpo.data.recordings.background import Background, expected_overlap, solid_part, still_background
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
 from pacnerf_lpo.data.recordings.recording import Camera, check_image_size, check_lens
@@ -68,6 +68,7 @@ class Mattes:
         self.plate: np.ndarray | None = None
         self.still: Background | None = None
         self.expected: Expectation | None = None
+        self.overlaps = np.ones(len(camera.frames))
         self.cut: Callable[[np.ndarray, np.ndarray | None, int], np.ndarray]
         border = np.concatenate((first[0], first[-1], first[:, 0], first[:, -1]))
         if camera.frames[0].mask is not None:
@@ -89,6 +90,14 @@ class Mattes:
                     f"{camera.plate}: not of the size of the images of camera {camera.name}; make them one size"
                 )
             self.plate = self.lens.undistorted(background)
+
+    @property
+    def described(self) -> str:
+        """How the mattes were made, in words."""
+        if self.still is None:
+            return self.way
+        helped = " and the other views" if self.expected is not None else ""
+        return f"{self.way}{helped}"
 
     def find_background(self, expected: Expectation | None = None) -> np.ndarray:
         """The background from the video itself [0..1, (H, W, 3)], for all mattes from now on.
@@ -150,7 +159,9 @@ class Mattes:
     def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
         assert self.still is not None
         image = self.lens.undistorted(pixels[..., :3])
-        solid = self.still.object_in(image, 0.0 if self.expected is None else self.expected.log_odds(number))
+        odds = self.still.denoised_odds(image, 0.0 if self.expected is None else self.expected.log_odds(number))
+        solid = solid_part(odds)
+        self.overlaps[number] = expected_overlap(odds, solid)
         return _unmixed(*matte(image, self.still.plate, solid))
 
     def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What the other cameras say about where a camera sees the object: their visual hull, without this camera (Laurentini 1994).
+"""What the other cameras say about where a camera sees the object: their visual hull without it (Laurentini 1994).
 
 A matte that is wrong in one view, where colours do not tell object and background apart, is right in most others.
 """
@@ -6,7 +6,7 @@ A matte that is wrong in one view, where colours do not tell object and backgrou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -24,14 +24,14 @@ CELLS = 44
 ROOM = 1.4
 """Size of that box relative to what the middle one of the cameras sees of the motion."""
 IN_STEP = 0.1
-"""Frames nearer in time than this part of a frame are of one moment; else the frames before and after count together."""
+"""Frames nearer in time than this part of a frame are of one moment; else those before and after count together."""
 UNSURE = 1.5
 """Pixels by which outlines of good mattes and calibrations differ from each other's hull, beside its cells."""
 AGREES = 0.5
-"""Part of a matte that lies on the others' hull, below which some calibration or clock is wrong and says nothing here."""
+"""Part of a matte that lies on the others' hull, below which a calibration or clock is wrong and says nothing here."""
 NEVER = -4.0
 """Log odds of the object outside the others' hull."""
-WITHIN = (0.3, 0.9)
+WITHIN = (0.7, 0.9)
 """Probability of the object inside it, at least and at most: some hulls are much larger than their bodies."""
 
 
@@ -60,18 +60,24 @@ class Expectation:
     """What the others say about a camera.
 
     depth: how far inside their hull each pixel is, negative outside [pixels, (F, H, W)]
+    loose: the same for the hull if one of them may be wrong
     unsure: how exact that is [pixels]
     share: part of the hull that shows the object
     """
 
     depth: np.ndarray
+    loose: np.ndarray
     unsure: float
     share: float
 
     def log_odds(self, frame: int) -> np.ndarray:
         """Log odds of the object in each pixel of a frame, before its colour is looked at [(H, W)]."""
-        within = float(np.log(self.share / (1.0 - self.share)))
-        return np.interp(self.depth[frame], (-self.unsure, self.unsure), (NEVER, within))
+        within, rim = float(np.log(self.share / (1.0 - self.share))), (-self.unsure, self.unsure)
+        return np.interp(self.loose[frame], rim, (NEVER, 0.0)) + np.interp(self.depth[frame], rim, (0.0, within))
+
+    def at(self, frames: np.ndarray) -> Expectation:
+        """Of some of the frames, by their numbers."""
+        return replace(self, depth=self.depth[frames], loose=self.loose[frames])
 
 
 def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
@@ -88,25 +94,32 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     found: list[Expectation | None] = []
     for number, camera in enumerate(tqdm(cameras, desc="comparing the views", delay=2.0, leave=False)):
         others = [other for other in range(len(cameras)) if other != number]
-        depth, finest = [], 1.0
+        depths, cells = [], [1.0]
         for time in camera.times:
-            masks = [cameras[other].at(time, step) for other in others]
-            kept = points[_allowed([places[other] for other in others], masks)]
+            masks = [ndimage.binary_dilation(cameras[other].at(time, step)) for other in others]
+            missed = _missed([places[other] for other in others], masks)
+            kept = points[missed <= int(len(others) >= OUTVOTED)]
             fine = (kept[:, None] + 0.25 * cell * (2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0)).reshape(-1, 3)
-            fine = fine[_allowed([_pixels(fine, cameras[other]) for other in others], masks)]
-            picture, corner, scale = hull_picture(fine, 0.5 * cell, camera.view) if len(fine) else (None, None, 1.0)
-            depth.append(_depth(picture, corner, scale, camera.masks.shape[1:]))
-            finest = max(finest, RASTER / scale if len(fine) else 1.0)
-        found.append(_expectation(np.stack(depth), UNSURE + finest, camera.masks))
+            missed = _missed([_pixels(fine, cameras[other]) for other in others], masks)
+            depths.append([])
+            for wrong in (0, int(len(others) >= OUTVOTED)):
+                hull = fine[missed <= wrong]
+                if len(hull):
+                    picture, corner, scale = hull_picture(hull, 0.5 * cell, camera.view)
+                    cells.append(RASTER / scale)
+                    depths[-1].append(_depth(picture, corner, scale, camera.masks.shape[1:]))
+                else:
+                    depths[-1].append(np.full(camera.masks.shape[1:], -float(max(camera.masks.shape))))
+        strict, loose = np.array(depths, np.float32).swapaxes(0, 1)
+        found.append(_expectation(strict, loose, UNSURE + float(np.median(cells)), camera.masks))
     return found
 
 
-def _expectation(depth: np.ndarray, unsure: float, masks: np.ndarray) -> Expectation | None:
-    hull, near = depth > 0.0, depth > -unsure
-    if not masks.any() or not hull.any() or (masks & near).sum() < AGREES * masks.sum():
+def _expectation(strict: np.ndarray, loose: np.ndarray, unsure: float, masks: np.ndarray) -> Expectation | None:
+    if not masks.any() or not (strict > 0.0).any() or (masks & (loose > -unsure)).sum() < AGREES * masks.sum():
         return None
-    share = float(np.clip((masks & hull).sum() / hull.sum(), *WITHIN))
-    return Expectation(depth.astype(np.float32), unsure, share)
+    share = float(np.clip((masks & (strict > 0.0)).sum() / (strict > 0.0).sum(), *WITHIN))
+    return Expectation(strict, loose, unsure, share)
 
 
 def _box(cameras: Sequence[Silhouettes], centre: np.ndarray) -> tuple[np.ndarray, float]:
@@ -134,29 +147,26 @@ def _pixels(points: np.ndarray, camera: Silhouettes) -> tuple[np.ndarray, np.nda
     return flat, inside & camera.view.valid.ravel()[flat]
 
 
-def _allowed(places: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """Points that lie on the object in all views that see them, but for one where there are many [(N,), bool]."""
-    missed = np.zeros(len(places[0][0]), int)
-    seen = np.zeros_like(missed)
+def _missed(places: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """In how many views that see a point it is off the object; all of them, where too few see it [(N,)]."""
+    missed, seen = np.zeros((2, len(places[0][0])), int)
     for (flat, inside), mask in zip(places, masks, strict=True):
-        whole = ndimage.binary_dilation(mask)
-        missed += inside & ~whole.ravel()[flat]
+        missed += inside & ~mask.ravel()[flat]
         seen += inside
-    return (missed <= int(len(masks) >= OUTVOTED)) & (seen > len(masks) / 2)
+    return np.where(seen > len(masks) / 2, missed, len(masks))
 
 
-def _depth(picture: np.ndarray | None, corner: np.ndarray, scale: float, shape: tuple[int, int]) -> np.ndarray:
+def _depth(picture: np.ndarray, corner: np.ndarray, scale: float, shape: tuple[int, int]) -> np.ndarray:
     """Signed distance from the rim of a hull's picture in each pixel of an image, positive inside [pixels, (H, W)]."""
-    far = -float(max(shape))
-    if picture is None or not picture.any():
-        return np.full(shape, far)
     room = round(10 * scale)
     padded = np.pad(picture, room)
     signed = ndimage.distance_transform_edt(padded) - ndimage.distance_transform_edt(~padded)
-    rows, columns = (np.floor((np.arange(n) + 0.5 - c) * scale).astype(int) + room for n, c in zip(shape, corner[::-1]))
+    rows, columns = (
+        np.floor((np.arange(n) + 0.5 - c) * scale).astype(int) + room for n, c in zip(shape, corner[::-1], strict=True)
+    )
     grid = np.ix_(np.clip(rows, 0, padded.shape[0] - 1), np.clip(columns, 0, padded.shape[1] - 1))
     outside = ~np.logical_and.outer(_within(rows, padded.shape[0]), _within(columns, padded.shape[1]))
-    return np.where(outside, far, signed[grid] / scale)
+    return np.where(outside, -float(max(shape)), signed[grid] / scale)
 
 
 def _within(places: np.ndarray, count: int) -> np.ndarray:

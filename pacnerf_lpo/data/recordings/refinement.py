@@ -1,0 +1,56 @@
+"""Mattes from videos without plates, made again with what the other views say about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pacnerf_lpo.data.images import read_png
+from pacnerf_lpo.data.recordings.clocks import Clocks, nearest_point
+from pacnerf_lpo.data.recordings.mattes import Mattes
+from pacnerf_lpo.data.recordings.other_views import Silhouettes, expectations
+from pacnerf_lpo.data.recordings.shots import Shots, look, synchronised
+from pacnerf_lpo.data.recordings.written_scene import View
+
+ROUNDS = 2
+"""How often: in the first, most views correct the worst; in the second, these help the others."""
+
+
+def refined(
+    folder: Path,
+    mattes: Sequence[Mattes],
+    stamps: Sequence[np.ndarray],
+    size: tuple[int, int],
+    shots: list[Shots],
+    clocks: Clocks,
+) -> tuple[list[Shots], Clocks]:
+    """The shots and clocks with better mattes, where these come from the videos alone and views agree in the main.
+
+    Args:
+        folder: of the matted images. mattes: of each camera. stamps: times of its frames [s, (F,)].
+        size: width and height to which images are extended [pixels].
+        shots, clocks: as they are with mattes of single views.
+    """
+    for _ in range(ROUNDS):
+        views = [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
+        found = expectations(views, nearest_point([shot.sighting for shot in shots]))
+        better = [one is not None and matted.still is not None for one, matted in zip(found, mattes, strict=True)]
+        if not any(better):
+            break
+        for view, (matted, one) in enumerate(zip(mattes, found, strict=True)):
+            if better[view] and one is not None:
+                numbers = np.arange(len(matted.camera.frames))
+                nearest = np.abs(shots[view].frames - numbers[:, None]).argmin(axis=1)
+                matted.find_background(one.at(nearest))
+                shots[view] = look(folder, view, matted, stamps[view], size)
+        shots, clocks = synchronised(shots)
+    return shots, clocks
+
+
+def _silhouettes(mattes: Mattes, shots: Shots, offset: float) -> Silhouettes:
+    camera, (width, height) = mattes.camera, mattes.size
+    masks = np.stack([read_png(image)[:height, :width, 3] > 0.5 for image in shots.images])
+    view = View(0, camera.name, camera.intrinsic, camera.pose, mattes.lens.valid, None)
+    return Silhouettes(view, shots.sighting.times + offset, masks)
