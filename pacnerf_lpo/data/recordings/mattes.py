@@ -11,8 +11,9 @@ from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.data.recordings.background import Background, expected_overlap, solid_part, still_background
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
-from pacnerf_lpo.data.recordings.recording import Camera, check_image_size, check_lens
+from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.heartbeat import doing
 
 WHITE = 1.0 - 1.5 / 255.0
 """From here on a value counts as pure white."""
@@ -55,7 +56,9 @@ class Mattes:
     which is a plate or comes from the video itself.
 
     lens: as it undistorts. plate: the background, undistorted [0..1, (H, W, 3)]; None where none was needed.
-    way: how the mattes were made, in words.
+    way: how the mattes were made, in words. still: what was found in a video without a plate.
+    expected: what the other views say about this camera. overlaps: intersection over union that each frame's matte is
+    expected to have with the truth, 1 where it is given [(F,)].
     """
 
     def __init__(self, camera: Camera):
@@ -77,14 +80,12 @@ class Mattes:
             self.way, self.cut = "transparency", self._by_alpha
         elif camera.on_white or border.min() > WHITE:
             self.way, self.cut = "white around the object", self._by_white
+        elif camera.plate is None:
+            self.way, self.cut = "background of the video", self._by_video
+            self.find_background()
         else:
             self.way, self.cut = "background plate", self._by_plate
-            if camera.plate is None:
-                self.way, self.cut = "background of the video", self._by_video
-                self.plate = self.find_background()
-                return
-            else:
-                background = read_png(camera.plate)[..., :3]
+            background = read_png(camera.plate)[..., :3]
             if background.shape[1::-1] != self.size:
                 raise UserInputError(
                     f"{camera.plate}: not of the size of the images of camera {camera.name}; make them one size"
@@ -99,8 +100,8 @@ class Mattes:
         helped = " and the other views" if self.expected is not None else ""
         return f"{self.way}{helped}"
 
-    def find_background(self, expected: Expectation | None = None) -> np.ndarray:
-        """The background from the video itself [0..1, (H, W, 3)], for all mattes from now on.
+    def find_background(self, expected: Expectation | None = None) -> None:
+        """Find the background in the video itself, for all mattes from now on.
 
         Args:
             expected: what the other views say about this camera, if they do.
@@ -109,34 +110,36 @@ class Mattes:
             UserInputError: nothing moves.
         """
         camera = self.camera
-
-        def pictures() -> Iterator[np.ndarray]:
-            return (self.lens.undistorted(pixels[..., :3]) for pixels in read_frames(camera.frames))
-
-        self.still, self.expected = still_background(pictures, expected), expected
+        doing(f"finding the background of camera {camera.name}")
+        self.still = still_background(
+            lambda: (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames()), expected
+        )
         if self.still is None:
             raise UserInputError(
                 f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
                 f"background as backgrounds/{camera.name}.png"
             )
-        self.plate = self.still.plate
-        return self.plate
+        self.plate, self.expected = self.still.plate, expected
+        doing("matting the videos")
 
     def __iter__(self) -> Iterator[np.ndarray]:
         """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""
-        for number, pixels in enumerate(read_frames(self.camera.frames)):
-            frame = self.camera.frames[number]
-            if pixels.shape[1::-1] != self.size:
-                raise UserInputError(
-                    f"{frame.file}: {pixels.shape[1]} x {pixels.shape[0]} pixels, but the first image of camera "
-                    f"{self.camera.name} has {self.size[0]} x {self.size[1]}; make them one size"
-                )
+        for number, (frame, pixels) in enumerate(self._frames()):
             mask = None if frame.mask is None else read_png(frame.mask)
             if mask is not None and mask.shape[:2] != pixels.shape[:2]:
                 raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
             result = self.cut(pixels, mask, number)
             result[..., 3] *= self.lens.valid
             yield result
+
+    def _frames(self) -> Iterator[tuple[Frame, np.ndarray]]:
+        for frame, pixels in zip(self.camera.frames, read_frames(self.camera.frames), strict=True):
+            if pixels.shape[1::-1] != self.size:
+                raise UserInputError(
+                    f"{frame.file}: {pixels.shape[1]} x {pixels.shape[0]} pixels, but the first image of camera "
+                    f"{self.camera.name} has {self.size[0]} x {self.size[1]}; make them one size"
+                )
+            yield frame, pixels
 
     def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None, _: int) -> np.ndarray:
         if mask is None:
