@@ -2,7 +2,8 @@
 
     python -m benchmarks.real_measurements ../shared/data/real --work runs/real
 
-writes ``results/real_measurements.json`` and the page made of it. What was diagnosed already is taken as it is.
+writes ``results/real_measurements.json``, the page made of it, and the pictures of ``docs/real_measurements.md``. What
+was diagnosed already is taken as it is.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.real_pictures import draw
 from pacnerf_lpo.__main__ import main as command
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.report.wording import readable
@@ -30,8 +32,10 @@ BALLS = {
 }
 """The files, and what balls.txt calls the balls."""
 OUNCE = 0.0283495
+REPLICATES = 8
+"""Simulated nulls of twenty flights: the noise of so many positions is known well, so that few are enough."""
 GROUP = 20
-"""Flights that are diagnosed together."""
+"""Flights that are diagnosed together; the last ones are a group if they are more than half as many."""
 TABLE_TENNIS = ("0.04", "0.0027")
 """Diameter [m] and mass [kg] by the rules of the game."""
 
@@ -42,11 +46,11 @@ def run(*words: object) -> None:
         raise RuntimeError(f"failed: {' '.join(map(str, words))}")
 
 
-def diagnosed(scenes: Sequence[Path], out: Path) -> dict[str, Any]:
-    """Row of the table for some scenes as one study."""
+def diagnosed(scenes: Sequence[Path], out: Path, *options: object) -> dict[str, Any]:
+    """Row of the table for some scenes as one study, by options of ``diagnose``."""
     began = time.monotonic()
     if not (out / "diagnosis" / "diagnosis.html").is_file():
-        run("diagnose", *scenes, "--out", out, "--jobs", 1)
+        run("diagnose", *scenes, "--out", out, "--jobs", 1, *options)
     result = json.loads((out / "diagnosis" / "diagnosis.json").read_text())
     last = result["rounds"][-1]
     shown = [p for p in last["parameters"] if "@" not in p["name"] or p["name"].startswith("release")]
@@ -55,6 +59,7 @@ def diagnosed(scenes: Sequence[Path], out: Path) -> dict[str, Any]:
         "name": out.name,
         "recordings": len(result["flights"]),
         "verdict": result["verdict"],
+        "indistinguishable": [done["alike"] for done in result["rounds"] if done["accepted"]],
         "p_values": {again["name"]: again["p_value"] for done in result["rounds"] for again in done["refits"]},
         "parameters": [{key: p[key] for key in ("name", "label", "value", "low", "high", "unit")} for p in shown],
         "seconds": seconds or time.monotonic() - began,
@@ -85,8 +90,9 @@ def flights(data: Path, work: Path) -> list[dict[str, Any]]:
         body = ("--shape", "Ball", "--size", size, "--mass", mass)
         run("init", data, scene, *body, "--spins", data / "index.csv")
     folders = scenes_in(scene)
-    groups = [folders[at : at + GROUP] for at in range(0, len(folders) - GROUP + 1, GROUP)]
-    return [diagnosed(group, work / "diagnoses" / f"flights_{k}") for k, group in enumerate(groups, 1)]
+    groups = [folders[at : at + GROUP] for at in range(0, max(len(folders) - GROUP // 2, 1), GROUP)]
+    out, options = work / "diagnoses", ("--replicates", REPLICATES)
+    return [diagnosed(group, out / f"flights_{k}", *options) for k, group in enumerate(groups, 1)]
 
 
 def page(result: dict[str, Any]) -> str:
@@ -103,18 +109,22 @@ def page(result: dict[str, Any]) -> str:
 
 
 INTRODUCTION = (
-    "Made by `python -m benchmarks.real_measurements ../shared/data/real`, by the commands `init` and `diagnose`. "
-    "These are development figures: how noise is estimated (from a cubic), that a body which is let go starts from "
-    "rest, what a calibration is trusted for (a percent) and which effects are tried in flight were settled while some "
-    "of these recordings were looked at. Drops: de Silva, Higdon, Brunton and Kutz 2020; flights: Gossard, Tebbe, "
-    "Ziegler and Zell 2023. A verdict of *unknown* says that what the nearest cause leaves looks more like a smooth "
-    "force that differs from recording to recording than like noise, so that no cause is named."
+    "Made by `python -m benchmarks.real_measurements ../shared/data/real`, by the commands `init` and `diagnose`."
+    " These are development figures: how noise is estimated (from a cubic; errors that last are smooth), that a "
+    "body which is let go starts from rest, what a calibration is trusted for (a percent), that every flight with"
+    " a measured spin has a Magnus coefficient of its own, and which effects are tried in flight were settled "
+    "while some of these recordings were looked at; `simulated_drops.md` has simulated ones. Drops: de Silva, "
+    "Higdon, Brunton and Kutz 2020; flights: Gossard, Tebbe, Ziegler and Zell 2023. A verdict of *unknown* says "
+    "that what the nearest cause leaves looks more like a smooth force that differs from recording to recording "
+    "than like noise, so that no cause is named."
 )
 
 
 def _row(row: dict[str, Any]) -> str:
     verdict = row["verdict"]
-    names = ", ".join(readable(name) for name in [*verdict["effects"], *verdict["nearest"]])
+    alike = {names[0]: names for names in row["indistinguishable"]}
+    named = [alike.get(name, [name]) for name in [*verdict["effects"], *verdict["nearest"]]]
+    names = ", then ".join(" or ".join(readable(name) for name in names) for names in named)
     said = {"missing": names, "nothing": "nothing is missing", "unknown": f"unknown; nearest: {names or 'none'}"}
     shared = [p for p in row["parameters"] if "@" not in p["name"]]
     values = "; ".join(f"{p['value']:.3g} [{p['low']:.3g}, {p['high']:.3g}] {p['unit']}" for p in shared)
@@ -137,6 +147,7 @@ def main() -> None:
         result["flights"] = flights(given.data / "table_tennis", given.work)
     path.write_text(json.dumps(result, indent=1) + "\n")
     (RESULTS / "real_measurements.md").write_text(page(result))
+    draw(given.work)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,6 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         ),
         (MATERIAL.format("FakeMaterial", "E: stiff"), "line 5: physics.material.E: expected float, got stiff"),
         (MATERIAL.format("FakeMaterial", "E: -1e5"), "E = -100000 Pa is not a possible Young's modulus"),
-        ("phases:\n  static:\n    class_path: FakePhse\n", "phases.static: there is no FakePhse; known are "),
         ("data: [a: {\n", "mine.yaml, line 2: not valid YAML"),
         ("just words\n", "mine.yaml: expected sections"),
         ("outer_loop:\n  rounds: ${nowhere.rounds}\n", "outer_loop.rounds refers to nowhere.rounds, which is not set"),
@@ -60,6 +59,13 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
 )
 def test_mistake_in_a_config_file(complain, config: str, expected: str):
     assert expected in complain(config=config)
+
+
+def test_an_unknown_phase(complain):
+    """All classes that exist are named; which ones depends on what was imported before."""
+    said = complain(config="phases:\n  static:\n    class_path: FakePhse\n")
+    before, names = said.split("there is no FakePhse; known are ")
+    assert before.endswith("phases.static: ") and "FakePhase" in names.replace(";", ",").split(", ")
 
 
 @pytest.mark.parametrize(

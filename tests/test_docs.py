@@ -20,9 +20,12 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.simulator import Simulator
+from tests.data.trajectories.throws import write_drops, write_throws
 
 ROOT = Path(__file__).resolve().parents[1]
-README, CONTRIBUTING = (ROOT / name for name in ("README.md", "CONTRIBUTING.md"))
+README, CONTRIBUTING, REAL = (ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md"))
+LARGEST_PICTURES = 200_000
+"""Of the pictures of the documentation together [bytes]."""
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -82,7 +85,7 @@ def test_readme_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest
     assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
 
 
-@pytest.mark.parametrize("path", [README, CONTRIBUTING], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [README, CONTRIBUTING, REAL], ids=lambda path: path.name)
 def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
@@ -90,7 +93,39 @@ def test_links_and_paths_exist(path: Path):
     inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
     assert links or shown
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
-        assert (ROOT / name).exists(), name
+        assert (path.parent / name).exists() or (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_commands_on_real_measurements_run(number: int, tmp_path: Path):
+    """With positions in the form of theirs."""
+    write_drops(tmp_path / "basketball.csv", drag=0.02)
+    throws = tmp_path / "table_tennis"
+    write_throws(throws, 2, drag=0.15, magnus=4e-3)
+    (throws / "spins.csv").rename(throws / "index.csv")
+    for path in throws.glob("0*.csv"):
+        rows = [map(float, line.split(",")) for line in path.read_text().splitlines()[1:]]
+        metres = [";".join(map(str, [t, x / 1000, y / 1000, z / 1000])) for t, x, y, z in rows]
+        path.write_text("\n".join(["time;x;y;z", *metres]) + "\n")
+    folder = Path(sys.executable).parent
+    command = f"set -e\nexport PATH={folder}:$PATH\n{blocks(REAL, 'sh')[number]}"
+    ended = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "missing" in ended.stdout or "Nothing" in ended.stdout
+    assert list(tmp_path.glob("**/diagnosis.html"))
+
+
+def test_the_benchmark_of_real_measurements_has_its_command():
+    (line,) = blocks(REAL, "sh")[0].splitlines()
+    words = shlex.split(line)
+    ended = subprocess.run([sys.executable, *words[1:3], "--help"], cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 0 and all(word in ended.stdout for word in words if word.startswith("--"))
+
+
+def test_pictures_of_the_documentation_are_small():
+    shown = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", REAL.read_text())
+    assert len(shown) == 2
+    assert 0 < sum((REAL.parent / name).stat().st_size for name in shown) < LARGEST_PICTURES
 
 
 def test_table_of_effects_is_complete():

@@ -57,13 +57,21 @@ class Candidate:
         """File id of the one camera that it concerns."""
         return getattr(self.effect, "view", None)
 
+    @property
+    def components(self) -> int:
+        """How many trials one after the other are components that are estimated together."""
+        return len(self.effect.parameters) if self.joint else 1
+
     def trials(self) -> list[dict[str, float]]:
-        """Values at which the effect is tried [SI]: of each component alone, or the probes of the class."""
-        probes = list(self.effect.probes)
+        """Values at which the effect is tried [SI]: the probes of the class, or of each component alone its farthest
+        one; every one where each probe is of all components, as that of an effect which every recording has for itself.
+        """
+        probes, null = list(self.effect.probes), self.effect.null
         if not self.joint:
             return probes
-        null = self.effect.null
-        return [{**null, name: self._farthest(name)} for name in null]
+        if any(probe[name] == null[name] for probe in probes for name in null):
+            probes = [{name: self._farthest(name) for name in null}]
+        return [{**null, name: probe[name]} for probe in probes for name in null]
 
     def width(self, name: str) -> float:
         """Prior standard deviation of one coefficient [its unit]: the largest probe of it, counted from the null."""

@@ -13,7 +13,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
+from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
@@ -54,7 +54,7 @@ class Comparison:
     replicates: residuals of simulated nulls [(T, R, F, 11)]
     sensor: standard deviation of the sensor noise in them [(R, F, 11)]
     shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
-    resolution: changes of the residual of each recording by a coarser body [(R, F, 11, number of recordings)]
+    discretisation: changes of the residual by errors of resolution and opacity [(R, F, 11, E)]
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
@@ -71,7 +71,7 @@ class Comparison:
     replicates: np.ndarray
     sensor: np.ndarray
     shape_errors: np.ndarray
-    resolution: np.ndarray
+    discretisation: np.ndarray
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
@@ -83,7 +83,7 @@ class Comparison:
     @property
     def known_errors(self) -> np.ndarray:
         """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
-        return known_errors(self.shape_errors, self.resolution, self.force)
+        return known_errors(self.shape_errors, self.discretisation, self.force)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -149,10 +149,10 @@ def compare(
     known = model.physical(free)
     parts = [] if before is None else [problem.parts(before[0], before[1].known), problem.parts(effects, known)]
     if before is not None and _alike(problem, *parts):
-        wrong, coarser, force, simulated = before[1].shape_errors, before[1].resolution, before[1].force, 2
+        wrong, coarser, force, simulated = before[1].shape_errors, before[1].discretisation, before[1].force, 2
     else:
         wrong = shape_errors(problem, effects, free, model)
-        coarser = resolution_errors(problem, effects, free, model)
+        coarser = discretisation_errors(problem, effects, free, model)
         force = force_changes(problem, effects, known, progress)
         simulated = wrong.shape[-1] + coarser.shape[-1] + force.shape[-1]
     mask = problem.fitted
@@ -190,9 +190,9 @@ def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> boo
     return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
 
 
-def known_errors(shape: np.ndarray, resolution: np.ndarray, force: np.ndarray) -> np.ndarray:
+def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Those of a :class:`Comparison`, one standard deviation each, without NaN [(R, F, 11, M)]."""
-    return np.nan_to_num(np.concatenate((shape, resolution, FORCE * force), axis=-1))
+    return np.nan_to_num(np.concatenate((shape, discretisation, FORCE * force), axis=-1))
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.diagnosis.rounds import Round
+from pacnerf_lpo.diagnosis.smooth_force import AXES
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.intervals import LEAST_STRENGTH
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF
 
 
@@ -53,19 +55,38 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
 
 
 def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple[float, float]]]:
-    """For every effect that was added and has one coefficient: what each recording by itself says of it, from its
-    linear change, all else free; the least-squares value and its standard error [SI].
+    """For every effect that was added and has one coefficient, or one for each recording: what each recording by itself
+    says of it, from its linear change, all else free; the least-squares value and its standard error [SI].
     """
     found: dict[str, list[tuple[float, float]]] = {}
     for done in rounds:
         if done.accepted is None or done.probes is None:
             continue
         tried = next((one for one in done.probes.inside if one.name == done.accepted.name), None)
-        if tried is None or len(tried.widths[0]) > 1:
+        if tried is None or len(type(done.candidate(tried.name).effect).parameters) > 1:
             continue
         column = np.zeros(problem.usable.shape)
-        column[problem.fitted] = tried.alternatives[0][:, 0] / tried.widths[0][0]
+        column[problem.fitted] = (tried.alternatives[0] / tried.widths[0]).sum(1)
         found[tried.name] = [_estimate(problem, done, column, n) for n in range(len(problem.parts((), {})))]
+    return found
+
+
+def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For every recording of a rigid body: the steady acceleration that does what an effect of the last model does
+    there, by least squares [m/s^2, (3,)], and its covariance [(3, 3)]. Where it points is not presumed.
+    """
+    comparison, found = last.comparison, []
+    without = problem.model(last.effects, {**comparison.known, **effect.null})
+    residual = problem.residual(without.predict(without.start))
+    others = ~np.isin(comparison.names, list(effect.parameters))
+    for number in range(len(problem.parts((), {}))):
+        mask = _only(problem, number)
+        moved = np.nan_to_num(comparison.jacobian[mask] * comparison.deviation)[:, others]
+        noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.force[mask]
+        own = force[:, np.abs(force).max(0) > 0]
+        columns = noise.whiten(own.reshape(len(own), -1, len(AXES)).sum(1))  # hats at all knots make a constant
+        covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-10, hermitian=True)
+        found.append((covariance @ columns.T @ noise.whiten_residual(residual[mask]), covariance))
     return found
 
 

@@ -21,7 +21,7 @@ from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
 from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
 from pacnerf_lpo.inference.decision import LEVEL, best, explains_most, indistinguishable, log_odds, worth_refitting
@@ -117,22 +117,30 @@ def investigate(
     """
     effects, known = tuple(problem.physics.effects), problem.first_guess
     rounds: list[Round] = []
-    for number in range(1, options.effects + 2):
-        told = _prefixed(progress, f"round {number}, ")
-        found = _round(problem, store, options, effects, known, rounds, told)
-        rounds.append(found)
+    while len(rounds) <= options.effects:
+        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
+        try:
+            rounds.append(_round(problem, store, options, effects, known, rounds, told))
+        except SimulationError as error:
+            if not rounds:
+                raise
+            _leave_out(problem, rounds[-1], error)
+        last = rounds[-1]
         keep(rounds)
-        if found.accepted is None or options.until != "refit":
+        if last.accepted is None or options.until != "refit":
             break
-        effects, known = (*effects, found.candidate(found.accepted.name).effect), found.accepted.known
-    last = rounds[-1]
+        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
     gone = superfluous(problem, last) if len(rounds) > 2 else []
     if gone:
         kept = tuple(effect for effect in last.effects if effect not in gone)
         told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
-        last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
-        last.removed = [name_of(effect) for effect in gone]
-        rounds.append(last)
+        names = [name_of(effect) for effect in gone]
+        try:
+            last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
+            last.removed = names
+            rounds.append(last)
+        except SimulationError as error:
+            last.left_out |= dict.fromkeys(names, str(error))
     if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
         asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
         last.force = store.once(f"{len(rounds)}_force", asked)
@@ -177,7 +185,8 @@ def _round(
     before: Sequence[Round],
     progress: Callable[[str], None],
 ) -> Round:
-    number, latest = len(before) + 1, (before[-1].effects, before[-1].comparison) if before else None
+    latest = (before[-1].effects, before[-1].comparison) if before else None
+    number = "_without_".join([str(len(before) + 1), *(before[-1].left_out if before else ())])
     settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
     step = partial(compare, problem, effects, known, settings, not before, told, latest)
     comparison: Comparison = store.once(f"{number}_compare", step)
@@ -195,7 +204,7 @@ def _round(
     found.effort["compare"] = _effort(store, [f"{number}_compare"], comparison.rollouts)
     if options.until in ("compare", "localise"):
         return found
-    if number <= options.effects:
+    if len(before) < options.effects:
         found.candidates = candidates_for(problem, options, effects)
     look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
     found.probes = probes = store.once(f"{number}_probe", look)
@@ -207,20 +216,36 @@ def _round(
     tried = [name for name in store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
     found.effort["refit"] = _effort(store, tried, simulated)
     found.finished = True
+    _select(problem, found, screening)
+    return found
+
+
+def _select(problem: Problem, found: Round, screening: Screening) -> None:
+    """Take over the refit that is believed, if there is one."""
+    found.accepted, found.alike = None, []
+    size = len(found.comparison.residual[problem.fitted])
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
     for contenders in (physics, cameras):  # fitted to different data
-        odds = log_odds(contenders, len(comparison.residual[problem.fitted]), screening.usual_scale)
+        odds = log_odds(contenders, size, screening.usual_scale)
         leader = best(contenders, odds)
         if leader is not None:
             found.accepted = next(again for again in found.refits if again.name == leader.name)
             found.alike = indistinguishable(leader, odds)
             break
-    return found
+
+
+def _leave_out(problem: Problem, found: Round, error: SimulationError) -> None:
+    """Do without the refit that was taken over, whose model cannot be examined; the next best takes its place."""
+    assert found.accepted is not None and found.screening is not None
+    name = found.accepted.name
+    found.left_out[name] = str(error)
+    found.refits = [again for again in found.refits if again.name != name]
+    _select(problem, found, found.screening)
 
 
 def _refits(
-    problem: Problem, store: Store, number: int, found: Round, screening: Screening, progress: Callable[[str], None]
+    problem: Problem, store: Store, number: str, found: Round, screening: Screening, progress: Callable[[str], None]
 ) -> tuple[list[Refit], int]:
     """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
     while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pacnerf_lpo.data.recordings.files import read_values
 from pacnerf_lpo.data.trajectories.scene import NAME, read_scene, scenes_in
-from pacnerf_lpo.diagnosis.catalogue import read_effects
+from pacnerf_lpo.diagnosis.catalogue import known_classes, read_effects
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import Flight, RigidProblem
@@ -30,11 +30,16 @@ def flights(paths: Sequence[str | Path]) -> list[Path]:
 def problem_of_flights(folders: Sequence[Path], divided: Sequence[str]) -> tuple[Problem, bytes]:
     """What is under diagnosis, and bytes that differ where the diagnosis may differ.
 
+    Of several flights with measured spins, each has a coefficient of its own for every effect that they enter: spins
+    are measured with errors of their own, up to another sense of rotation.
+
     Args:
         folders: scenes of one body.
         divided: names of the classes of effects that every recording has for itself.
     """
     problems = [problem_of_flight(folder) for folder in folders]
+    if any(problem.flight.spin is not None for problem in problems):
+        divided = [*divided, *(kind.__name__ for kind in known_classes() if kind.constants_of_recording)]
     fingerprint = b"".join(problem.fingerprint for problem in problems) + str(list(divided)).encode()
     if len(problems) == 1:
         return problems[0], fingerprint

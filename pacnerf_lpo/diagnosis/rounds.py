@@ -36,6 +36,8 @@ class Round:
     screening: all hypotheses, ranked; None if the diagnosis stopped before.
     refits: with one more effect each.
     accepted: the refit that was taken over.
+    left_out: effects that were not added, or not removed where the model has them, because the model would be unstable
+        when it is examined: by name, where that happened.
     alike: names that the recording does not tell apart from the accepted one, itself first.
     proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
@@ -58,6 +60,7 @@ class Round:
     screening: Screening | None = None
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
+    left_out: dict[str, str] = field(default_factory=dict)
     alike: list[str] = field(default_factory=list)
     proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)

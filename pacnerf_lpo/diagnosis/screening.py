@@ -202,7 +202,7 @@ def probed(
         if columns and np.abs(columns).max() > LEAST_CHANGE:
             arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
             one_sided = candidate.effect.one_sided
-            found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.joint))
+            found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.components))
     return found, sum(len(tried) for c, tried in zip(candidates, trials, strict=True) if not c.observes)
 
 

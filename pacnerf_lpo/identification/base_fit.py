@@ -135,7 +135,8 @@ def coarse_search(
     coefficients = [name for effect in effects for name in effect.parameters]
     spans, wider = (_spans(coarse, names, mean, deviation) for names in (moduli, [*free, *coefficients]))
     first = rows[-min(len(rows), 3)], None
-    progress(f"base fit from {len(starts)} starts on a coarse body; contact in frame {contact} of {frames}")
+    touched = f"contact in frame {contact} of {frames}" if contact < coarse.shape[1] else "no contact seen"
+    progress(f"base fit from {len(starts)} starts on a coarse body; {touched}")
     refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL)
     sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), rival=COMPETITIVE)
     search = multistart([replace(refitted, rival=None), sampled, refitted], starts, watch)

@@ -66,9 +66,11 @@ class Model:
     Attributes:
         frames: only the first so many are simulated, in the rest everything stands still; None: all.
         motion: unknowns of the initial motion.
+        opacity: factor on the optical depth of the particles.
     """
 
     frames: int | None = None
+    opacity: float = 1.0
     motion: tuple[Parameter, ...] = VELOCITY
 
     def __init__(
@@ -96,11 +98,7 @@ class Model:
 
     def physical(self, free: np.ndarray) -> dict[str, float]:
         """Every parameter in SI units at these free coordinates [(K,)]."""
-        found = {
-            parameter.name: float(parameter.transform.to_physical(torch.tensor(float(value), dtype=torch.float64)))
-            for parameter, value in zip(self.unknowns, free, strict=True)
-        }
-        return {**self.known, **found}
+        return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
 
     def restart(self) -> None:
         """Forget which time step earlier motions needed: the next one begins with the model's own."""
@@ -149,7 +147,7 @@ class Model:
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
             pixels, depth = self._project(points, view, observer)
             apart = self.video.intrinsics[view, 0, 0] * (self.body.spacing / 2) / depth.clamp_min(1e-3).mean(1)
-            seen.append(splat(pixels + MARGIN, self.body.fraction, size, apart))
+            seen.append(splat(pixels + MARGIN, self.opacity * self.body.fraction, size, apart))
         return torch.stack(seen)
 
     def _project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:

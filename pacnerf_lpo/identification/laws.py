@@ -25,7 +25,7 @@ from pacnerf_lpo.identification.forward_model import VELOCITY, Model
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import resolution_errors, shape_errors
+from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_odds
@@ -232,7 +232,7 @@ class Competition:
     def _disturb(self, _: Watch) -> None:
         """What the residual does where shape or resolution are wrong."""
         at = self._best()
-        self.arrays["errors"] = np.nan_to_num(np.concatenate((shape_errors(*at), resolution_errors(*at)), axis=-1))
+        self.arrays["errors"] = np.nan_to_num(np.concatenate((shape_errors(*at), discretisation_errors(*at)), axis=-1))
 
     def _best(self) -> tuple[Problem, Sequence[Effect], np.ndarray, Model]:
         """The best law as functions of the noise want it."""

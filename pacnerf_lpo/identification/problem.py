@@ -237,8 +237,9 @@ class Problem(ABC):
         return "mm", 1000 * self.pixel
 
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Noise of relative summaries: what every entry has of its own, and what it has from the frame to which all
-        of its view or row are relative, with its sign [(V + R, F, 11) each].
+        """Noise of relative summaries: what every entry has of its own [(V + R, F, 11)], and what it has in common with
+        others of its view or row: from the frame to which all are relative, with its sign [(V + R, F, 11, 1)]; or a
+        root of the covariance of noise that lasts [(V + R, F, 11, Q)].
 
         Args:
             sensor: standard deviation of the noise of summaries [(V + R, F, 11)]
@@ -249,7 +250,7 @@ class Problem(ABC):
         shared[: self.views, 0, :-1] *= -1
         first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
         shared[self.views :] = -first.sum(1, keepdims=True)
-        return own, shared
+        return own, shared[..., None]
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""

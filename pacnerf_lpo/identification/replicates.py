@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
@@ -18,7 +19,9 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.78, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range."""
-WAVES = 3
+PLACES, BUMP = 16, 0.7
+"""Errors of the shape in one place: how many places, and how wide beside how far they leave any particle. Smooth fields
+over the whole body do not tell what a side that few cameras see is like."""
 DENSITY_ERROR = 0.1
 """Of the reconstructed matter, from the centre to the rim."""
 TRIALS = 4
@@ -134,22 +137,46 @@ def _typical_squares(values: np.ndarray) -> np.ndarray:
 
 
 def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
-    """The body with its surface moved smoothly by about ``sigma`` [m], by an affine part and a few long waves, and with
-    a matter that is denser on one side than on the other.
+    """The body with its surface moved by about ``sigma`` [m], by an affine part and by places that move on their own,
+    and with a matter that is denser on one side than on the other.
     """
     positions = body.positions
     centre = positions.mean(0)
     extent = float((positions.amax(0) - positions.amin(0)).norm()) / 2
     relative = (positions - centre) / extent
     strain = torch.tensor(random.standard_normal((3, 3)), dtype=positions.dtype)
-    moved = relative @ (strain + strain.T) / 2
-    for _ in range(WAVES):
-        number, direction = random.standard_normal((2, 3))
-        phase = random.uniform(0, 2 * np.pi)
-        wave = torch.sin(relative @ torch.tensor(2 * number, dtype=positions.dtype) + phase)
-        moved = moved + wave[:, None] * torch.tensor(direction / np.sqrt(WAVES), dtype=positions.dtype)
+    places = bumps(body)
+    moves = torch.tensor(random.standard_normal((len(places), 3)), dtype=positions.dtype)
+    moved = relative @ (strain + strain.T) / 2 + places.T @ moves
     moved = moved - moved.mean(0)
     size = moved.square().sum(1).mean().sqrt().clamp_min(1e-9)
     lean = relative @ torch.tensor(random.standard_normal(3), dtype=positions.dtype)
     fraction = (body.fraction * (1 + DENSITY_ERROR * lean)).clamp_min(0.1 * body.fraction.min())
     return Body(positions + moved * (sigma / size), fraction, body.spacing)
+
+
+def bumps(body: Body) -> Tensor:
+    """Gaussians of height 1 around places all over a body, at its particles [(K, N)]; none is narrower than a node
+    spacing, as no grid would resolve it.
+    """
+    places, reach = spread(body.positions, min(PLACES, len(body.positions)))
+    width = max(BUMP * reach, body.spacing)
+    return (-0.5 * torch.cdist(places, body.positions).square() / width**2).exp()
+
+
+def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
+    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
+
+    Args:
+        positions: [m, (N, 3)]
+        count: K, at most N.
+
+    Returns:
+        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
+    """
+    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
+    distance = (positions - positions[chosen[0]]).norm(dim=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
+    return positions[chosen], float(distance.max())

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from pacnerf_lpo.data.shapes import Shape, fill
 from pacnerf_lpo.data.trajectories.noise import Noise
+from pacnerf_lpo.data.trajectories.trajectory import AXES
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
 from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS
@@ -33,13 +34,11 @@ from pacnerf_lpo.types import Video
 
 UNIT = 1e-3
 """Residuals are counted in millimetres [m]."""
-PLACE = tuple(
-    Parameter(f"{axis}_0", "m", Identity(), (-1e3, 1e3), f"start along {axis}", scale=2e-3, spread=1.0)
-    for axis in "xyz"
-)
-SPEED = tuple(replace(parameter, scale=0.02, spread=1.0) for parameter in VELOCITY)
+PLACE = tuple(Parameter(f"{axis}_0", "m", Identity(), (-1e3, 1e3), f"start along {axis}", spread=1.0) for axis in AXES)
+SPEED = tuple(replace(parameter, spread=1.0) for parameter in VELOCITY)
 """As of a body before cameras, whose outlines tell less of it."""
-RELEASE = Parameter("release", "s", Identity(), (-1e-3, 1e3), "time of the release", scale=5e-3, spread=0.5)
+RELEASE = Parameter("release", "s", Identity(), (-1.0, 1e3), "time of the release", spread=0.5)
+"""It may lie before the first sample: a recording can begin as the body has just been let go."""
 ACROSS = 6.0
 """Particles of the body along its reach: it is drawn and compared with others, its motion does not depend on them."""
 CALIBRATED = 0.01
@@ -85,10 +84,16 @@ class Flight:
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """Of the motion, those along coordinates that were measured."""
-        seen = [axis for axis, noise in enumerate(self.noise) if noise is not None]
-        moving = [RELEASE] if self.held else [SPEED[axis] for axis in seen]
-        return (*(PLACE[axis] for axis in seen), *moving)
+        """Of the motion, those along coordinates that were measured. A change is noticeable that moves the body by as
+        much as its position is uncertain, at the start or at the end.
+        """
+        sizes = {axis: noise.size for axis, noise in enumerate(self.noise) if noise is not None}
+        duration = float(self.times[-1] - self.times[0])
+        places = [replace(PLACE[axis], scale=size) for axis, size in sizes.items()]
+        if not self.held:
+            return (*places, *(replace(SPEED[axis], scale=size / duration) for axis, size in sizes.items()))
+        fastest = float(np.nanmax(np.ptp(self.positions[:, list(sizes)], axis=0))) / duration
+        return (*places, replace(RELEASE, scale=max(sizes.values()) / fastest))
 
 
 @dataclass(frozen=True)
@@ -128,7 +133,11 @@ class Centre:
 
     def predict(self, path: Tensor) -> np.ndarray:
         """How far a motion [m, (F, N, 3)] is from what was measured [mm, (1, F, 11)]; NaN where nothing was."""
-        return _row(path.mean(1).numpy() - self.flight.positions) / UNIT
+        return self.beside(path.mean(1).numpy())
+
+    def beside(self, centre: np.ndarray) -> np.ndarray:
+        """The same by the centre [m, (F, 3)]."""
+        return _row(centre - self.flight.positions) / UNIT
 
 
 class RigidModel(Model):
@@ -143,8 +152,8 @@ class RigidModel(Model):
     """
 
     def __init__(self, flight: Flight, body: Body, physics: Physics, video: Video, known: dict[str, float]):
-        self.flight, self.motion = flight, flight.unknowns
-        super().__init__(body, physics, video, known, Centre(flight))  # type: ignore[arg-type]
+        self.flight, self.motion, self._centre_of = flight, flight.unknowns, Centre(flight)
+        super().__init__(body, physics, video, known, self._centre_of)  # type: ignore[arg-type]
         self._flown: dict[bytes, np.ndarray] = {}
 
     def __getstate__(self) -> dict:
@@ -157,17 +166,26 @@ class RigidModel(Model):
 
     def path(self, free: np.ndarray) -> Tensor:
         """Particles at every sample [m, (F, N, 3)]. Raises SimulationError."""
-        centre = self._flown.pop(free.tobytes(), None)
-        centre = self._centre(free) if centre is None else centre
-        self._flown[free.tobytes()] = centre
+        return torch.from_numpy(self.centre(free))[:, None] + self.body.positions
+
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        """By the motion of the centre alone."""
+        return self._centre_of.beside(self.centre(free))
+
+    def centre(self, free: np.ndarray) -> np.ndarray:
+        """Of the body at every sample [m, (F, 3)]. Raises SimulationError."""
+        found = self._flown.pop(free.tobytes(), None)
+        found = self._fly(free) if found is None else found
+        self._flown[free.tobytes()] = found
         while len(self._flown) > KEPT:
             self._flown.pop(next(iter(self._flown)))
-        return torch.from_numpy(centre)[:, None] + self.body.positions
+        return found
 
-    def _centre(self, free: np.ndarray) -> np.ndarray:
+    def _fly(self, free: np.ndarray) -> np.ndarray:
         values, times = self.physical(free), self.flight.times
+        own = {parameter.name for parameter in self.motion}
         place, velocity = (
-            np.array([values[p.name] if p in self.motion else 0.0 for p in parameters]) for parameters in (PLACE, SPEED)
+            np.array([values[p.name] if p.name in own else 0.0 for p in parameters]) for parameters in (PLACE, SPEED)
         )
         release = values[RELEASE.name] if self.flight.held else float(times[0])
         flying = times > release
@@ -264,8 +282,22 @@ class RigidProblem(Problem):
         found = super().lasting_noise(random)
         for axis, noise in enumerate(self.flight.noise):
             if noise is not None:
-                found[0, :, axis] = noise.draw_slow(self.flight.times, random) / UNIT
+                found[0, :, axis] = self._slow_roots[axis] @ random.standard_normal(len(self.flight.times))
         return found
+
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """White noise [mm, (1, F, 11)], and a root of the covariance of what lasts [mm, (1, F, 11, F)]: both are known,
+        so that replicates need not show them.
+        """
+        lasting = np.zeros((*sensor.shape, sensor.shape[1]))
+        lasting[0, :, : len(AXES)] = self._slow_roots.transpose(1, 0, 2)
+        return sensor, lasting
+
+    @cached_property
+    def _slow_roots(self) -> np.ndarray:
+        """Of the covariance of what lasts, by coordinate [mm, (3, F, F)]; zero where nothing was measured."""
+        times, none = self.flight.times, np.zeros((len(self.flight.times),) * 2)
+        return np.stack([none if noise is None else noise.slow_root(times) / UNIT for noise in self.flight.noise])
 
     @property
     def fingerprint(self) -> bytes:

@@ -1,4 +1,5 @@
-"""What the residual does where body or resolution are wrong: directions of the noise, beside what replicates show.
+"""What the residual does where body, resolution or opacity are wrong: directions of the noise, beside what replicates
+show.
 
 A few replicates show the size of such errors, but hardly any of their directions. So each of some smooth errors of the
 shape and of the matter moves once, by as much as it may be wrong.
@@ -7,7 +8,6 @@ shape and of the matter moves once, by as much as it may be wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -19,15 +19,15 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import each
-from pacnerf_lpo.identification.replicates import distortion
+from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
 """Of the density of the reconstructed matter, from place to place."""
-PLACES, BUMP, DENT = 16, 0.7, 2.0
-"""Dents: how many, how wide beside how far they leave any particle, and how deep beside an error that is everywhere. A
-side that no camera of the reconstruction sees is thicker than the rest; smooth fields over the whole body do not tell
-that."""
+OPAQUE = 3.3
+"""Optical depth of opaque particles beside the model's: with it one layer of them covers nine tenths, not half."""
+LOCAL = 2.0
+"""Size of an error in one place beside one that is everywhere."""
 
 
 def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
@@ -49,11 +49,16 @@ def shape_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, 
     return of_each(problem, [_of_recording(part, problem.part_of(reference, n)) for n, part in enumerate(parts)])
 
 
-def resolution_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
-    """Change of the residual of each recording [(R, F, 11, number of recordings)] when its body is coarser.
+def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
+    """Changes of the residual of each recording [(R, F, 11, 2 or 1 for each)] when its body is coarser, and, where
+    cameras show it, when its particles are opaque; none of a body that is rigid.
 
     The error of a method of order p at node spacing h is C h^p, and the step to 1.4 h changes it by (1.4^p - 1) C h^p:
     the whole error for p = 2, two fifths of it for p = 1. Replicates, with spacings of 0.78 h and more, show a fifth.
+
+    A surface is half transparent in the model, and where it is does not matter while the body is thick, as residuals
+    are relative to frame 0. A sheet or a spray thinner than the spacing is opaque in a matte, and hardly there in the
+    model.
 
     Args:
         problem, effects, free, model: as for :func:`shape_errors`.
@@ -63,9 +68,16 @@ def resolution_errors(problem: Problem, effects: Sequence[Effect], free: np.ndar
     """
     reference, changes = model.predict(free), []
     for number, part in enumerate(problem.parts(effects, model.physical(free))):
-        coarse = part.recording.coarse_model(part.effects, part.known)
-        change = coarse.predict(coarse.start) - problem.part_of(reference, number)
-        changes.append(part.recording.relative(change)[..., None])
+        if not part.recording.deforms:
+            changes.append(np.zeros((*part.recording.usable.shape, 0)))
+            continue
+        others = [part.recording.coarse_model(part.effects, part.known)]
+        if part.recording.views:
+            others.append(part.model)
+            others[-1].opacity = OPAQUE
+        own = problem.part_of(reference, number)
+        seen = [part.recording.relative(other.predict(other.start) - own) for other in others]
+        changes.append(np.stack(seen, axis=-1))
     return of_each(problem, changes)
 
 
@@ -96,7 +108,7 @@ def _of_recording(part: Part, reference: np.ndarray) -> np.ndarray:
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     """The coarse body of a problem with one smooth error each: displacements of first and second order that are
-    together about ``sigma`` [m], surfaces moved inwards by about as much, dents here and there, and matter that is
+    together about ``sigma`` [m], surfaces moved inwards by about as much, places moved by more, and matter that is
     denser here than there.
     """
     body = problem.coarse_body
@@ -116,35 +128,12 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
                 return sigma * polynomials(points, body.positions)[order][number]
 
             yield problem.thinned(offset)
-    centres, reach = spread(body.positions, PLACES)
-    for centre in centres:
-        yield problem.thinned(partial(_dent, centre, BUMP * reach, DENT * sigma))
+    for bump in bumps(body):
+        for axis in axes:
+            yield Body(body.positions + LOCAL * sigma * bump[:, None] * axis, body.fraction, body.spacing)
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
         fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
         yield Body(body.positions, fraction, body.spacing)
-
-
-def _dent(centre: Tensor, width: float, depth: float, points: Tensor) -> Tensor:
-    """Depth at places [m, (N, 3) to (N,)] of a Gaussian dent."""
-    return depth * (-0.5 * (points - centre).square().sum(1) / width**2).exp()
-
-
-def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
-    """
-    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
-    distance = (positions - positions[chosen[0]]).norm(dim=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
-    return positions[chosen], float(distance.max())
 
 
 def polynomials(points: Tensor, body: Tensor) -> tuple[list[Tensor], list[Tensor]]:

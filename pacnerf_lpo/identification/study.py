@@ -181,6 +181,13 @@ class StudyProblem(Problem):
     def point_kinds(self) -> np.ndarray:
         return np.concatenate([problem.point_kinds for problem in self.recordings])
 
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of all recordings, each as it says."""
+        parts = [one.noise_parts(self.part_of(sensor, number)) for number, one in enumerate(self.recordings)]
+        widest = max(shared.shape[-1] for _, shared in parts)
+        padded = [np.pad(shared, (*[(0, 0)] * 3, (0, widest - shared.shape[-1]))) for _, shared in parts]
+        return self.join([own for own, _ in parts]), self.join(padded)
+
     @property
     def pixel(self) -> float:
         """The mean of the recordings."""
@@ -285,6 +292,9 @@ class StudyModel(Model):
         frames = self.shape[1]
         return torch.cat([torch.cat((p, p[-1:].expand(frames - len(p), -1, -1))) for p in paths], dim=1)
 
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        return self.stack.join([model.predict(own) for model, own in self._own(free)])
+
     def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
         paths = path.split([len(model.body.positions) for model in self.models], dim=1)
         found = []
@@ -299,7 +309,8 @@ class StudyModel(Model):
 
 
 def divide(effect: Effect, recordings: Sequence[str]) -> Effect:
-    """The effect with coefficients of its own for every recording.
+    """The effect with coefficients of its own for every recording. Where constants were measured, and that with errors,
+    is why they differ, each is about as large as a probe: what they belong to is one body.
 
     Raises:
         UserInputError: it has no coefficient.
@@ -309,6 +320,8 @@ def divide(effect: Effect, recordings: Sequence[str]) -> Effect:
             f"{type(effect).__name__} has no coefficient, so it cannot differ from recording to recording"
         )
     found = copy(effect)
+    if effect.constants_of_recording:
+        found.reach = 1.0
     found.parameters = {name_in(n, r): p.of_recording(r) for r in recordings for n, p in effect.parameters.items()}
     found.null, found.guess = (
         {name_in(n, r): v for r in recordings for n, v in d.items()} for d in (effect.null, effect.guess)

@@ -76,17 +76,19 @@ def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float,
 
 
 def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-    """Mean square of every replicate's coordinates along every hypothesis, by the noise model of the others (T, H)."""
-    changes = np.concatenate([change for h in hypotheses for change in h.alternatives], axis=1)
+    """Mean square of every replicate's coordinates along every hypothesis, by the noise model of the others (T, H).
+
+    Of several coordinates each counts by w^2 / (1 + w^2), the part of it that the hypothesis would explain.
+    """
     rows = []
     for model, replicate in noise.left_out:
-        whitened, left, row, at = model.whiten(changes), model.whiten_residual(replicate), [], 0
+        left, row = model.whiten_residual(replicate), []
         for hypothesis in hypotheses:
             squares = []
             for change in hypothesis.alternatives:
-                axes = np.linalg.qr(whitened[:, at : at + change.shape[1]])[0]
-                squares.append(float(np.mean((axes.T @ left) ** 2)))
-                at += change.shape[1]
+                found = Alternative.of(model, change)
+                counted = found.strengths**2 / (1 + found.strengths**2)
+                squares.append(float(counted @ (found.axes.T @ left) ** 2 / max(counted.sum(), 1e-300)))
             row.append(float(np.mean(squares)))
         rows.append(row)
     return np.array(rows)

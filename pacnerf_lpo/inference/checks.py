@@ -69,10 +69,11 @@ def _square(noise: NoiseModel, residual: np.ndarray) -> float:
 
 def _check(square: float, replicates: list[float], size: int) -> Check:
     """The logarithm of the statistic is compared with that of the left-out replicates by Student's t for one further
-    draw; its spread is not believed to be below that of chi^2 with as many degrees of freedom.
+    draw. Its spread is not believed to be below that of chi^2 with as many degrees of freedom, nor its mean below that
+    of the noise model: errors known beforehand may be larger than the replicates happen to have them.
     """
     squares, least = np.maximum(replicates, 1e-6 * size) / size, 1e-6
     logs, count = np.log(squares), len(replicates)
     spread = max(float(logs.std(ddof=1)), np.sqrt(2 / size))
-    deviate = (np.log(max(square / size, least)) - logs.mean()) / spread / np.sqrt(1 + 1 / count)
+    deviate = (np.log(max(square / size, least)) - max(logs.mean(), 0.0)) / spread / np.sqrt(1 + 1 / count)
     return Check(square / size, squares, float(student.sf(deviate, count - 1)))

@@ -37,7 +37,7 @@ class Hypothesis:
 
     @staticmethod
     def of_probes(
-        name: str, change: np.ndarray, sizes: np.ndarray, width: np.ndarray, one_sided: bool, joint: bool
+        name: str, change: np.ndarray, sizes: np.ndarray, width: np.ndarray, one_sided: bool, components: int = 1
     ) -> Hypothesis:
         """From simulated changes at finite sizes.
 
@@ -47,15 +47,12 @@ class Hypothesis:
             sizes: of the coefficient in each column, counted from the null [its unit, (n,)]
             width: prior standard deviation of the coefficient of each column [its unit, (n,)]
             one_sided: whether the coefficient can only lie on the side of the null on which the sizes are
-            joint: the columns are components of one effect (a force along x and z), not sizes of one coefficient
+            components: so many columns one after the other are components of one effect (a force along x and z); the
+                next so many, another size of it
         """
         signs = np.sign(sizes) if one_sided else np.ones_like(sizes)
         scaled, signed = change * (width / np.abs(sizes) * np.sign(sizes) * signs), width * signs
-        if joint:
-            return Hypothesis(name, (scaled,), (signed,), False)
+        parts = [slice(start, start + components) for start in range(0, len(sizes), components)]
         return Hypothesis(
-            name,
-            tuple(scaled[:, [k]] for k in range(len(sizes))),
-            tuple(signed[[k]] for k in range(len(sizes))),
-            one_sided,
+            name, tuple(scaled[:, part] for part in parts), tuple(signed[part] for part in parts), one_sided
         )

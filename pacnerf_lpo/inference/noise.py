@@ -119,13 +119,15 @@ class NoiseModel:
             sensor_sigma: standard deviation of the sensor noise (D,), not negative
             layout: view, frame and kind of every entry
             directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
-            shared_sigma: c, that of noise which all entries of one view and kind have in common, with its sign (D,)
+            shared_sigma: c, that of noise which all entries of one view and kind have in common, with its sign (D,), or
+                a root of the covariance that they have by it (D, Q)
 
         Raises:
             ValueError: shapes do not agree, fewer than four replicates, values not finite, or a noise that vanishes.
         """
         replicates, sensor_sigma = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
         shared = np.zeros_like(sensor_sigma) if shared_sigma is None else np.asarray(shared_sigma, float)
+        shared = shared.reshape(len(shared), -1)
         _check(replicates, sensor_sigma, shared, layout)
         series, deviations = Series.of(layout), (replicates - replicates.mean(0)).T
         sensor = _sensor(sensor_sigma, shared, series)
@@ -212,7 +214,7 @@ def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray,
         )
     arrays = {
         "sensor_sigma": sensor_sigma,
-        "shared_sigma": shared,
+        "shared_sigma": shared[:, 0],
         "layout.view": layout.view,
         "layout.frame": layout.frame,
     }
@@ -221,15 +223,15 @@ def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray,
             raise ValueError(
                 f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries"
             )
-    noise = sensor_sigma**2 + shared**2
+    noise = sensor_sigma**2 + (shared**2).sum(1)
     if not (np.isfinite(replicates).all() and np.isfinite(noise).all() and (noise > 0).all()):
         raise ValueError("replicates and noise must be finite, and every entry must have a noise")
 
 
 def _sensor(sigma: np.ndarray, shared: np.ndarray, series: Series) -> np.ndarray:
-    """S^2 + c c^T, by series (S, L, L)."""
+    """S^2 + c c^T, by series (S, L, L), with c (D, Q)."""
     own, common = series.gather(sigma, 1.0), series.gather(shared)
-    return own[:, None] ** 2 * np.eye(own.shape[1]) + common[:, :, None] * common[:, None]
+    return own[:, None] ** 2 * np.eye(own.shape[1]) + common @ common.transpose(0, 2, 1)
 
 
 def _numerical_spread(deviations: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:

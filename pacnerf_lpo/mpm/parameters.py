@@ -109,6 +109,10 @@ class Parameter:
     impact: float | None = None
     rate: float = 0.1
 
+    def physical(self, free: float) -> float:
+        """The value at a free coordinate [SI; degrees for angles]."""
+        return float(self.transform.to_physical(torch.tensor(float(free), dtype=torch.float64)))
+
     def typical(self, pressure: float, time: float) -> float | None:
         """Value that shows best in an impact, from :attr:`impact` [SI]; None: unknown.
 

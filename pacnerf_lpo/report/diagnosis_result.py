@@ -95,11 +95,12 @@ def _chance(rounds: list[Round]) -> float | None:
 def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
-    odds = _odds(problem, found)
+    odds, effects = _odds(problem, found), [name_of(effect) for effect in found.effects]
     return {
-        "effects": [name_of(effect) for effect in found.effects],
+        "effects": effects,
         "parameters": _intervals(found.parameters, unknowns),
         "notes": list(comparison.notes),
+        "left_out": [wording.unstable(name, name in effects, why) for name, why in found.left_out.items()],
         "undetermined": found.undetermined,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),

@@ -298,10 +298,12 @@ def _p(check: Mapping[str, Any]) -> str:
 
 
 def notes(result: Result) -> list[str]:
-    """What is suspect about the estimates of the last model: at a bound, or far from the guess."""
+    """What is suspect about the estimates of the last model (at a bound, or far from the guess), and the hypotheses
+    that could not be examined.
+    """
     last = result["rounds"][-1]
     again = next((one for one in last["refits"] if one["name"] == last["accepted"]), None)
-    return list((again or last)["notes"])
+    return [*(again or last)["notes"], *(sentence for done in result["rounds"] for sentence in done["left_out"])]
 
 
 def undetermined(result: Result) -> list[str]:

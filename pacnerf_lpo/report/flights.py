@@ -5,11 +5,12 @@ itself says of the effects that were found.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.contributions import estimates
+from pacnerf_lpo.diagnosis.contributions import estimates, steady_forces
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import RigidProblem
@@ -17,19 +18,27 @@ from pacnerf_lpo.report.diagnosis_markup import table, text
 from pacnerf_lpo.report.diagnosis_stages import Stage
 from pacnerf_lpo.report.wording import readable
 
+MAGNUS = "Magnus"
 LARGE = 0.5
-"""A side force is large where spin x speed reaches this part of the largest of all flights."""
+"""Spin x velocity is large where it reaches this part of the median of all flights: a spin that was measured wrong can
+be far larger than any other."""
+CLEAR = 2.0
+"""A side force is clear from so many times its error on."""
+ALIGNED = 45.0
+"""Two directions agree within this angle [degrees]."""
 
 
 def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -> list[dict[str, Any]]:
     """Of every flight: name, times [s], measured positions [m, 3 x F], those of the model before and after all that was
-    found, the largest spin x velocity [m/s^2 per unit of the Magnus coefficient], and for every effect that was found
-    with one coefficient what this flight says of it.
+    found, the mean spin x velocity [m/s^2 per unit of the Magnus coefficient], and for every effect that was found with
+    one coefficient what this flight says of it. Where a force by spin was found, ``side``: see :class:`Side`.
     """
     found = []
     stages = [shown[0], shown[-1]] if len(shown) > 1 else [shown[0]]
     parts = [problem.parts(stage.effects, stage.known) for stage in stages]
     own = estimates(problem, rounds)
+    turning = next((effect for effect in rounds[-1].effects if type(effect).__name__ == MAGNUS), None)
+    forces = [] if turning is None or problem.deforms else steady_forces(problem, rounds[-1], turning)
     for number, part in enumerate(parts[0]):
         recording = part.recording
         if not isinstance(recording, RigidProblem):
@@ -38,7 +47,8 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
         paths = [recording_parts[number].model for recording_parts in parts]
         centres = [model.path(model.start).mean(1).numpy() for model in paths]
         velocity = np.gradient(centres[-1], flight.times, axis=0)
-        side = 0.0 if flight.spin is None else float(np.linalg.norm(np.cross(flight.spin, velocity), axis=1).mean())
+        turned = np.cross(flight.spin or (0.0, 0.0, 0.0), velocity)
+        side = Side.of(*forces[number], velocity.mean(0), turned.mean(0)) if forces and flight.spin else None
         found.append(
             {
                 "name": part.name,
@@ -46,11 +56,35 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
                 "measured": _columns(flight.positions),
                 "models": [_columns(centre) for centre in centres],
                 "spin": None if flight.spin is None else list(flight.spin),
-                "spin_times_velocity": side,
+                "spin_times_velocity": float(np.linalg.norm(turned, axis=1).mean()),
+                "side": None if side is None else asdict(side),
                 "estimates": {name: list(of_all[number]) for name, of_all in own.items()},
             }
         )
     return found
+
+
+@dataclass(frozen=True)
+class Side:
+    """The steady force across a flight, found without its spin, and where it points.
+
+    size: of the acceleration across the mean velocity [m/s^2];  error: standard error of a component of it.
+    angle: between it and the measured spin x velocity [degrees]
+    """
+
+    size: float
+    error: float
+    angle: float
+
+    @staticmethod
+    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> Side:
+        """From an acceleration [m/s^2, (3,)] with its covariance, the mean velocity, and the mean spin x velocity."""
+        along = velocity / np.linalg.norm(velocity)
+        across = np.eye(3) - np.outer(along, along)
+        side, size = across @ force, float(np.linalg.norm(across @ force))
+        cosine = side @ turned / max(size * float(np.linalg.norm(turned)), 1e-12)
+        error = float(np.sqrt(np.trace(across @ covariance @ across) / 2))
+        return Side(round(size, 3), round(error, 3), round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 1))
 
 
 def _columns(positions: np.ndarray) -> list[list[float | None]]:
@@ -60,21 +94,28 @@ def _columns(positions: np.ndarray) -> list[list[float | None]]:
 
 def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
     """In how many flights the side force has the direction of the measured spin x velocity, in words; None where no
-    such force was found by a spin that was measured.
+    such force was found by spins that were measured.
     """
-    told = [(f["spin_times_velocity"], *f["estimates"]["Magnus"]) for f in flights if "Magnus" in f["estimates"]]
-    most = max((side for side, _, _ in told), default=0.0)
-    if most == 0.0:
+    told = [one for one in flights if one["side"] is not None]
+    if not told:
         return None
-    large = [(value, error) for side, value, error in told if side >= LARGE * most]
-    along = sum(value > 0 for value, _ in large)
-    clear = [value > 0 for value, error in large if abs(value) > 2 * error]
-    flights_of = "flight" if len(large) == 1 else f"{len(large)} flights"
+    large = _large(told)
+    clear = [one for one in large if one["side"]["size"] > CLEAR * one["side"]["error"]]
+    with_it = sum(one["side"]["angle"] < ALIGNED for one in clear)
+    against = sum(one["side"]["angle"] > 180 - ALIGNED for one in clear)
+    least = min(one["spin_times_velocity"] for one in large)
     return (
-        f"Spin times velocity is large in {flights_of}, at least {LARGE * most:.0f} m/s²; each by itself, the side "
-        f"force points along it in {along}, and in {sum(clear)} of the {len(clear)} in which it is at least twice its "
-        "error."
+        f"Direction of the force by spin: spin x velocity is large, at least {least:.0f} m/s², in {len(large)} of "
+        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than twice "
+        f"its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in {against} (as "
+        f"where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
     )
+
+
+def _large(told: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Flights in which spin x velocity is at least :data:`LARGE` of what is typical."""
+    typical = float(np.median([one["spin_times_velocity"] for one in told]))
+    return [one for one in told if one["spin_times_velocity"] >= LARGE * typical]
 
 
 def flights_section(result: Mapping[str, Any]) -> str:
@@ -86,11 +127,14 @@ def flights_section(result: Mapping[str, Any]) -> str:
     head = ["flight", "samples", *(f"{text(readable(name))}, this flight alone" for name in names)]
     spinning = any(one["spin"] for one in found)
     head += ["mean |spin x velocity| [m/s²]"] if spinning else []
+    sides = any(one["side"] for one in found)
+    head += ["side force found without the spin [m/s²]", "its angle to spin x velocity"] if sides else []
     rows = []
     for one in found:
         cells = [text(one["name"]), str(len(one["times"]))]
         cells += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
         cells += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
+        cells += _side_cells(one["side"]) if sides else []
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     said = agreement(found)
     note = f'<p class="note">{text(said)}</p>' if said else ""
@@ -101,3 +145,7 @@ def flights_section(result: Mapping[str, Any]) -> str:
         f'<section id="flights"><h2>See it</h2>{controls}<div class="pair" id="flight-charts"></div>'
         f'<div class="legend" id="flight-legend"></div>{each}</section>'
     )
+
+
+def _side_cells(side: Mapping[str, float] | None) -> list[str]:
+    return ["", ""] if side is None else [f"{side['size']:.2g} ± {side['error']:.2g}", f"{side['angle']:.0f}°"]

@@ -55,6 +55,15 @@ def either(names: Sequence[str]) -> str:
     return listed([readable(name) for name in names])
 
 
+def unstable(name: str, inside: bool, why: str) -> str:
+    """Why an effect was not added to the model, or, where it is ``inside``, not removed from it."""
+    begun = (
+        "may not be needed, but the model without it" if inside else "explains what is missing, but the model with it"
+    )
+    remedy = "a larger physics.substep_rate may mend that"
+    return f"{capitalised(readable(name))} {begun} is unstable on finer grids and was not examined ({why}); {remedy}."
+
+
 def probability(p: float) -> str:
     """A p-value as a person reads it."""
     return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"

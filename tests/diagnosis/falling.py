@@ -1,7 +1,8 @@
 """A whole diagnosis in seconds: a ball whose motion is computed for its centre alone, before small cameras.
 
 The centre falls with linear drag, a uniform and a smooth force, and touches a soft ground that pushes by its stiffness;
-touching, the ball is flatter. Everything behind the motion (cameras, outlines, fits, statistics) is real.
+touching, the ball is flatter. What is measured shows another, finer sampling of it than the model's, as it would of a
+real one. Everything behind the motion (cameras, outlines, fits, statistics) is real.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from pacnerf_lpo.data.synthetic import hemisphere_rig
@@ -66,7 +68,8 @@ class Falling(Problem):
         blank = np.ones((VIEWS, FRAMES, 11))
         super().__init__("falling", video, split, physics, SPACING, blank, blank)
         effects = [effect for effect in EFFECTS.values() if set(effect.parameters) & set(hidden)]
-        true = self.model(effects, {**TRUTH, **{n: v for e in effects for n, v in e.null.items()}, **hidden})
+        values = {**TRUTH, **{n: v for e in effects for n, v in e.null.items()}, **hidden}
+        true = self.model(effects, values, self.sample(0.8 * SPACING, seed=12345))
         measured = true.observe(motion(true, true.start), true.start)
         self.sensor = np.concatenate((sensor_noise(measured[..., :-1]), shading(measured[..., -1])), axis=-1)
         noise = np.random.default_rng(seed).standard_normal(measured.shape)
@@ -75,8 +78,9 @@ class Falling(Problem):
         self.usable[:, 0, -1] = False
 
     def sample(self, spacing: float, seed: int) -> Body:
-        axis = np.arange(-RADIUS - spacing, RADIUS + spacing, spacing / 2) + 0.05 * spacing * (seed % 5)
-        points = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3)
+        axis = spacing / 2 * np.arange(-np.ceil(2 * RADIUS / spacing), np.ceil(2 * RADIUS / spacing) + 1)
+        turn = Rotation.random(random_state=seed).as_matrix()  # a shift would be an error to one side
+        points = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3) @ turn
         inside = points[np.linalg.norm(points, axis=1) < RADIUS] + CENTRE
         return Body(torch.tensor(inside, dtype=torch.float32), torch.ones(len(inside)), spacing)
 

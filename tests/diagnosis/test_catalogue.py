@@ -3,9 +3,10 @@
 import pytest
 import yaml
 
-from pacnerf_lpo.diagnosis.catalogue import as_config, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, read_candidates, whole_catalogue
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, QuadraticDrag
+from pacnerf_lpo.identification.study import divide
+from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, Magnus, QuadraticDrag
 from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
 from pacnerf_lpo.render.camera_faults import (
     CameraShift,
@@ -39,6 +40,9 @@ def test_alternatives_of_kind_and_joint_components_are_known():
     push = found["UniformForce"]
     assert push.joint and len(push.trials()) == 2
     assert all(sum(value != 0 for value in trial.values()) == 1 for trial in push.trials())
+    own = Candidate("Magnus", divide(Magnus(), ("a", "b")))  # each throw has its own coefficient, tried at all sizes
+    assert own.components == 2
+    assert [tuple(trial.values()) for trial in own.trials()] == [(0.002, 0), (0, 0.002), (0.02, 0), (0, 0.02)]
 
 
 def test_a_list_of_candidates_is_read_and_written(tmp_path):

@@ -10,10 +10,11 @@ import yaml
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.flight_problem import problem_of_flight, problem_of_flights
+from pacnerf_lpo.identification.base_fit import base_fit
 from pacnerf_lpo.mpm.effects import LinearDrag, Magnus, QuadraticDrag
 from pacnerf_lpo.mpm.materials.rigid import Rigid
 from pacnerf_lpo.mpm.rigid_body import fly
-from tests.data.trajectories.throws import BALL, flight, write_drops, write_throws
+from tests.data.trajectories.throws import BALL, flight, write, write_drops, write_throws
 
 
 def diagnosed(source: Path, *options: str) -> dict:
@@ -72,10 +73,55 @@ def test_drag_and_then_the_force_by_spin_are_named_in_throws(tmp_path):
     spins = write_throws(tmp_path / "throws", 5, drag=0.15, magnus=4e-3)
     result = diagnosed(tmp_path / "throws", "--spins", str(spins))
     assert result["verdict"]["effects"] == ["QuadraticDrag", "Magnus"]
-    for name, true in (("drag_per_length", 0.15), ("magnus", 4e-3)):
+    for name, true in [("drag_per_length", 0.15), *((f"magnus@{number:03d}", 4e-3) for number in range(5))]:
         low, high = interval(result, name)
         assert low < true < high
-    assert any("the side force points along it" in detail for detail in result["verdict"]["details"])
+    assert any(detail.startswith("Direction of the force by spin") for detail in result["verdict"]["details"])
+
+
+def test_a_spin_that_was_measured_with_the_wrong_sense_shows(tmp_path):
+    """By the direction of the force."""
+    spins = write_throws(tmp_path / "throws", 6, drag=0.15, magnus=8e-3)
+    head, *rows = spins.read_text().splitlines()
+    name, *parts = rows[1].split(",")
+    rows[1] = ",".join([name, *(str(-float(part)) for part in parts)])
+    spins.write_text("\n".join([head, *rows]) + "\n")
+    result = diagnosed(tmp_path / "throws", "--spins", str(spins))
+    assert set(result["verdict"]["effects"]) == {"QuadraticDrag", "Magnus"}
+    signs = [1, -1, 1, 1, 1, 1]
+    for name, true in [("drag_per_length", 0.15), *((f"magnus@{n:03d}", 8e-3 * sign) for n, sign in enumerate(signs))]:
+        low, high = interval(result, name)
+        assert low < true < high
+    sides = [flight["side"] for flight in result["flights"]]
+    clear = [(side["angle"], sign) for side, sign in zip(sides, signs, strict=True) if side["size"] > 3 * side["error"]]
+    assert len(clear) >= 2 and all(angle < 45 if sign > 0 else angle > 135 for angle, sign in clear)
+
+
+def test_noise_that_lasts_is_known_and_not_learnt_from_replicates(tmp_path):
+    """The covariance of the noise model is that of the scene, in every recording of a study by itself."""
+    write_drops(tmp_path / "ball.csv", 0.0)
+    assert main(["init", str(tmp_path / "ball.csv"), str(tmp_path / "scene"), *BALL]) == 0
+    study, _ = problem_of_flights(scenes_in(tmp_path / "scene"), ())
+    own, shared = (values[study.usable] for values in study.noise_parts(study.sensor))
+    found = np.diag(own**2) + shared @ shared.T
+    at = 0
+    for part in study.parts((), study.first_guess):
+        flight = part.recording.flight
+        expected = 1e6 * flight.noise[1].covariance(flight.times)
+        size = len(flight.times)
+        np.testing.assert_allclose(found[at : at + size, at : at + size], expected, atol=1e-6 * expected.max())
+        at += size
+
+
+def test_a_body_may_be_let_go_before_the_first_sample(tmp_path):
+    times = np.arange(0.1, 2.6, 1 / 15)
+    heights = flight(times, (0.0, 40.0, 0.0))[:, 1] + 0.01 * np.random.default_rng(0).standard_normal(len(times))
+    write(tmp_path / "ball.csv", {"time_s": times - 0.1, "height_m": heights})
+    assert main(["init", str(tmp_path / "ball.csv"), str(tmp_path / "scene"), *BALL]) == 0
+    problem = problem_of_flight(scenes_in(tmp_path / "scene")[0])
+    found = base_fit(problem, (), problem.first_guess).known
+    assert found["release"] == pytest.approx(-0.1, abs=0.03)
+    assert found["y_0"] == pytest.approx(40.0, abs=0.05)
 
 
 def test_nothing_is_named_in_throws_without_air(tmp_path):

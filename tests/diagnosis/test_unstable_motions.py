@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pacnerf_lpo.diagnosis import diagnose
+from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.mpm.effects.base import Effect
 from tests.diagnosis import falling
 
 KINDS = {"nothing", "missing", "camera", "unknown", "unfinished"}
@@ -73,6 +76,36 @@ def test_a_hypothesis_that_is_never_stable_is_left_out(tmp_path, monkeypatch, sm
     falling.install(monkeypatch, lambda model, _: "drag" in model.names)
     found = verdict(diagnosed(tmp_path))
     assert "LinearDrag" not in found.names and found.kind in KINDS
+
+
+def test_an_effect_whose_model_cannot_be_examined_is_left_out_and_said_to_be(tmp_path, monkeypatch, small_threads):
+    """Drag is found, but replicates with it, on finer grids, are unstable: the verdict comes without it."""
+    fine = 0.95 * falling.SPACING
+    falling.install(monkeypatch, lambda model, _: "drag" in model.names and model.body.spacing < fine)
+    rounds = diagnosed(tmp_path)
+    assert "LinearDrag" not in verdict(rounds).names
+    assert rounds[0].left_out["LinearDrag"] == "simulation stopped in frame 3, substep 1: made unstable by a test"
+    again = diagnosed(tmp_path)  # from what was stored
+    assert (verdict(again), again[0].left_out) == (verdict(rounds), rounds[0].left_out)
+
+
+def test_an_effect_stays_where_the_model_without_it_is_unstable(tmp_path, monkeypatch, small_threads):
+    """Drag and wind are found; what would then be removed, stays, with the reason."""
+    left = []
+    falling.install(monkeypatch, lambda *_: bool(left))
+
+    def superfluous(problem: falling.Falling, found: Round) -> list[Effect]:
+        left.append(found.effects[0])
+        return left
+
+    monkeypatch.setattr(diagnose, "superfluous", superfluous)
+    problem = falling.Falling({"drag": 2.0, "push_x": 3.0, "push_z": 0.0})
+    options = Options(falling.listed(tmp_path), replicates=5, effects=2)
+    rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, lambda _: None)
+    assert set(verdict(rounds).names) == {"LinearDrag", "UniformForce"}
+    assert rounds[-1].left_out == {
+        name_of(left[0]): "simulation stopped in frame 3, substep 1: made unstable by a test"
+    }
 
 
 def test_a_base_model_that_is_never_stable_is_one_error(tmp_path, monkeypatch, small_threads):

@@ -103,17 +103,19 @@ def finished(one: Competition) -> Competition:
     "true", [NeoHookean(E=6e4), Newtonian(mu=8.0, kappa=6e4), VonMises(E=6e4, tau_y=600.0)], ids=lambda law: law.family
 )
 def test_the_right_law_is_named(true, unstable):
-    errors, stiff = [], "kappa" if isinstance(true, Newtonian) else "E"
+    """With what the recording tells: of a ball that yields the yield stress, and hardly the stiffness, as chi^2 changes
+    by less than 0.1 between 40 and 270 kPa.
+    """
+    told, within = {"elastic": ("E", 0.35), "viscous": ("kappa", 0.35), "plastic": ("tau_y", 0.05)}[true.family]
     for seed in range(3):
         found = finished(Competition(Dropped(true, seed)))
         assert found.chosen.law == type(true).__name__
-        if seed == 0 and not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
-            assert [trial.law for trial in found.alike] == [found.chosen.law]
         assert sum(trial.probability for trial in found.trials.values()) == pytest.approx(1.0)
         assert found.chosen.held_out == pytest.approx(1.0, abs=0.6)
-        errors.append(abs(np.log10(found.chosen.known[stiff] / true.guess[stiff])))
-    # a lower ground and a stiffer ball look nearly the same, so a factor of two is what outlines tell here
-    assert np.median(errors) < 0.35
+        # a lower ground and a stiffer ball look nearly the same, so a factor of two is what outlines tell here
+        assert np.log10(found.chosen.known[told] / true.guess[told]) == pytest.approx(0.0, abs=within)
+        if seed == 0 and not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
+            assert [trial.law for trial in found.alike] == [found.chosen.law]
 
 
 def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstable):

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
-from pacnerf_lpo.identification.shape_errors import DENT, MATTER_ERROR, PLACES, polynomials, spread, wrong_bodies
+from pacnerf_lpo.identification.replicates import PLACES, bumps, distorted, spread
+from pacnerf_lpo.identification.shape_errors import LOCAL, MATTER_ERROR, polynomials, wrong_bodies
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState
@@ -79,9 +80,7 @@ def correlation(one: Tensor, other: Tensor) -> float:
 
 
 def test_displacements_are_together_as_large_as_the_shape_may_be_wrong(ball):
-    moved = [body for body in bodies(ball) if body.fraction is ball.coarse_body.fraction]
-    squares = torch.stack([(body.positions - ball.coarse_body.positions).square().sum(1) for body in moved])
-    assert len(moved) == 24
+    squares = torch.stack([move.square().sum(1) for move in moves(ball)[:24]])
     assert float(squares.mean(1).sum().sqrt()) == pytest.approx(SIGMA, rel=1e-3)
 
 
@@ -95,22 +94,47 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
     assert float(apart.min()) >= reach - 1e-6
 
 
-def test_dents_take_matter_away_in_one_place(ball):
-    """Each a part of what a thin layer takes away everywhere, and nothing on the other side."""
-    places = spread(ball.coarse_body.positions, PLACES)[0]
+def test_layers_are_taken_away_or_put_on(ball):
+    """An even one first, then those that lean and curve."""
     thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.coarse_body.positions)]
-    assert len(thinner) == 10 + PLACES
-    lost = np.array([ball.coarse_body.volume - body.volume for body in thinner])
-    assert lost[0] == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
-    dents = slice(10, None)
-    assert (lost[dents] > 0).all() and (lost[dents] < 0.5 * DENT * lost[0]).all()
+    assert len(thinner) == 10
+    lost = ball.coarse_body.volume - thinner[0].volume
+    assert lost == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
+
+
+def test_every_place_moves_along_every_axis_by_itself(ball):
+    positions = ball.coarse_body.positions
+    places = spread(positions, PLACES)[0]
+    local = moves(ball)[24:]
+    assert len(local) == 3 * PLACES
+    for number, move in enumerate(local):
+        at = int(move.norm(dim=1).argmax())
+        expected = torch.zeros(3)
+        expected[number % 3] = LOCAL * SIGMA
+        assert torch.allclose(positions[at], places[number // 3])
+        assert torch.allclose(move[at], expected, atol=1e-6)
     outer = int(places.norm(dim=1).argmax())
-    opposite = ball.coarse_body.positions @ places[outer] < 0
-    dented = thinner[dents][outer]
-    far = dented.positions @ places[outer] < 0
-    assert float(dented.fraction[far].sum()) == pytest.approx(
-        float(ball.coarse_body.fraction[opposite].sum()), rel=5e-3
-    )
+    opposite = positions @ places[outer] < -0.5 * float(places[outer].square().sum())
+    assert float(local[3 * outer][opposite].norm(dim=1).max()) < 0.02 * LOCAL * SIGMA
+
+
+def test_a_distorted_body_moves_by_so_much_and_more_finely_than_it_bends(ball):
+    body = ball.coarse_body
+    linear, quadratic = polynomials(body.positions, body.positions)
+    smooth = torch.stack([torch.ones_like(linear[0]), *linear, *quadratic], dim=1)
+    for seed in range(3):
+        moved = distorted(body, SIGMA, np.random.default_rng(seed)).positions - body.positions
+        assert float(moved.square().sum(1).mean().sqrt()) == pytest.approx(SIGMA, rel=1e-4)
+        left = moved - smooth @ torch.linalg.lstsq(smooth, moved).solution
+        assert float(left.square().sum() / moved.square().sum()) > 0.05
+
+
+def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
+    few = Body(ball.coarse_body.positions[:5], torch.ones(5), DX)
+    places = bumps(few)
+    assert places.shape == (5, 5) and torch.isfinite(places).all()
+    distances = torch.cdist(few.positions, few.positions).flatten().sort().values
+    assert torch.allclose(places.flatten().sort().values, (-0.5 * distances.flip(0) ** 2 / DX**2).exp(), atol=1e-5)
 
 
 def test_matter_is_denser_here_than_there(ball):
@@ -118,6 +142,12 @@ def test_matter_is_denser_here_than_there(ball):
     ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
     assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
+
+
+def moves(problem: StateProblem) -> list[Tensor]:
+    """Displacements of the bodies that have the matter of the right one (N, 3)."""
+    right = problem.coarse_body
+    return [body.positions - right.positions for body in bodies(problem) if body.fraction is right.fraction]
 
 
 def bodies(problem: StateProblem) -> Iterator[Body]:

@@ -63,6 +63,16 @@ def test_nulls_pass_and_large_errors_do_not(held: bool):
     assert max(refused) < 0.01
 
 
+def test_a_residual_within_known_errors_passes_where_replicates_happen_to_be_smaller():
+    """Replicates of a third of the sensor noise: a residual of all of it passes, one of twice as much does not."""
+    rng = np.random.default_rng(4)
+    drawn = toy.SENSOR / 3 * rng.standard_normal((8, SIZE))
+    noise = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT)
+    found = [check_fitted(noise, size * toy.SENSOR * rng.standard_normal(SIZE)) for size in (1, 2)]
+    assert np.mean(found[0].replicates) < 0.2 and found[0].times_noise > 4
+    assert found[0].p_value > 0.1 and found[1].p_value < 0.01
+
+
 def test_sizes_relative_to_the_replicates():
     noise = toy.learnt(np.random.default_rng(3), 10)
     check = check_fitted(noise, noise.mean)

@@ -14,6 +14,7 @@ DECIDING = {
     "inference/noise.py": {"WINDOW", "SHARING"},
     "diagnosis/comparison.py": {"FORCE"},
     "diagnosis/screening.py": {"FORCES", "SHAPES", "LEAST_CAMERAS"},
+    "identification/rigid.py": {"CALIBRATED"},
 }
 """Another value of one of these could make another verdict of the same recording."""
 NUMERICAL = {
@@ -23,6 +24,7 @@ NUMERICAL = {
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "MEDIAN_DEVIATE", "CERTAIN"},
     "diagnosis/refitting.py": {"BENT", "ITERATIONS", "GIVE_UP"},
+    "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
 the time it takes, and the last digits.

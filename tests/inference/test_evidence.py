@@ -125,9 +125,13 @@ def test_probes_become_lines_through_the_null():
     """Probes at 2 and -4 with a prior deviation of 3: changes per prior deviation, and the sign where there is one."""
     change = np.stack((np.full(5, 2.0), np.full(5, -8.0)), axis=1)
     sizes, width = np.array([2.0, -4.0]), np.array([3.0, 3.0])
-    both = Hypothesis.of_probes("e", change, sizes, width, one_sided=False, joint=False)
+    both = Hypothesis.of_probes("e", change, sizes, width, one_sided=False)
     assert [float(one[0, 0]) for one in both.alternatives] == [3.0, 6.0]
-    joint = Hypothesis.of_probes("e", change, sizes, width, one_sided=False, joint=True)
+    joint = Hypothesis.of_probes("e", change, sizes, width, one_sided=False, components=2)
     assert joint.alternatives[0].shape == (5, 2) and joint.widths[0].tolist() == [3.0, 3.0]
-    below = Hypothesis.of_probes("e", change[:, 1:], sizes[1:], width[1:], one_sided=True, joint=False)
+    halves = Hypothesis.of_probes(
+        "e", np.tile(change, 2), np.tile(sizes, 2) / 2, np.tile(width, 2), False, components=2
+    )
+    assert [one.tolist() for one in halves.alternatives[1]] == [one.tolist() for one in 2 * joint.alternatives[0]]
+    below = Hypothesis.of_probes("e", change[:, 1:], sizes[1:], width[1:], one_sided=True)
     assert float(below.alternatives[0][0, 0]) == -6.0 and below.widths[0].tolist() == [-3.0]

@@ -81,7 +81,12 @@ def hypotheses(width: float = 5.0) -> list[Hypothesis]:
     """Every effect, with a prior standard deviation of its coefficients that is the same for all."""
     return [
         Hypothesis.of_probes(
-            name, np.stack(columns, axis=1), np.ones(len(columns)), np.full(len(columns), width), one_sided, joint
+            name,
+            np.stack(columns, axis=1),
+            np.ones(len(columns)),
+            np.full(len(columns), width),
+            one_sided,
+            len(columns) if joint else 1,
         )
         for name, (columns, one_sided, joint) in EFFECTS.items()
     ]

@@ -106,6 +106,7 @@ def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], acce
         "effects": [],
         "parameters": parameters,
         "notes": [],
+        "left_out": [],
         "undetermined": ["raising nu while lowering E changes nothing that this recording shows"],
         "profiles": {},
         "check": check(9.0, 1e-7),

@@ -144,3 +144,12 @@ def test_a_force_is_said_to_look_like_a_law_only_where_that_explains_it(law: Law
     found = wording.force(0.52, law)
     assert found[0] == "A smooth force on the body would remove 52% of the excess error in the fitted data."
     assert found[1].startswith(sentence)
+
+
+def test_an_effect_whose_model_is_unstable_says_so_with_the_remedy():
+    added, removed = (wording.unstable("LinearDrag", inside, "stopped in frame 3") for inside in (False, True))
+    assert added.startswith("Linear drag explains what is missing, but the model with it is unstable on finer grids")
+    assert removed.startswith("Linear drag may not be needed, but the model without it is unstable on finer grids")
+    assert all(
+        said.endswith("(stopped in frame 3); a larger physics.substep_rate may mend that.") for said in (added, removed)
+    )

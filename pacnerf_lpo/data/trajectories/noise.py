@@ -1,20 +1,25 @@
 """How large and how lasting the errors of measured positions are, from what no smooth force could do.
 
 A track x(t) is a smooth path and an error. The path is that of an acceleration which changes evenly in time, a cubic;
-what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a
-tracker does which follows an edge. Their variances and the time are those that make what is left most likely
-(restricted maximum likelihood, Patterson and Thompson 1971). What a force bends more than a cubic counts as error, so
-that noise is rather found too large than too small.
+what is left of x after the best such path is error: a white part, and one that lasts for some time, as that of a camera
+in a hand, of a lens, or of a tracker which follows an edge. What lasts has a velocity, as whatever moves a camera or a
+picture has one: its covariance is that of Matern with smoothness 3/2 (Rasmussen and Williams, Gaussian Processes for
+Machine Learning, 2006, equation 4.17), under which the tracks of hand-held videos and of a motion capture with cameras
+are more likely than under an exponential one. A rougher one takes too little of it for slow changes, which is what a
+force looks like. Variances are those that make what is left most likely (restricted maximum likelihood, Patterson and
+Thompson 1971), and so is the time, or the longest one that is about as likely. What a force bends more than a cubic
+counts as error, so that noise is rather found too large than too small.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy.optimize import minimize
+from scipy.optimize import minimize_scalar
 
 ORDER = 3
 """Of the smooth path."""
@@ -24,8 +29,11 @@ LEAST_FREE = 3
 """Samples more than smooth paths have coefficients: fewer tell no noise."""
 MOST_SHARE = 0.99
 """Of the variance that may last: something is always new in a sample, its last digit if nothing else."""
-SHARES = (0.05, 0.5, 0.95)
-"""Of the variance that lasts: where the search for the most likely one begins."""
+PLACES = 13
+"""Times that errors may last, from that between two samples to half a track, evenly in their logarithm."""
+OPEN = 1.0
+"""Of times that a few tracks hardly tell apart, by twice the logarithm of their likelihoods (one standard error), the
+longest is believed: too slow an error widens intervals, too fast a one makes a force of what is none."""
 
 
 @dataclass(frozen=True)
@@ -33,23 +41,30 @@ class Noise:
     """Errors of one coordinate.
 
     white: standard deviation of the part that is new in every sample [m]
-    slow: of the part that lasts [m];  lasting: for how long, its correlation falls by e [s]
+    slow: of the part that lasts [m];  lasting: for how long: its correlation falls to a half [s]
     """
 
     white: float
     slow: float
     lasting: float
 
+    @property
+    def size(self) -> float:
+        """Standard deviation of both [m]."""
+        return math.hypot(self.white, self.slow)
+
     def covariance(self, times: np.ndarray) -> np.ndarray:
         """[m^2, (F, F)] at some times [s, (F,)]."""
-        gap = np.abs(times[:, None] - times)
-        return self.white**2 * np.eye(len(times)) + self.slow**2 * np.exp(-gap / self.lasting)
+        return self.white**2 * np.eye(len(times)) + self.slow**2 * self._correlation(times)
 
-    def draw_slow(self, times: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """One realisation of the part that lasts [m, (F,)]."""
-        gap = np.abs(times[:, None] - times)
-        root = np.linalg.cholesky(np.exp(-gap / self.lasting) + 1e-9 * np.eye(len(times)))
-        return self.slow * root @ random.standard_normal(len(times))
+    def slow_root(self, times: np.ndarray) -> np.ndarray:
+        """A with A A^T = the covariance of the part that lasts [m, (F, F)]."""
+        return self.slow * np.linalg.cholesky(self._correlation(times) + 1e-9 * np.eye(len(times)))
+
+    def _correlation(self, times: np.ndarray) -> np.ndarray:
+        """Of the part that lasts [(F, F)]."""
+        gap = np.sqrt(3.0) * np.abs(times[:, None] - times) / self.lasting
+        return (1 + gap) * np.exp(-gap)
 
 
 def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
@@ -75,14 +90,20 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
         found = [one.square(made) for one in told]
         return sum(size for size, _ in found), sum(logarithm for _, logarithm in found)
 
-    def cost(point: np.ndarray) -> float:
+    def cost(share: float, place: float) -> float:
         """Twice the negative logarithm of the likelihood, at the most likely total."""
-        size, logarithm = square(*point)
+        size, logarithm = square(share, place)
         return free * float(np.log(max(size, 1e-300))) + logarithm
 
-    bounds = [(0.0, MOST_SHARE), (0.0, 1.0)]
-    tried = [minimize(cost, (share, 0.3), method="L-BFGS-B", bounds=bounds) for share in SHARES]
-    share, place = min(tried, key=lambda found: found.fun).x
+    tried = [
+        (
+            place,
+            minimize_scalar(cost, bounds=(0.0, MOST_SHARE), args=(place,), method="bounded", options={"xatol": 3e-3}),
+        )
+        for place in np.linspace(0.0, 1.0, PLACES)
+    ]
+    least = min(found.fun for _, found in tried)
+    place, share = max((place, found.x) for place, found in tried if found.fun <= least + OPEN)
     total = float(np.sqrt(square(share, place)[0] / free))
     return Noise(
         max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place))

@@ -58,6 +58,8 @@ class Effect(ABC):
     constants_of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
     of_medium: ClassVar[bool] = False
+    reach: float = PROBES
+    """Standard deviation of a coefficient in units of the farthest probe, see :data:`PROBES`."""
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__
@@ -72,7 +74,7 @@ class Effect(ABC):
         tried, null = np.array([probe[name] for probe in self.probes]), self.null[name]
         free = np.array([parameter.transform.to_free(float(value)) for value in tried])
         mean = free.mean() if self.null_is_far(name) else parameter.transform.to_free(null)
-        return float(mean), max(PROBES * float(np.abs(free - mean).max()), parameter.prior(null)[1])
+        return float(mean), max(self.reach * float(np.abs(free - mean).max()), parameter.prior(null)[1])
 
     def null_is_far(self, name: str) -> bool:
         """Whether the null of a coefficient stands for infinity."""

@@ -15,6 +15,7 @@ import imageio.v3 as imageio
 import numpy as np
 from PIL import Image
 from scipy import ndimage
+from scipy.optimize import linprog
 
 from pacnerf_lpo.data.recordings.recording import Lens
 from pacnerf_lpo.data.synthetic import hemisphere_rig
@@ -141,6 +142,24 @@ def film(
     rays = np.column_stack((rays[:, 0], -rays[:, 1], -np.ones(len(rays))))
     pose = rig()[view]
     return np.stack([_trace(rays @ pose[:, :3].T, pose[:, 3], *body(moment, tilt)) for moment in moments])
+
+
+def hull_bounds(centre: np.ndarray, radius: float, cameras: np.ndarray) -> np.ndarray:
+    """Corners of the box around all that a ball's outlines allow [m, (2, 3)]: every camera [m, (N, 3)] sees a cone.
+
+    Few cameras see more than the ball: six of the studio allow 14 % of its radius more along z.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    normals, offsets = [], []
+    for camera in cameras:
+        away = (camera - centre) / np.linalg.norm(camera - centre)
+        sine = radius / np.linalg.norm(camera - centre)
+        across = np.linalg.svd(away[None])[2][1:]
+        around = np.column_stack((np.cos(angle), np.sin(angle))) @ across
+        normals.append(sine * away + np.sqrt(1.0 - sine**2) * around)
+        offsets.append(normals[-1] @ camera)
+    limits = {"A_ub": np.concatenate(normals), "b_ub": np.concatenate(offsets), "bounds": (None, None)}
+    return np.array([[sign * linprog(sign * axis, **limits).fun for axis in np.eye(3)] for sign in (1.0, -1.0)])
 
 
 def _trace(directions: np.ndarray, origin: np.ndarray, centre: np.ndarray, axes: np.ndarray) -> np.ndarray:

@@ -23,13 +23,17 @@ from tests.data.recordings.studio import (
     body,
     centred,
     films,
+    hull_bounds,
     intrinsic,
+    rig,
 )
 
 CENTRED = ("spring_gaus_real", "d_nerf", "dynerf")
 """Layouts that can only say a centred principal point."""
 UNIT_KNOWN = ("pac_nerf", "gic", "phystwin", "opencv_shared", "opencv_each", "anipose", "caliscope")
 """Layouts in metres, or in a unit that free fall recognises."""
+PIXEL = 0.4 / 30
+"""At the ball [m], which is 0.4 m and 30 pixels wide."""
 
 
 def test_every_layout_is_tried(made):
@@ -69,11 +73,11 @@ def test_the_same_scene(made, name):
     assert done.config["phases"]["velocity"]["init_args"]["hit_frame"] == CONTACT
 
     config, centre = done.config, scale * rotation @ START + shift
-    voxel = config["phases"]["static"]["init_args"]["base_spacing"]  # the hull of six views is longer than the ball
     lower, upper = (np.array(config["data"][f"box_{side}"]) for side in ("lower", "upper"))
     room = MARGIN * (upper - lower).max() / (1.0 + 2.0 * MARGIN)
-    assert np.all(np.abs(lower + room - (centre - RADIUS)) < voxel)
-    assert np.all(np.abs(upper - room - (centre + RADIUS)) < voxel)
+    cameras = scale * rig()[:, :, 3] @ rotation.T + shift
+    found, expected = np.array([lower + room, upper - room]), hull_bounds(centre, scale * RADIUS, cameras)
+    np.testing.assert_allclose(found, expected, atol=PIXEL)
     assert np.all(lower <= centre - RADIUS) and np.all(upper >= centre + RADIUS)
     np.testing.assert_allclose(config["physics"]["gravity"], [0.0, -9.81, 0.0], atol=0.09)  # 0.5 degrees
     assert all(entry["time_offset"] == 0.0 for entry in done.entries), "the studio's cameras are in step"
