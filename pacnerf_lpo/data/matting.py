@@ -21,6 +21,9 @@ NOISE_FACTOR = 8.0
 THRESHOLD_FLOOR = 0.05
 RIM = 2
 """Half-width of the band in which opacity is estimated [pixels]."""
+RIM_SMOOTHING = 1.0
+"""Standard deviation of the filter of opacity where the background comes from noisy frames [pixels]: an outline is
+smoother than that, and moves by a hundredth of a pixel where it is as round as fifty pixels."""
 NOISE_MARGIN = 0.15
 """Opacities this close to 0 or 1 count as 0 or 1."""
 REACH = 2.0
@@ -42,12 +45,14 @@ def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = 
     solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.
     """
     shade = shade_factor(image, background)
+    width = 0.0 if solid is None else RIM_SMOOTHING
     if solid is None:
         solid = solid_region(image, background, shade)
     inside, outside = ndimage.binary_erosion(solid, iterations=RIM), ~ndimage.binary_dilation(solid, iterations=RIM)
     plate = background * spread(shade[..., None], ~ndimage.binary_dilation(solid))
     alpha = rim_opacity(image, plate, spread(image, inside))
     alpha = np.where(inside, 1.0, np.where(outside, 0.0, alpha)).astype(np.float32)
+    alpha = ndimage.gaussian_filter(alpha, width)
     return unmix_onto_white(image, plate, alpha), alpha
 
 

@@ -17,7 +17,7 @@ from scipy import ndimage
 from pacnerf_lpo.data.matting import SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
 from pacnerf_lpo.data.recordings.media import library
-from pacnerf_lpo.data.recordings.other_views import NEVER, Expectation
+from pacnerf_lpo.data.recordings.other_views import Expectation
 
 KEYFRAMES = 16
 """Frames from which the background is found, spaced by how much moves between them: a rest is few, a fall is many."""
@@ -43,8 +43,8 @@ TOGETHER = 1.0
 """Standard deviation of the window in which pixels decide together [coarse pixels]."""
 DARKENED = 1.0 / SHADE_RANGE[0]
 """How much lighter a pixel may become, where the frame that stands for its background shows it in a shadow."""
-LIT = 0.8
-"""Quantile of brightness that is taken to be without shadow: some frames show a pixel before the shadow comes."""
+BRIGHT = 3.0
+"""Frames that are darker than the brightest by more than so many standard deviations are in a shadow."""
 RIM = 2
 """Pixels around an object that are mixed with it."""
 STRONGEST = 6.0
@@ -109,44 +109,64 @@ def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
     return float(chance[solid].sum() / max(solid.sum() + chance[near].sum(), 1.0))
 
 
-def still_background(
-    pictures: Callable[[], Iterator[np.ndarray]], expected: Expectation | None = None
-) -> Background | None:
+def still_background(pictures: Callable[[], Iterator[np.ndarray]]) -> Background | None:
     """What lies behind an object that moves before a camera that stands still; None where nothing moves.
 
     Args:
         pictures: all frames of the camera, each time it is called [0..1, (H, W, 3)].
-        expected: what the other views say.
     """
-    chosen = _keyframes(pictures)
-    frames = np.stack([_bytes(pixels) for number, pixels in enumerate(pictures()) if number in chosen])
+    frames = _chosen(pictures)[1]
     coarse = np.stack([_reduced(frame / np.float32(255.0)) for frame in frames])
     views = np.stack([smoothed(frame) for frame in coarse])
     noise = np.sqrt(2.0) * noise_of(views)
     seen = np.stack([[log_of_background(now, plate, noise, DARKENED) for now in views] for plate in views])
     factor = -(-max(frames.shape[1:3]) // COARSE)
-    prior = np.zeros(views.shape[:3])
-    if expected is not None:
-        prior = np.stack([_reduced(expected.log_odds(number)[..., None])[..., 0] for number in chosen])
-        far, covered = prior < 0.5 * NEVER, expected.share
-        hidden = np.stack([_reduced(expected.depth[number][..., None])[..., 0] for number in chosen]) > expected.unsure
-    else:
-        found, covered = _far_from_motion(seen, noise), COVERED
-        if found is None:
-            return None
-        far, hidden = found, np.zeros_like(found)
+    far = _far_from_motion(seen, noise)
+    if far is None:
+        return None
     colours = Colours.unknown()
     for _ in range(ROUNDS):
-        plate = _most_probable(views, seen, noise, far, hidden, covered, colours)
+        plate = _most_probable(views, seen, noise, far, colours)
         background = Background(plate, noise, np.ones(noise.shape, bool), colours, DARKENED)
         for _ in range(ROUNDS):
-            odds = [background.denoised_odds(*pair) for pair in zip(coarse, prior, strict=True)]
-            solid = np.stack([solid_part(one) for one in odds])
+            solid = np.stack([solid_part(background.denoised_odds(image)) for image in coarse])
             colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in solid])])
-            shows = _shows_background(views, solid | hidden, noise)
+            shows = _lit(views, _outside(solid), noise)
             background = replace(_composed(coarse, shows, colours), brightest=DARKENED)
     fine = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, : frames.shape[1], : frames.shape[2]]
     return _composed(frames, fine, colours)
+
+
+def background_by_views(
+    pictures: Callable[[], Iterator[np.ndarray]], expected: Expectation, masks: np.ndarray
+) -> Background:
+    """The same, where other views say which frames show background; first where they are sure, then wherever these
+    backgrounds, perhaps in a shadow then, say so too.
+
+    Args:
+        pictures: as for :func:`still_background`. expected: what the other views say.
+        masks: where this camera held the object to be [(F, H, W), bool].
+    """
+    chosen, frames = _chosen(pictures)
+    views = np.stack([smoothed(frame / np.float32(255.0)) for frame in frames])
+    noise = np.sqrt(2.0) * noise_of(views)
+    free = np.stack([expected.free(number) for number in chosen])
+    inside = masks[chosen] & (expected.depth[chosen] > 1.0)
+    colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in inside])])
+    shows = np.where(free.any(axis=0), free, _outside(masks[chosen]))
+    found = replace(_composed(frames, _lit(views, shows, noise), colours), brightest=DARKENED)
+    odds = [
+        found.denoised_odds(frame / np.float32(255.0), expected.log_odds(number))
+        for number, frame in zip(chosen, frames, strict=True)
+    ]
+    shows = free | _outside(np.stack([solid_part(one) for one in odds]))
+    return _composed(frames, _lit(views, shows, noise), colours)
+
+
+def _chosen(pictures: Callable[[], Iterator[np.ndarray]]) -> tuple[list[int], np.ndarray]:
+    """Numbers of the frames that decide, and these frames [bytes, (F, H, W, 3)]."""
+    chosen = _keyframes(pictures)
+    return chosen, np.stack([_bytes(pixels) for number, pixels in enumerate(pictures()) if number in chosen])
 
 
 def _keyframes(pictures: Callable[[], Iterator[np.ndarray]]) -> list[int]:
@@ -207,47 +227,38 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
         moving[t] = _pieces(ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach], 0.1)
         moving[t] = convex_hull_object(moving[t])
     away = FAR * np.sqrt(np.median(moving.sum(axis=(1, 2))))
-    return np.stack([one.any() and ndimage.distance_transform_edt(~one) > away for one in moving])
+    return np.stack([(ndimage.distance_transform_edt(~one) > away) & one.any() for one in moving])
 
 
 def _most_probable(
-    views: np.ndarray,
-    seen: np.ndarray,
-    noise: np.ndarray,
-    far: np.ndarray,
-    hidden: np.ndarray,
-    covered: float,
-    colours: Colours,
+    views: np.ndarray, seen: np.ndarray, noise: np.ndarray, far: np.ndarray, colours: Colours
 ) -> np.ndarray:
     """For each pixel the colour that, lit or in a shadow, explains all frames best as background [(H, W, 3)]."""
-    chance = np.where(far, FREE, covered)
+    chance = np.where(far, FREE, COVERED)
     as_object = np.log(chance) + colours.log_of(views)
     weight = np.where(far, 1.0, NEAR)
     scores = [(weight * np.logaddexp(np.log(1.0 - chance) + one, as_object)).sum(axis=0) for one in seen]
     best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)[None]
     one = -1.5 * np.log(2.0 * np.pi * noise**2) - np.take_along_axis(seen, best[None], axis=0)[0] < MOVED
-    return np.take_along_axis(views, _lit(views, one & ~hidden, best)[..., None], axis=0)[0]
+    shows = _lit(views, one, noise)
+    return (shows[..., None] * views).sum(axis=0) / shows.sum(axis=0)[..., None]
 
 
-def _lit(views: np.ndarray, shows: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """The frame in which each pixel is lit best, but for the brightest few [(1, H, W)].
+def _lit(views: np.ndarray, shows: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Which of the frames that show the background show it without a shadow [(F, H, W), bool].
 
     Args:
-        views: (F, H, W, 3). shows: frames to choose from (F, H, W). otherwise: frame where there are none (1, H, W).
+        views: (F, H, W, 3). shows: frames to choose from (F, H, W). noise: (H, W).
     """
-    order = np.argsort(np.where(shows, views.mean(axis=-1), np.inf), axis=0)
-    count = shows.sum(axis=0, keepdims=True)
-    place = np.maximum(np.round(LIT * (count - 1)).astype(int), 0)
-    return np.where(count > 0, np.take_along_axis(order, place, axis=0), otherwise)
+    light = np.where(shows, views.mean(axis=-1), -np.inf)
+    return shows & (light > light.max(axis=0) - BRIGHT * noise)
 
 
-def _shows_background(views: np.ndarray, solid: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Which frames show the background in each pixel, lit [(F, H, W), bool]: outside the object, its holes and rim."""
+def _outside(solid: np.ndarray) -> np.ndarray:
+    """Outside of objects [(F, H, W), bool], of their holes and of their rims, which are mixed with them."""
     rim = ndimage.generate_binary_structure(2, 1)
-    covered = [ndimage.binary_dilation(ndimage.binary_fill_holes(one), rim, iterations=RIM) for one in solid]
-    light, free = views.mean(axis=-1), ~np.array(covered)
-    lit = np.take_along_axis(light, _lit(views, free, np.zeros((1, *light.shape[1:]), int)), axis=0)
-    return free & (np.abs(light - lit) < 2.0 * noise)
+    filled = (ndimage.binary_dilation(ndimage.binary_fill_holes(one), rim, iterations=RIM) for one in solid)
+    return ~np.stack(list(filled))
 
 
 def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:

@@ -67,7 +67,7 @@ def log_of_background(
     tinged = variance + (TINGE * (1.0 - shade)) ** 2 * (plate**2).mean(-1)
     lit = ((image - plate) ** 2).sum(-1) / (2.0 * variance)
     shaded = ((image - plate * shade[..., None]) ** 2).sum(-1) / (2.0 * tinged)
-    shaded += RARE + 1.5 * np.log(tinged / variance)
+    shaded += np.where(shade < 1.0, RARE, 0.0) + 1.5 * np.log(tinged / variance)
     return -np.minimum(lit, shaded) - 1.5 * np.log(2.0 * np.pi * variance)
 
 

@@ -8,7 +8,13 @@ import numpy as np
 
 from pacnerf_lpo.data.images import on_white, read_png
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.recordings.background import Background, expected_overlap, solid_part, still_background
+from pacnerf_lpo.data.recordings.background import (
+    Background,
+    background_by_views,
+    expected_overlap,
+    solid_part,
+    still_background,
+)
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
@@ -100,27 +106,32 @@ class Mattes:
         helped = " and the other views" if self.expected is not None else ""
         return f"{self.way}{helped}"
 
-    def find_background(self, expected: Expectation | None = None) -> None:
+    def find_background(self) -> None:
         """Find the background in the video itself, for all mattes from now on.
-
-        Args:
-            expected: what the other views say about this camera, if they do.
 
         Raises:
             UserInputError: nothing moves.
         """
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
-        self.still = still_background(
-            lambda: (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames()), expected
-        )
-        if self.still is None:
+        found = still_background(self._pictures)
+        if found is None:
             raise UserInputError(
                 f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
                 f"background as backgrounds/{camera.name}.png"
             )
+        self.still, self.plate = found, found.plate
+        doing("matting the videos")
+
+    def correct_background(self, expected: Expectation, masks: np.ndarray) -> None:
+        """Find it again with what the other views say about all frames, and the mattes so far [(F, H, W), bool]."""
+        doing(f"comparing camera {self.camera.name} with the other views")
+        self.still = background_by_views(self._pictures, expected, masks)
         self.plate, self.expected = self.still.plate, expected
         doing("matting the videos")
+
+    def _pictures(self) -> Iterator[np.ndarray]:
+        return (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames())
 
     def __iter__(self) -> Iterator[np.ndarray]:
         """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""

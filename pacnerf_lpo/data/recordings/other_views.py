@@ -20,7 +20,11 @@ FEWEST = 3
 OUTVOTED = 4
 """Other views from which on one of them may miss a part of the object."""
 CELLS = 44
-"""Cells along the box around all motion; those on the object are halved once more."""
+"""Cells along the box around all motion."""
+HALVED = 2
+"""How often cells on the object are halved: then they are about as large as a pixel, where it fills a third of one."""
+NEAR = 2
+"""Pixels by which outlines are widened while cells are large, so that none is lost whose middle is off the object."""
 ROOM = 1.4
 """Size of that box relative to what the middle one of the cameras sees of the motion."""
 IN_STEP = 0.1
@@ -29,10 +33,12 @@ UNSURE = 1.5
 """Pixels by which outlines of good mattes and calibrations differ from each other's hull, beside its cells."""
 AGREES = 0.5
 """Part of a matte that lies on the others' hull, below which a calibration or clock is wrong and says nothing here."""
-NEVER = -4.0
-"""Log odds of the object outside the others' hull."""
-WITHIN = (0.7, 0.9)
-"""Probability of the object inside it, at least and at most: some hulls are much larger than their bodies."""
+BINS = 3
+"""Depths in the hull are counted up to so many pixels, positive and negative: beyond, nothing depends on them."""
+SURE = 4.0
+"""Log odds up to which the hull counts: an outline has two per cent of wrong pixels."""
+FREE = -2.0
+"""Log odds below which a pixel counts as background: seven to one."""
 
 
 @dataclass(frozen=True)
@@ -62,18 +68,21 @@ class Expectation:
     depth: how far inside their hull each pixel is, negative outside [pixels, (F, H, W)]
     loose: the same for the hull if one of them may be wrong
     unsure: how exact that is [pixels]
-    share: part of the hull that shows the object
+    table: log odds of the object by both depths [pixels from -BINS to BINS, (loose, depth)]
     """
 
     depth: np.ndarray
     loose: np.ndarray
     unsure: float
-    share: float
+    table: np.ndarray
 
     def log_odds(self, frame: int) -> np.ndarray:
         """Log odds of the object in each pixel of a frame, before its colour is looked at [(H, W)]."""
-        within, rim = float(np.log(self.share / (1.0 - self.share))), (-self.unsure, self.unsure)
-        return np.interp(self.loose[frame], rim, (NEVER, 0.0)) + np.interp(self.depth[frame], rim, (0.0, within))
+        return self.table[_bins(self.loose[frame]), _bins(self.depth[frame])]
+
+    def free(self, frame: int) -> np.ndarray:
+        """Where the others are sure that a frame shows background [(H, W), bool]."""
+        return (self.loose[frame] < -self.unsure) | (self.log_odds(frame) < FREE)
 
     def at(self, frames: np.ndarray) -> Expectation:
         """Of some of the frames, by their numbers."""
@@ -91,35 +100,59 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     points, cell = _box(cameras, centre)
     places = [_pixels(points, camera) for camera in cameras]
     step = float(np.median(np.diff(cameras[0].times)))
-    found: list[Expectation | None] = []
+    found: list[tuple[np.ndarray, np.ndarray, float] | None] = []
     for number, camera in enumerate(tqdm(cameras, desc="comparing the views", delay=2.0, leave=False)):
         others = [other for other in range(len(cameras)) if other != number]
-        depths, cells = [], [1.0]
+        depths, sizes = [], [1.0]
         for time in camera.times:
-            masks = [ndimage.binary_dilation(cameras[other].at(time, step)) for other in others]
-            missed = _missed([places[other] for other in others], masks)
-            kept = points[missed <= int(len(others) >= OUTVOTED)]
-            fine = (kept[:, None] + 0.25 * cell * (2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0)).reshape(-1, 3)
-            missed = _missed([_pixels(fine, cameras[other]) for other in others], masks)
+            masks = [cameras[other].at(time, step) for other in others]
+            wide = [ndimage.binary_dilation(mask, iterations=NEAR) for mask in masks]
+            missed, fine = _missed([places[other] for other in others], wide), points
+            for level in range(HALVED):
+                fine = _halves(fine[missed <= int(len(others) >= OUTVOTED)], cell / 2**level)
+                seen = [_pixels(fine, cameras[other]) for other in others]
+                missed = _missed(seen, masks if level == HALVED - 1 else wide)
             depths.append([])
             for wrong in (0, int(len(others) >= OUTVOTED)):
                 hull = fine[missed <= wrong]
                 if len(hull):
-                    picture, corner, scale = hull_picture(hull, 0.5 * cell, camera.view)
-                    cells.append(RASTER / scale)
+                    picture, corner, scale = hull_picture(hull, cell / 2**HALVED, camera.view)
+                    sizes.append(RASTER / scale)
                     depths[-1].append(_depth(picture, corner, scale, camera.masks.shape[1:]))
                 else:
                     depths[-1].append(np.full(camera.masks.shape[1:], -float(max(camera.masks.shape))))
         strict, loose = np.array(depths, np.float32).swapaxes(0, 1)
-        found.append(_expectation(strict, loose, UNSURE + float(np.median(cells)), camera.masks))
-    return found
+        unsure = UNSURE + float(np.median(sizes))
+        found.append((strict, loose, unsure) if _agrees(strict, loose, unsure, camera.masks) else None)
+    table = _table([(*one[:2], camera.masks) for one, camera in zip(found, cameras, strict=True) if one is not None])
+    return [None if one is None else Expectation(*one, table) for one in found]
 
 
-def _expectation(strict: np.ndarray, loose: np.ndarray, unsure: float, masks: np.ndarray) -> Expectation | None:
-    if not masks.any() or not (strict > 0.0).any() or (masks & (loose > -unsure)).sum() < AGREES * masks.sum():
-        return None
-    share = float(np.clip((masks & (strict > 0.0)).sum() / (strict > 0.0).sum(), *WITHIN))
-    return Expectation(strict, loose, unsure, share)
+def _agrees(strict: np.ndarray, loose: np.ndarray, unsure: float, masks: np.ndarray) -> bool:
+    inside = (masks & (loose > -unsure)).sum()
+    return bool(masks.any() and (strict > 0.0).any() and inside >= AGREES * masks.sum())
+
+
+def _bins(depth: np.ndarray) -> np.ndarray:
+    return (np.clip(np.round(depth), -BINS, BINS) + BINS).astype(int)
+
+
+def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Log odds of the object at each pair of depths, counted in all views and frames [(2 BINS + 1, 2 BINS + 1)].
+
+    Args:
+        parts: depth in the hull and in the loose one, and masks, of each view [(F, H, W) each].
+    """
+    counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)  # Jeffreys' prior
+    for strict, loose, masks in parts:
+        np.add.at(counts, (masks.astype(int), _bins(loose), _bins(strict)), 1.0)
+    return np.clip(np.log(counts[1] / counts[0]), -SURE, SURE)
+
+
+def _halves(points: np.ndarray, cell: float) -> np.ndarray:
+    """The centres of the eight halves of each cell, of this edge [(8 N, 3)]."""
+    corners = 2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0
+    return (points[:, None] + 0.25 * cell * corners).reshape(-1, 3)
 
 
 def _box(cameras: Sequence[Silhouettes], centre: np.ndarray) -> tuple[np.ndarray, float]:

@@ -65,7 +65,7 @@ def test_a_body_before_a_still_camera(moments, texture):
     images, true = filmed(1, moments, backdrop)
     found, solid, sure = matted(images)
     seen = overlaps(solid, true)
-    assert seen.mean() > 0.96 and np.sort(seen)[1] > 0.93  # one frame alone shows what is behind the turning point
+    assert seen.mean() > 0.96 and seen.min() > 0.93
     assert np.abs(found.plate - backdrop)[found.known].mean() < NOISE
     assert min(sure) > 0.9
 
