@@ -189,7 +189,7 @@ def matted(body: str, texture: str, folder: Path) -> dict[str, Any]:
         "cameras": found.mean(axis=1).tolist(),
         "said": float(said[1]) if said else None,
         "said_worst": float(said[3]) if said else None,
-        "asked": REACHED["uniform" if texture == "uniform" else "textured"],
+        "asked": asked(row),
         "seconds": time.process_time() - began,
     }
 
@@ -206,7 +206,14 @@ def page(rows: list[dict[str, Any]]) -> str:
         values = [f"{row[key]:.3f}" for key in ("mean", "asked", "frame_0", "after_contact", "worst")]
         said = "" if row["said"] is None else f"{row['said']:.2f}, worst camera {row['said_worst']:.2f}"
         lines.append(f"| {' | '.join((row['body'], row['background'], *values, cameras, said))} |")
-    return INTRODUCTION + "\n".join(lines) + "\n"
+    missed = [f"{row['body']} on {row['background']}" for row in rows if not row.get("mean", 0.0) >= asked(row)]
+    said = f"What is asked for is **missed** by: {', '.join(missed)}." if missed else "All reach what is asked for."
+    return INTRODUCTION + said + "\n\n" + "\n".join(lines) + "\n"
+
+
+def asked(row: dict[str, Any]) -> float:
+    """Mean IoU that is asked for in a case."""
+    return REACHED["uniform" if row["background"] == "uniform" else "textured"]
 
 
 INTRODUCTION = f"""\

@@ -14,8 +14,10 @@ from pacnerf_lpo.data.recordings.other_views import Silhouettes, expectations
 from pacnerf_lpo.data.recordings.shots import Shots, look, synchronised
 from pacnerf_lpo.data.recordings.written_scene import View
 
-ROUNDS = 4
-"""How often: in a round, right views correct a wrong one by a few pixels along its rim."""
+ROUNDS = 6
+"""How often at most: in a round, right views correct a wrong one by a few pixels along its rim."""
+SETTLED = 0.995
+"""Overlap of mattes with those of the round before, from which on nothing more is gained: a pixel in two hundred."""
 
 
 def refined(
@@ -33,8 +35,10 @@ def refined(
         size: width and height to which images are extended [pixels].
         shots, clocks: as they are with mattes of single views.
     """
+    if all(matted.still is None for matted in mattes):
+        return shots, clocks
+    views = [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
     for _ in range(ROUNDS):
-        views = [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
         found = expectations(views, nearest_point([shot.sighting for shot in shots]))
         better = [one is not None and matted.still is not None for one, matted in zip(found, mattes, strict=True)]
         if not any(better):
@@ -46,7 +50,17 @@ def refined(
                 matted.correct_background(one.at(nearest), views[view].masks[nearest])
                 shots[view] = look(folder, view, matted, stamps[view], size)
         shots, clocks = synchronised(shots)
+        before, views = views, [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
+        if min(_overlap(*pair) for pair in zip(before, views, strict=True)) > SETTLED:
+            break
     return shots, clocks
+
+
+def _overlap(one: Silhouettes, other: Silhouettes) -> float:
+    """Intersection over union of all frames together; 0 where their number has changed."""
+    if one.masks.shape != other.masks.shape:
+        return 0.0
+    return float((one.masks & other.masks).sum() / max((one.masks | other.masks).sum(), 1))
 
 
 def _silhouettes(mattes: Mattes, shots: Shots, offset: float) -> Silhouettes:
