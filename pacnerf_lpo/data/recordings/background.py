@@ -268,7 +268,7 @@ def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Backgr
         frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W). colours: of the object.
     """
     scale = np.float32(255.0 if frames.dtype == np.uint8 else 1.0)
-    count, known = shows.sum(axis=0), shows.any(axis=0)
+    count, known = shows.sum(axis=0), np.asarray(shows.any(axis=0))
     total, squares = np.zeros(frames.shape[1:], np.float32), np.zeros(known.shape)
     for frame, shown in zip(frames, shows, strict=True):
         total += shown[..., None] * (frame / scale)

@@ -58,7 +58,7 @@ class Silhouettes:
         """The mask at a time [s]; the frames before and after it together, where there is none then [(H, W), bool]."""
         near = np.abs(self.times - time) < step
         exact = np.abs(self.times - time) < IN_STEP * step
-        return self.masks[exact if exact.any() else near].any(axis=0)
+        return np.asarray(self.masks[exact if exact.any() else near].any(axis=0))
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,8 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     found: list[tuple[np.ndarray, np.ndarray, float] | None] = []
     for number, camera in enumerate(tqdm(cameras, desc="comparing the views", delay=2.0, leave=False)):
         others = [other for other in range(len(cameras)) if other != number]
-        depths, sizes = [], [1.0]
+        depths: list[list[np.ndarray]] = []
+        sizes = [1.0]
         for time in camera.times:
             masks = [cameras[other].at(time, step) for other in others]
             wide = [ndimage.binary_dilation(mask, iterations=NEAR) for mask in masks]
