@@ -19,7 +19,7 @@ from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCE, FORCES, SHAPE, Screening, judge, probe
+from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -124,7 +124,7 @@ def investigate(
         except SimulationError as error:
             if not rounds:
                 raise
-            _leave_out(problem, rounds[-1], error)
+            _leave_out(problem, store, rounds, error, told)
         last = rounds[-1]
         keep(rounds)
         if last.accepted is None or options.until != "refit":
@@ -186,7 +186,7 @@ def _round(
     progress: Callable[[str], None],
 ) -> Round:
     latest = (before[-1].effects, before[-1].comparison) if before else None
-    number = "_without_".join([str(len(before) + 1), *(before[-1].left_out if before else ())])
+    number = _number(len(before) + 1, before[-1] if before else None)
     settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
     step = partial(compare, problem, effects, known, settings, not before, told, latest)
     comparison: Comparison = store.once(f"{number}_compare", step)
@@ -235,27 +235,52 @@ def _select(problem: Problem, found: Round, screening: Screening) -> None:
             break
 
 
-def _leave_out(problem: Problem, found: Round, error: SimulationError) -> None:
-    """Do without the refit that was taken over, whose model cannot be examined; the next best takes its place."""
+def _leave_out(
+    problem: Problem, store: Store, rounds: Sequence[Round], error: SimulationError, progress: Callable[[str], None]
+) -> None:
+    """Do without the refit that was taken over in the last round, whose model cannot be examined; the next best takes
+    its place. What was given up as it fell behind that one has another chance.
+    """
+    found = rounds[-1]
     assert found.accepted is not None and found.screening is not None
     name = found.accepted.name
     found.left_out[name] = str(error)
-    found.refits = [again for again in found.refits if again.name != name]
+    kept = [again for again in found.refits if again.name != name]
+    number = _number(len(rounds), found)
+    found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
+    found.effort["refit"]["simulations"] += simulated
     _select(problem, found, found.screening)
 
 
+def _number(count: int, found: Round | None) -> str:
+    """Of a round in the names of its steps: effects that a round had to leave out make others of it and the next."""
+    return "_without_".join([str(count), *(found.left_out if found else ())])
+
+
 def _refits(
-    problem: Problem, store: Store, number: str, found: Round, screening: Screening, progress: Callable[[str], None]
+    problem: Problem,
+    store: Store,
+    number: str,
+    found: Round,
+    screening: Screening,
+    progress: Callable[[str], None],
+    kept: Sequence[Refit] = (),
 ) -> tuple[list[Refit], int]:
     """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
     while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model
     without them has gone far from what was expected and no effect explains the most of it, by a search of their own
     parameter space, too.
+
+    Args:
+        problem, store, number, found, screening, progress: the round.
+        kept: refits of it that there are already.
     """
-    refits: list[Refit] = []
+    refits: list[Refit] = list(kept)
     simulated = [0]
 
     def attempt(candidate: Candidate, searched: bool) -> None:
+        if any(candidate.name == again.name for again in kept):
+            return
         near = [again.cost for again in refits if again.name not in screening.outside]
         told = _prefixed(progress, f"refit with {candidate.name}: ")
         step = partial(refit, problem, found.effects, found.comparison, candidate, screening, told)
@@ -270,9 +295,9 @@ def _refits(
             refits[:] = [other for other in refits if other is not before] + [again]
 
     size = int(problem.fitted.sum())
-    nonlocal_ = [c for c in found.candidates if c.discrete and not c.observes]
-    scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name not in (FORCE, SHAPE)}
-    by_name = {candidate.name: candidate for candidate in found.candidates}
+    by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
+    nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
+    scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
     for name in worth_refitting(list(scored.items()), screening.threshold):
         attempt(by_name[name], False)
     for searched in (False, True) if bent(found.comparison) else (False,):

@@ -50,6 +50,8 @@ class Falling(Problem):
 
     spacing = SPACING
     first_guess = GUESS
+    least_shape_error = 0.002
+    """The ball is known but for its sampling [m]."""
 
     def __init__(self, hidden: dict[str, float], seed: int = 0):
         rig = hemisphere_rig(VIEWS, SIZE, (0.0, 0.4, 0.0), 2.2, 40.0)

@@ -95,6 +95,7 @@ def test_a_spin_that_was_measured_with_the_wrong_sense_shows(tmp_path):
     sides = [flight["side"] for flight in result["flights"]]
     clear = [(side["angle"], sign) for side, sign in zip(sides, signs, strict=True) if side["size"] > 3 * side["error"]]
     assert len(clear) >= 2 and all(angle < 45 if sign > 0 else angle > 135 for angle, sign in clear)
+    assert any(detail.startswith("Direction of the force by spin") for detail in result["verdict"]["details"])
 
 
 def test_noise_that_lasts_is_known_and_not_learnt_from_replicates(tmp_path):

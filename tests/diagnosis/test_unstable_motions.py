@@ -89,6 +89,19 @@ def test_an_effect_whose_model_cannot_be_examined_is_left_out_and_said_to_be(tmp
     assert (verdict(again), again[0].left_out) == (verdict(rounds), rounds[0].left_out)
 
 
+def test_what_fell_behind_is_tried_once_the_best_is_left_out(tmp_path, monkeypatch, small_threads):
+    """Beside strong drag, wind is not worth a fit; where drag cannot be examined, it is."""
+    falling.install(monkeypatch)
+    (tmp_path / "stable").mkdir()
+    stable = diagnosed(tmp_path / "stable", drag=4.0)
+    assert "UniformForce" not in [again.name for again in stable[0].refits]
+    fine = 0.95 * falling.SPACING
+    falling.install(monkeypatch, lambda model, _: "drag" in model.names and model.body.spacing < fine)
+    rounds = diagnosed(tmp_path, drag=4.0)
+    assert list(rounds[0].left_out) == ["LinearDrag"]
+    assert "UniformForce" in [again.name for again in rounds[0].refits]
+
+
 def test_an_effect_stays_where_the_model_without_it_is_unstable(tmp_path, monkeypatch, small_threads):
     """Drag and wind are found; what would then be removed, stays, with the reason."""
     left = []
