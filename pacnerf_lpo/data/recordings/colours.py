@@ -25,10 +25,8 @@ NOISIEST = 2.0
 TINGE = 0.1
 """By how much a shadow changes colours beside scaling them, relative to what it takes away: light that is thrown back
 by the surroundings has another hue than that of the lamp."""
-RARE = 3.0
-"""Log odds against a pixel of the background being in a shadow of the object."""
-SHADOW_EDGE = 1.5
-"""Standard deviation of the window in which one shade is measured [pixels]: lamps are no points."""
+RARE = 1.5
+"""Log odds against a pixel of the background being in a shadow of the object: near it, one in five is."""
 
 
 def smoothed(image: np.ndarray, width: float = SMOOTHING) -> np.ndarray:
@@ -57,18 +55,18 @@ def log_of_background(
 ) -> np.ndarray:
     """Log density of colours where the background is seen, lit as on the plate or in a shadow of the object [(H, W)].
 
+    Every shade from black to the brightest is as probable as any other: next to what touches it, a ground is black.
+
     Args:
         image, plate: smoothed [0..1, (H, W, 3)]. noise: standard deviation of both together (H, W).
         brightest: how much lighter than the plate the background may be; more where the plate may show a shadow.
     """
-    variance = noise**2
-    shade = smoothed((image * plate).sum(-1), SHADOW_EDGE) / smoothed((plate**2).sum(-1) + 1e-6, SHADOW_EDGE)
-    shade = np.clip(shade, SHADE_RANGE[0], brightest)
+    variance, length = noise**2, np.linalg.norm(plate, axis=-1) + FINEST
+    shade = np.clip((image * plate).sum(-1) / length**2, 0.0, brightest)
     tinged = variance + (TINGE * (1.0 - shade)) ** 2 * (plate**2).mean(-1)
-    lit = ((image - plate) ** 2).sum(-1) / (2.0 * variance)
-    shaded = ((image - plate * shade[..., None]) ** 2).sum(-1) / (2.0 * tinged)
-    shaded += np.where(shade < 1.0, RARE, 0.0) + 1.5 * np.log(tinged / variance)
-    return -np.minimum(lit, shaded) - 1.5 * np.log(2.0 * np.pi * variance)
+    lit = ((image - plate) ** 2).sum(-1) / (2.0 * variance) + 1.5 * np.log(2.0 * np.pi * variance)
+    shaded = ((image - plate * shade[..., None]) ** 2).sum(-1) / (2.0 * tinged) + np.log(2.0 * np.pi * tinged)
+    return np.asarray(np.logaddexp(-lit, -shaded - np.log(brightest * length) - RARE))
 
 
 @dataclass(frozen=True)
