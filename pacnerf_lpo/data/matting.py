@@ -2,8 +2,8 @@
 
 A shadow scales the plate without changing its hue, so a pixel belongs to the object where no scaling within a shadow's
 range explains it. Along the rim the opacity a solves the compositing equation I = a F + (1 - a) B, with F from the
-object's inside and B the shaded plate from just outside. Where the object was found by other means, its lower rim stands
-in its own contact shadow, which goes from light to black within a few pixels: there, the light on F and on B is unknown.
+object's inside and B the shaded plate from just outside. Where the object was found by other means, its lower rim may
+stand in its contact shadow, which goes from light to black within a few pixels: there, the light on F and B is unknown.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def rim_opacity(image: np.ndarray, plate: np.ndarray, object_colour: np.ndarray)
 
 
 def rim_opacity_in_shadow(image: np.ndarray, plate: np.ndarray, object_colour: np.ndarray) -> np.ndarray:
-    """Posterior mean of a in I = a f F + (1 - a) s B [(N,)], all colours (N, 3), where the light f on the object and s on
-    the plate are normal variables around 1, and I has noise: the likelihood of each a is then normal, too.
+    """Posterior mean of a in I = a f F + (1 - a) s B [(N,)], all colours (N, 3), where the light f on the object and s
+    on the plate are normal variables around 1, and I has noise: the likelihood of each a is then normal, too.
     """
     scores = []
     for alpha in OPACITIES:

@@ -101,6 +101,8 @@ def solid_part(odds: np.ndarray) -> np.ndarray:
 def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
     """Intersection over union that a matte has with the truth, if the log odds are right: the figure of how sure it is.
 
+    It is an upper bound: what all views take for the object, such as a contact shadow in its colours, is not in it.
+
     Args:
         odds: log odds of the object [(H, W)]. solid: the matte [(H, W), bool].
     """

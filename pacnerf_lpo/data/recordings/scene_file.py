@@ -97,7 +97,8 @@ def _mattes(scene: Scene) -> str:
     if scene.overlaps[worst] == 1.0:
         return how
     sure = f"overlap (IoU) expected with the truth {np.mean(scene.overlaps):.2f}"
-    return f"{how}; {sure}, in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
+    sure += f", in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
+    return f"{how}; {sure}, if their colours tell object and background apart; a common error of all views is not in it"
 
 
 def _clock(scene: Scene) -> str:
