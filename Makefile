@@ -9,7 +9,7 @@ INSTALLED := .venv/installed
 THREADS := OMP_NUM_THREADS=$(shell expr \( $$(getconf _NPROCESSORS_ONLN) + 1 \) / 2)
 JOBS := $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$((n < 8 ? n : 8)))
 
-.PHONY: demo bird torus test lint clean
+.PHONY: demo bird torus test lint docs clean
 
 # two scenes at the same time, each going on where it was stopped: an elastic bird, whose progress is shown, and a torus
 # that falls under a hidden effect, whose progress is kept in a file
@@ -41,8 +41,12 @@ lint: $(INSTALLED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "$(abspath build/site)/index.html"
+
 clean:
-	rm -rf .venv runs
+	rm -rf .venv build runs
 
 # a stamp is newer than what it was installed from, so an installation is not repeated
 $(READY): pyproject.toml setup.py constraints.txt

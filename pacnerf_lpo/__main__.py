@@ -12,7 +12,7 @@ from pacnerf_lpo import __version__
 from pacnerf_lpo.callbacks.stop_request import INTERRUPTED, end_at_once
 from pacnerf_lpo.commands import call
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
-from pacnerf_lpo.heartbeat import heartbeat
+from pacnerf_lpo.heartbeat import doing, heartbeat
 
 # command: (what it does, module with the function run)
 COMMANDS = {
@@ -72,6 +72,7 @@ def _dispatch(words: list[str]) -> int:
         raise UserInputError(f"there is no command {words[0]}; {hint}")
     with heartbeat("loading the program"):
         module = import_module(COMMANDS[words[0]][1])
+        doing(f"at pacnerf-lpo {words[0]}")
         if words[0] not in READING:
             return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
         return module.run(words[1:])

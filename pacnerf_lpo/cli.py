@@ -52,11 +52,12 @@ NOT_CONFIGURABLE = {
 }
 DESCRIPTION = """Identify geometry and material from a multi-view video.
 
-usage: pacnerf-lpo fit SCENE [--preset auto|quick|cpu|paper] [options]
+usage: pacnerf-lpo fit SCENE [--out FOLDER] [--preset auto|quick|cpu|paper] [options]
        pacnerf-lpo fit SCENE SCENE ... --out FOLDER [--preset ...] [options]
        pacnerf-lpo fit --config FILE_OR_NAME [--config ...] [options]
 
-SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run; the same command goes on with it.
+SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run, or where --out says; the same
+command goes on with it.
 Several scenes of one object are reconstructed one by one and identified together.
 Of two options, and of two configurations, the later one counts.
 

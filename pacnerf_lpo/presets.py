@@ -72,8 +72,9 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
     """
     file = find_scene_file(folder)
     given, rest = take_option(words, "--preset")
+    out, rest = take_option(rest, "--out")
     own_dir, rest = take_option(rest, "--outer_loop.run_dir")
-    run_dir = Path(own_dir or folder / RUN)
+    run_dir = Path(own_dir or out or folder / RUN)
     name, remarks = _choose(given or "auto", run_dir)
     preset = PRESETS[name]
     values = flat(read_yaml(file))

@@ -83,17 +83,18 @@ class FieldGrid:
 class ParticleState:
     """All that crosses from one phase to the next. Plain tensors on the CPU; saved and loaded as such.
 
-    positions: at frame 0 [m, (N, 3)]
-    velocity: at frame 0 [m/s, (N, 3)]
-    density: raw volume density sigma [(N,)]
-    features: appearance [(N, 12)]
-    physics: physical parameters by name [SI units, scalars], e.g. ``{"E": 1e6, "nu": 0.3}``
-    spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
-    base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
-    colour_network: weights of the colour MLP, frozen after the static phase
-    erosion: raw density above that of the visible surface at which matter begins, with ``physics.matter: outlined``;
-        None otherwise
-    corrected: the particles were changed until their own motion fits the video; another sampling would not move so
+    Attributes:
+        positions: at frame 0 [m, (N, 3)]
+        velocity: at frame 0 [m/s, (N, 3)]
+        density: raw volume density sigma [(N,)]
+        features: appearance [(N, 12)]
+        physics: physical parameters by name [SI units, scalars], e.g. ``{"E": 1e6, "nu": 0.3}``
+        spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
+        base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
+        colour_network: weights of the colour MLP, frozen after the static phase
+        erosion: raw density above that of the visible surface at which matter begins, with
+            ``physics.matter: outlined``; None otherwise
+        corrected: the particles were changed until their own motion fits the video; another sampling would not move so
     """
 
     positions: Tensor

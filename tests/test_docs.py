@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import doctest
+import io
 import re
 import shlex
 import subprocess
 import sys
+from contextlib import redirect_stdout, suppress
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -14,7 +17,7 @@ import torch
 import yaml
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
-from pacnerf_lpo.__main__ import COMMANDS
+from pacnerf_lpo.__main__ import COMMANDS, main
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis.catalogue import known_classes
@@ -24,6 +27,7 @@ from tests.data.trajectories.throws import write_drops, write_throws
 
 ROOT = Path(__file__).resolve().parents[1]
 README, CONTRIBUTING, REAL = (ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md"))
+GUIDE = [README, *sorted(path for path in (ROOT / "docs").glob("*.md") if path != REAL)]
 LARGEST_PICTURES = 200_000
 """Of the pictures of the documentation together [bytes]."""
 
@@ -33,8 +37,9 @@ def blocks(path: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", path.read_text(), re.MULTILINE | re.DOTALL)
 
 
-def readme_commands() -> list[list[str]]:
-    lines = [line for block in blocks(README, "sh") for line in block.splitlines()]
+def guide_commands() -> list[list[str]]:
+    """Of README.md and the documentation, each once."""
+    lines = dict.fromkeys(line for path in GUIDE for block in blocks(path, "sh") for line in block.splitlines())
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("pacnerf-lpo ")]
 
 
@@ -63,35 +68,57 @@ def test_a_file_in_the_working_folder_is_found_by_the_command(tmp_path: Path):
     assert ended.returncode == 0, ended.stderr
 
 
-def test_readme_snippet(small_threads: None):
-    (snippet,) = blocks(README, "python")
-    test = doctest.DocTestParser().get_doctest(snippet, {}, "README.md", str(README), 0)
+def test_the_engines_snippet(small_threads: None):
+    (snippet,) = blocks(ROOT / "docs/engine.md", "python")
+    test = doctest.DocTestParser().get_doctest(snippet, {}, "engine.md", "docs/engine.md", 0)
     assert len(test.examples) > 5
     assert doctest.DocTestRunner().run(test).failed == 0
 
 
-def test_readme_commands_exist():
-    commands = readme_commands()
-    assert {words[0] for words in commands} == set(COMMANDS)
+def test_commands_exist():
+    assert {words[0] for words in guide_commands()} == set(COMMANDS)
     makefile = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"^make (\w+)", README.read_text(), re.MULTILINE):
+    targets = {name for path in GUIDE for name in re.findall(r"(?:^|`)make (\w+)", path.read_text(), re.MULTILINE)}
+    assert targets >= {"demo", "test", "docs"}
+    for target in targets:
         assert f"\n{target}:" in makefile
 
 
-@pytest.mark.parametrize("words", [words for words in readme_commands() if "--data.root" in words], ids=" ".join)
-def test_readme_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_options_exist():
+    """Of the commands that write nothing before they have read their options."""
+    checked = 0
+    for words in guide_commands():
+        if words[0] in ("fit", "synthesize"):  # whose configurations are parsed elsewhere
+            continue
+        known = helped(words[0])
+        for option in re.findall(r"--[\w-]+", " ".join(words[1:])):
+            assert option.replace("-", "_") in known, f"{words}: {option}"
+            checked += 1
+    assert checked > 20
+
+
+@lru_cache
+def helped(command: str) -> str:
+    shown = io.StringIO()
+    with redirect_stdout(shown), suppress(SystemExit):
+        main([command, "--help"])
+    return shown.getvalue().replace("-", "_")
+
+
+@pytest.mark.parametrize("words", [words for words in guide_commands() if "--data.root" in words], ids=" ".join)
+def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "my_scene.yaml").write_text((ROOT / "configs/scenes/torus.yaml").read_text())
     monkeypatch.chdir(tmp_path)
     assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
 
 
-@pytest.mark.parametrize("path", [README, CONTRIBUTING, REAL], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*GUIDE, CONTRIBUTING, REAL], ids=lambda path: path.name)
 def test_links_and_paths_exist(path: Path):
     text = path.read_text()
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    links = [link for link in links if "gallery/" not in link]  # made when the site is built, which checks them
     shown = re.findall(r"`((?:configs|notebooks|benchmarks|tests)/[\w/.]+)`", text)
     inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
-    assert links or shown
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
         assert (path.parent / name).exists() or (ROOT / name).exists(), name
 
@@ -126,6 +153,24 @@ def test_pictures_of_the_documentation_are_small():
     shown = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", REAL.read_text())
     assert len(shown) == 2
     assert 0 < sum((REAL.parent / name).stat().st_size for name in shown) < LARGEST_PICTURES
+
+
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    for kind in known_classes():
+        assert kind.signature[1:20] in (tmp_path / "gallery" / f"{kind.__name__}.html").read_text(), kind
+    pages = list(tmp_path.glob("**/*.html"))
+    assert len(pages) > 40
+    for page in pages:
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]* src=\"?(http[^\s\">]+)", page.read_text())
+        loaded += re.findall(r"<link[^>]*rel=\"?stylesheet\"?[^>]*href=\"?(http[^\s\">]+)", page.read_text())
+        assert not loaded, page
+
+
+def test_readme_is_short():
+    assert len(README.read_text().splitlines()) <= 150
 
 
 def test_table_of_effects_is_complete():

@@ -56,6 +56,10 @@ def test_sizes_follow_body_and_images(scene, preset: str):
     assert config.preset == preset and config.intervals == (preset == "quick")
 
 
+def test_the_run_goes_where_out_says(scene, tmp_path: Path):
+    assert parsed(scene(), "--out", str(tmp_path / "elsewhere")).outer_loop.run_dir == str(tmp_path / "elsewhere")
+
+
 def test_the_scene_file_wins_and_what_is_typed_wins_over_it(scene):
     static = {"class_path": "StaticGridModule", "init_args": {**BY_HAND["phases"]["static"]["init_args"]}}
     static["init_args"]["base_spacing"] = 0.1

@@ -14,6 +14,7 @@ from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
 from pacnerf_lpo.data.trajectories.scene import Solid
 from pacnerf_lpo.data.trajectories.sources import holds_positions, make_scenes, read_source
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.heartbeat import doing
 
 
 def run(
@@ -67,6 +68,7 @@ def run(
     """
     if shape is not None or holds_positions(Path(source)):
         return _flights(Path(source), Path(scene), Solid.stated(source, shape, size, mass), up, unit, fps, spins, start)
+    doing("reading the recording")
     recording = read_recording(Path(source), format)
     if fps is not None:
         recording = recording.with_frame_rate(fps)
@@ -78,6 +80,7 @@ def run(
     if leave_out:
         recording = recording.without(leave_out)
     print(f"{source}: layout {recording.layout}, {len(recording.cameras)} cameras", flush=True)
+    doing("finding outlines, clocks, up, scale and ground")
     written = convert(recording, Path(scene))
     path, found = write_scene_file(written), written.findings
     print("\n".join((f"clocks: {written.clocks}", *written.mended)))
@@ -103,6 +106,7 @@ def _flights(
     """Scenes of measured flights."""
     if scene.exists() and (not scene.is_dir() or any(scene.iterdir())):
         raise UserInputError(f"{scene}: is not empty; give a new folder")
+    doing("reading the recordings")
     recordings = read_source(source, fps, None if spins is None else Path(spins))
     print(f"{source}: {len(recordings)} recordings of positions", flush=True)
     folders, left_out = make_scenes(recordings, scene, solid, up, unit, start)
@@ -114,8 +118,10 @@ def look_at(scene: Path) -> Path:
     """Draw the page of a scene as its scene.yaml is now, and print what is doubtful; returns the page's path."""
     from pacnerf_lpo.report.scene_page import write_scene_page
 
+    doing("looking at the scene")
     look = examine(scene)
     warnings = scene_warnings(look)
     for warning in warnings:
         print(f"warning: {warning}", flush=True)
+    doing("drawing the page")
     return write_scene_page(look, warnings)

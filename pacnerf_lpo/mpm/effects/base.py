@@ -25,17 +25,19 @@ class Effect(ABC):
 
     Subclasses are one of the kinds below (where the effect acts) and fill in what the kind is known by:
 
-    parameters: every coefficient; ``Parameter.scale`` is the size at which it becomes noticeable.
-    null: the value of each at which the effect vanishes.
-    signature: one sentence: what a video shows of it.
-    confused_with: names of the classes that leave nearly the same signature, for whoever reads of the effect.
-    separating_experiment: one sentence: which other recording would separate it from those.
-    one_sided: whether the null lies on the boundary of what is physically possible.
-    of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
-    constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
-    acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
-    of_medium: whether the air or liquid around a body exerts it: nothing else reaches a rigid body in free flight.
-    probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its null).
+    Attributes:
+        parameters: every coefficient; ``Parameter.scale`` is the size at which it becomes noticeable.
+        null: the value of each at which the effect vanishes.
+        signature: one sentence: what a video shows of it.
+        confused_with: names of the classes that leave nearly the same signature, for whoever reads of the effect.
+        separating_experiment: one sentence: which other recording would separate it from those.
+        one_sided: whether the null lies on the boundary of what is physically possible.
+        of_recording: whether it belongs to one recording and not to the object: of several, each has its own.
+        constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
+        acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
+        of_medium: whether the air or liquid around a body exerts it: nothing else reaches a rigid body in free flight.
+        probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its
+            null).
 
     Args:
         guess: value of every parameter [SI].
