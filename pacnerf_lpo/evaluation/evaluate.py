@@ -64,10 +64,10 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "chosen_round": run.manifest.chosen_round,
     }
     results["contact"] = _contact(run, results)
-    results["doubts"] = [doubt.as_dict() for doubt in _doubts(run, results)]
     intervals = run.run_dir / INTERVALS_FILE
     if intervals.is_file():
         results["intervals"] = json.loads(intervals.read_text())
+    results["doubts"] = [doubt.as_dict() for doubt in _doubts(run, results)]
     if answer is not None:
         results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects

@@ -14,6 +14,7 @@ import torch
 from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
 from pacnerf_lpo.evaluation.doubts.identification import (
     doubts_about_identification,
+    doubts_about_intervals,
     doubts_about_parameters,
     doubts_about_velocity,
 )
@@ -175,6 +176,17 @@ def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float
     value = effect.null["ground_friction"] if friction is None else friction
     found = doubts_about_parameters(model(effects=[effect]), ball_state(ground_friction=value), {})
     assert [name for name in names(found) if name != "unusual"] == expected
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "determined", "expected"),
+    [(9e4, 1.1e5, True, []), (1.05e5, 1.1e5, True, ["outside_interval"]), (1.05e5, 1.1e5, False, [])],
+)
+def test_a_value_outside_its_own_interval(low: float, high: float, determined: bool, expected: list[str]):
+    intervals = {"E": {"value": 1.07e5, "low": low, "high": high, "determined": determined}}
+    found = doubts_about_intervals(model(), {"E": 1e5, "nu": 0.3}, intervals)
+    assert names(found) == expected
+    assert all("1e+05 Pa" in one.what and "1.05e+05 Pa" in one.what for one in found)
 
 
 def test_a_value_far_from_the_guess_where_nothing_was_searched():

@@ -9,6 +9,7 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.evaluation.doubts.identification import (
     doubts_about_identification,
+    doubts_about_intervals,
     doubts_about_parameters,
     doubts_about_velocity,
 )
@@ -65,10 +66,14 @@ def doubts_of_run(
         data: the video, prepared.
         physics: the model of the run.
         stages: the phases up to the one whose result counts.
-        results: of their evaluation.
+        results: of their evaluation, with the intervals where there are any.
     """
     latest = {stage.record.phase: stage for stage in stages}
     found = [doubt for stage in latest.values() for doubt in doubts_of_phase(data, physics, stage)]
+    intervals = results.get("intervals")
+    for stage in stages:
+        if intervals is not None and stage.stem == intervals["phase"]:
+            found += doubts_about_intervals(physics, stage.state.physics, intervals["parameters"])
     seen = [phase for phase in results["phases"] if "images" in phase and phase["stem"] in {s.stem for s in stages}]
     moving = [phase for phase in seen if phase["phase"] != "static"]
     return [*found, *doubts_about_images(results, (moving or seen)[-1])] if seen else found

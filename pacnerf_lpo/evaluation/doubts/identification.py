@@ -88,6 +88,39 @@ def doubts_about_parameters(
     return found
 
 
+def doubts_about_intervals(
+    physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
+) -> list[Doubt]:
+    """An identified value lies outside its own interval, which belongs to a fit of its own.
+
+    Args:
+        physics: the model.
+        identified: value of each parameter [SI].
+        intervals: ``low`` and ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
+    """
+    found = []
+    for name in physics.free_names:
+        parameter, interval = physics.parameters[name], intervals.get(name)
+        if interval is None or not interval["determined"] or name not in identified:
+            continue
+        low, high, value = interval["low"], interval["high"], identified[name]
+        if low <= value <= high:
+            continue
+        found.append(
+            Doubt(
+                "outside_interval",
+                f"physics, {name}",
+                f"{parameter.label} = {parameter.show(value)} is outside of its own interval, {parameter.show(low)} to "
+                f"{parameter.show(high)}",
+                "the interval is of a second fit, at another resolution, and both are coarse: the error of a grid is "
+                "larger than either says",
+                "trust no digit in which the two differ, and repeat at a finer resolution (--preset cpu, or a smaller "
+                "phases.static.init_args.base_spacing)",
+            )
+        )
+    return found
+
+
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
     """The misfit rose, or the iterations ended while parameters were still moving.
 
