@@ -61,6 +61,7 @@ def measure(run: str | Path, count: int = 30) -> dict[str, Any]:
         page = open_page(session, port=0)
         hand: Hand = pages()
         hand.open(page.url)
+        hand.until(lambda: not session.busy, 900)  # first answers are prepared in the background
         middle = next(setting.value for setting in session.settings if setting.name == "v_y")
         values = (middle + 0.3 * random.standard_normal(count)).round(3)
         found = np.array([hand.page.evaluate(MOVED, ["v_y", str(value)]) for value in values]) / 1000
