@@ -75,7 +75,9 @@ class Hand:
         """The history as one reads it: name, fitted and held-out error of every step, NaN where there is a dash."""
         found = []
         for cells in self.page.locator(".steps tr[data-go]").evaluate_all(
-            "rows => rows.map(row => [...row.cells].map(cell => cell.innerText))"
+            # not innerText: of a row that the page is replacing just now, that has no line breaks
+            "rows => rows.map(row => [...row.cells].map("
+            "cell => [...cell.childNodes].map(node => node.textContent).join(' ').trim()))"
         ):
             fitted, held = cells[3].split()
             found.append(

@@ -21,7 +21,7 @@ from pacnerf_lpo.export import points
 from pacnerf_lpo.export.files import whole_file, whole_folder
 from pacnerf_lpo.export.formats import FORMATS
 from pacnerf_lpo.mpm.physics import Physics
-from tests.test_docs import readme_commands
+from tests.test_docs import guide_commands
 
 STEM = "03_r1_correction"
 EXTRA = ("meshio", "pxr", "skimage", "trimesh")
@@ -56,7 +56,7 @@ def still_run(finished_run: Path, tmp_path: Path) -> Path:
     return run
 
 
-@pytest.mark.parametrize("words", [words for words in readme_commands() if words[0] == "export"], ids=" ".join)
+@pytest.mark.parametrize("words", [words for words in guide_commands() if words[0] == "export"], ids=" ".join)
 def test_readme(finished_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]):
     monkeypatch.chdir(tmp_path)
     own = {"runs/demo": str(finished_run), "[3]": "[2]", "[0,3]": "[0,2]"}

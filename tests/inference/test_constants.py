@@ -23,7 +23,7 @@ NUMERICAL = {
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "MEDIAN_DEVIATE", "CERTAIN"},
-    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "GIVE_UP"},
+    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK_ITERATIONS", "GIVE_UP"},
     "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
