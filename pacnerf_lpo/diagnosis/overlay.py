@@ -20,5 +20,5 @@ def overlay(problem: Problem, effects: Sequence[Effect], values: dict[str, float
             "effects": [as_config(effect, values) for effect in effects],
         }
     }
-    head = "# Effects found by diagnose; use it after the configuration of the run.\n"
+    head = "# Effects and values of a model; use it after the configuration of the run.\n"
     return head + yaml.safe_dump(section, sort_keys=False)

@@ -23,14 +23,14 @@ from pacnerf_lpo.explore.records import EffectInfo, Setting
 from pacnerf_lpo.identification.forward_model import VELOCITY
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect
-from pacnerf_lpo.mpm.parameters import OF, Log10, Parameter, Saturated, own_name
+from pacnerf_lpo.mpm.parameters import OF, Log10, Parameter, own_name
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.report.wording import readable
 
-DECADES = 1.5
-"""To either side of a modulus or viscosity: a factor of thirty, three times what people guess wrong."""
-REACH = 10.0
-"""Noticeable changes to either side of any other number, see ``Parameter.scale``."""
+REACH = 15.0
+"""Noticeable changes to either side of a number, see ``Parameter.scale``: of a modulus or viscosity a factor of thirty,
+three times what people guess wrong.
+"""
 PROBES = 2.0
 """A coefficient is looked for up to twice the largest size at which a diagnosis tries it."""
 
@@ -238,12 +238,8 @@ def _one_side(effect: Effect | None, name: str) -> tuple[float, float]:
 
 def _reach(parameter: Parameter, value: float) -> tuple[float, float]:
     """Where a number of material, motion or ground is looked for around its first value."""
-    if isinstance(parameter.transform, Log10):
-        return value / 10**DECADES, value * 10**DECADES
-    if isinstance(parameter.transform, Saturated):
-        limit = 0.98 * parameter.transform.limit
-        return -limit / 2, limit
-    return value - REACH * parameter.scale, value + REACH * parameter.scale
+    free, reach = parameter.transform.to_free(value), REACH * parameter.scale
+    return parameter.physical(free - reach), parameter.physical(free + reach)
 
 
 def _probed(effect: Effect, name: str, parameter: Parameter) -> tuple[float, float]:

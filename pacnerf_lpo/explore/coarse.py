@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def on_coarse_body(problem: Problem) -> Problem:
     if isinstance(found, StudyProblem):
         found.recordings = [on_coarse_body(recording) for recording in found.recordings]
         return found
-    kept = {"body": problem.coarse_body, "first_guess": problem.first_guess, "video": problem._cameras}
+    kept = {"body": problem.coarse_body, "first_guess": problem.first_guess, "video": problem.without_pictures}
     for name in LARGE:
         vars(found).pop(name, None)
     vars(found).update(kept)
@@ -53,19 +54,17 @@ def fitted(
     objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask), mean, deviation)
     start, report = np.clip(model.start, *model.bounds), reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, ITERATIONS, report, rows=objective.rows, confirm=False)
-    return Comparison(
-        model.names,
-        best.free,
-        model.physical(best.free),
-        mean,
-        deviation,
-        best.cost_of(objective.rows),
-        *objective.seen(best),
-        noise.replicates,
-        noise.sensor,
-        noise.shape_errors,
-        noise.discretisation,
-        noise.force,
-        (),
-        best.rollouts,
+    residual, jacobian = objective.seen(best)
+    return replace(
+        noise,
+        names=model.names,
+        free=best.free,
+        known=model.physical(best.free),
+        mean=mean,
+        deviation=deviation,
+        cost=best.cost_of(objective.rows),
+        residual=residual,
+        jacobian=jacobian,
+        notes=(),
+        rollouts=best.rollouts,
     )

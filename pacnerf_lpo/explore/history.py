@@ -92,17 +92,6 @@ class History:
             self._current = self._undone.pop()
             return self._steps[self._current]
 
-    @property
-    def undoable(self) -> bool:
-        """Whether :meth:`undo` leads anywhere."""
-        return self.current.parent is not None
-
-    @property
-    def redoable(self) -> bool:
-        """Whether :meth:`redo` leads anywhere."""
-        with self._lock:
-            return bool(self._undone)
-
     def snapshot(self) -> tuple[list[Step], int]:
         """All steps and the number of the current one, of the same moment."""
         with self._lock:

@@ -119,9 +119,23 @@ class Noise:
         force = force_changes(problem, effects, step.values, progress)
         mean, deviation = priors(problem, model)
         residual = problem.residual(model.predict(free))
-        none = np.zeros((*residual.shape, 0))
-        at = (model.names, free, model.physical(free), mean, deviation, 0.0, residual, none)
-        return Comparison(*at, found, sensor, wrong, coarser, force, (), 0)
+        return Comparison(
+            names=model.names,
+            free=free,
+            known=model.physical(free),
+            mean=mean,
+            deviation=deviation,
+            cost=0.0,
+            residual=residual,
+            jacobian=np.zeros((*residual.shape, 0)),
+            replicates=found,
+            sensor=sensor,
+            shape_errors=wrong,
+            discretisation=coarser,
+            force=force,
+            notes=(),
+            rollouts=0,
+        )
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""

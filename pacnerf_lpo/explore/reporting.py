@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import phases_of
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.explore.records import Step
@@ -63,10 +63,20 @@ def _round(session: Session, step: Step, progress: Callable[[str], None]) -> Rou
     found = session.stepper.rolled(step, "refined")
     model = problem.model(effects, step.values)
     residual = problem.residual(found.predicted)
-    at = (model.names, model.start, dict(step.values), *priors(problem, model), 0.0, residual)
-    none = np.zeros((*residual.shape, len(model.names)))
-    known = (noise.replicates, noise.sensor, noise.shape_errors, noise.discretisation, noise.force)
-    comparison = Comparison(*at, none, *known, step.notes, 0)
+    mean, deviation = priors(problem, model)
+    comparison = replace(
+        noise,
+        names=model.names,
+        free=model.start,
+        known=dict(step.values),
+        mean=mean,
+        deviation=deviation,
+        cost=0.0,
+        residual=residual,
+        jacobian=np.zeros((*residual.shape, len(model.names))),
+        notes=step.notes,
+        rollouts=0,
+    )
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]
     intervals = [_interval(step, name) for name in model.names]

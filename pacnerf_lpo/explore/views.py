@@ -243,4 +243,4 @@ def _pixels(found: Simulated, at: int, view: int) -> np.ndarray:
     observer: Observer = model.observer(model.start)
     moving = observer.seen(found.paths[at], model.velocity(model.start), model.video.times)
     points = moving[observer.clock(model.video.view_ids[view])]
-    return model._project(points, view, observer)[0].numpy()
+    return model.project(points, view, observer)[0].numpy()

@@ -145,12 +145,12 @@ class Model:
         for view in range(self.shape[0]) if views is None else views:
             view_id = self.video.view_ids[view]
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
-            pixels, depth = self._project(points, view, observer)
+            pixels, depth = self.project(points, view, observer)
             apart = self.video.intrinsics[view, 0, 0] * (self.body.spacing / 2) / depth.clamp_min(1e-3).mean(1)
             seen.append(splat(pixels + MARGIN, self.opacity * self.body.fraction, size, apart))
         return torch.stack(seen)
 
-    def _project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:
+    def project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:
         """Pixels [(F, N, 2)] and depth [m, (F, N)] of particles [m, (F, N, 3)] in a view."""
         view_id, count = self.video.view_ids[view], len(points)
         if observer.changing("camera", view_id) or observer.changing("image_plane", view_id):

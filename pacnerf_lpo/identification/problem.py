@@ -155,7 +155,7 @@ class Problem(ABC):
         return self.sample(COARSER * self.spacing, seed=0)
 
     @cached_property
-    def _cameras(self) -> Video:
+    def without_pictures(self) -> Video:
         """The video without its pictures, small enough to be copied with every model."""
         one, video = torch.zeros(()), self.video
         return replace(
@@ -169,7 +169,7 @@ class Problem(ABC):
         """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
         body = body or self.body
         physics = with_effects(self.physics, effects, body.spacing, self.voxel)
-        return Model(body, physics, self._cameras, known, self.points)
+        return Model(body, physics, self.without_pictures, known, self.points)
 
     def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
         """The same on the coarse body."""

@@ -259,7 +259,7 @@ class RigidProblem(Problem):
         adopted = [self.adopt(effect) for effect in effects if effect.probes]
         others = [effect for effect in effects if not effect.probes]
         physics = with_effects(self.physics, [*adopted, *others], self.spacing, self.spacing)
-        return RigidModel(self.flight, self.body, physics, self._cameras, known)
+        return RigidModel(self.flight, self.body, physics, self.without_pictures, known)
 
     @property
     def measuring_errors(self) -> np.ndarray:

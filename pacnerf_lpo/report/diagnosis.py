@@ -6,7 +6,6 @@ import html
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_markup import bullets
-from pacnerf_lpo.report.encoding import asset, atlas, atlas_columns, json_text
+from pacnerf_lpo.report.encoding import atlas, atlas_columns
 from pacnerf_lpo.report.flights import flights_section
+from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
 
@@ -78,13 +78,13 @@ def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, A
 def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
     verdict = result["verdict"]
-    data = json_text(payload(result, images))
     advice = [f"To separate {names}: {experiment}." for names, experiment in words.experiments(result)]
-    return Template(asset("diagnosis.html")).substitute(
-        title=html.escape(f"{result['scene']}: {verdict['sentence']}"),
-        style="\n".join(asset(name) for name in STYLES),
-        scripts="\n".join(asset(name) for name in SCRIPTS),
-        data=data,
+    return page(
+        "diagnosis",
+        f"{result['scene']}: {verdict['sentence']}",
+        STYLES,
+        SCRIPTS,
+        payload(result, images),
         scene=html.escape(result["scene"]),
         unit=words.unit_of(result),
         light=sections.traffic_light(words.light(verdict)),

@@ -6,7 +6,6 @@ import html
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
@@ -15,7 +14,7 @@ from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import sections
-from pacnerf_lpo.report.encoding import asset, json_text
+from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.payload import build_payload
 from pacnerf_lpo.report.verdict import FAIR, GOOD, judge
 
@@ -49,12 +48,12 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     verdict = judge(results, (moving or shown)[-1])
-    data = json_text(payload)
-    return Template(asset("report.html")).substitute(
-        title=html.escape(f"{results['scene']}: {sections.found_sentence(results)}"),
-        style=asset("report.css"),
-        scripts="\n".join(asset(name) for name in SCRIPTS),
-        data=data,
+    return page(
+        "report",
+        f"{results['scene']}: {sections.found_sentence(results)}",
+        ("report.css",),
+        SCRIPTS,
+        payload,
         eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
         found=sections.found_heading(results),
         grade=verdict.grade,

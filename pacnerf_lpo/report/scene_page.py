@@ -6,7 +6,6 @@ import html
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from pacnerf_lpo.data.recordings.scene_warnings import SceneWarning
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import overlay
 from pacnerf_lpo.report.diagnosis_markup import table
-from pacnerf_lpo.report.encoding import asset, json_text
+from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.scene_pictures import camera_pictures, ground_step, space_data
 from pacnerf_lpo.report.wording import capitalised
 
@@ -39,12 +38,13 @@ def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
     scene = look.scene
     source = f"from {scene.source}, layout {scene.layout}" if scene.source else "a scene"
     name = scene.folder.resolve().name
-    return Template(asset("scene.html")).substitute(
-        title=html.escape(f"{name}: is the scene right?"),
-        style="\n".join(asset(part) for part in STYLES),
-        scripts="\n".join(asset(part) for part in SCRIPTS),
-        data=json_text({"space": space_data(look), "height": height_data(look)}),
-        name=html.escape(name),
+    return page(
+        "scene",
+        f"{name}: is the scene right?",
+        STYLES,
+        SCRIPTS,
+        {"space": space_data(look), "height": height_data(look)},
+        folder=html.escape(name),
         source=html.escape(source),
         found=html.escape(found_sentence(look)),
         facts=facts_table(look),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
-from pacnerf_lpo.errors import Stopped, UserInputError
+from pacnerf_lpo.errors import Stopped
 from pacnerf_lpo.explore.page.charts import STYLE
 from pacnerf_lpo.explore.page.words import evidence, reason
 from pacnerf_lpo.explore.records import Suggestion
@@ -138,8 +138,6 @@ class Ask:
             and setting.fitted
             and (setting.group in ticked or (setting.group not in self.groups and self.added.value))
         ]
-        if not names:
-            raise UserInputError("tick what is to be fitted")
         self.page.session.fit(names, self.tell)
 
     def _diagnose(self) -> None:

@@ -55,7 +55,7 @@ class Change:
             self._follow(setting)
         view = self.page.cameras[self.page.camera].view if self.page.cameras else None
         free = [info for info in session.effects if not info.active and info.camera in (None, view)]
-        self._names = {info.readable if info.camera is None else f"{info.readable}": info.name for info in free}
+        self._names = {info.readable: info.name for info in free}
         if tuple(self._names) != self.effect.options:
             self.effect.options = tuple(self._names) or ("",)
 

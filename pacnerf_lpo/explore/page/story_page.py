@@ -6,7 +6,6 @@ import html
 import io
 import math
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,15 @@ from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.quantities import quantity, symbol
-from pacnerf_lpo.report.encoding import asset, data_uri, json_text
+from pacnerf_lpo.report.encoding import data_uri
+from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.payload import moving_particles
 
 STORY = "story.html"
 MOST_STEPS = 12
 """Steps whose motion is kept: some five megabytes; all steps are listed."""
 MOST_PARTICLES = 2000
+STYLES = ("report.css", "story.css")
 SCRIPTS = ("base.js", "space.js", "viewer.js", "story.js")
 SIDE = 420
 """Height of the pictures [pixels]."""
@@ -58,14 +59,15 @@ def story_page(session: Session) -> str:
         "times": motion.times.tolist(),
         "frames": [f"frame {frame}" for frame in range(len(motion.times))],
     }
-    return Template(asset("story.html")).substitute(
-        title=html.escape(f"{session.name}: {headline(session)}"),
-        style=asset("report.css"),
+    return page(
+        "story",
+        f"{session.name}: {headline(session)}",
+        STYLES,
+        SCRIPTS,
+        data,
         eyebrow=html.escape(session.name),
         headline=html.escape(headline(session)),
         steps=charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step"),
-        data=json_text(data),
-        scripts="\n".join(asset(name) for name in SCRIPTS),
     )
 
 
