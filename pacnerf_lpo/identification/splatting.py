@@ -10,6 +10,8 @@ OPAQUE = 0.7
 """Optical depth of one particle spacing of matter: the outline is half opaque near the surface of a thick body."""
 BLUR = 0.4
 """Width of a particle's footprint in particle spacings."""
+REACH, MOST_REACH = 2.5, 24
+"""Where a footprint ends, in units of its width, and at most [pixels]."""
 
 
 def splat(pixels: Tensor, weights: Tensor, size: tuple[int, int], apart: Tensor) -> Tensor:
@@ -24,27 +26,40 @@ def splat(pixels: Tensor, weights: Tensor, size: tuple[int, int], apart: Tensor)
     Returns:
         [0..1, (B, H, W)]
     """
-    height, width = size
-    images = len(pixels)
-    corner = pixels - 0.5
-    low = corner.floor()
-    part = corner - low
+    images, sigma = len(pixels), BLUR * apart
+    radius = int(torch.ceil(REACH * sigma.max()).clamp(1, MOST_REACH))
+    x, y = (pixels - 0.5).unbind(-1)
+    low_x, low_y = x.floor(), y.floor()
+    (left, top), (right, bottom) = _window(low_x, low_y, radius, size)
+    width, height = right - left + 4, bottom - top + 4  # what lies outside goes to two pixels around, which are cut off
+    column = (low_x - left).clamp(-2, width - 4).long() + 2
+    row = (low_y - top).clamp(-2, height - 4).long() + 2
+    first = ((torch.arange(images)[:, None] * height + row) * width + column).flatten()
+    part_x, part_y = x - low_x, y - low_y
     depth = pixels.new_zeros(images * height * width)
-    offset = torch.arange(images)[:, None] * (height * width)
-    for dx in (0, 1):
-        for dy in (0, 1):
-            column, row = low[..., 0].long() + dx, low[..., 1].long() + dy
-            share = (part[..., 0] if dx else 1 - part[..., 0]) * (part[..., 1] if dy else 1 - part[..., 1]) * weights
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            index = (offset + row.clamp(0, height - 1) * width + column.clamp(0, width - 1)).reshape(-1)
-            depth.index_add_(0, index, (share * inside).reshape(-1))
-    depth = _blurred(depth.view(images, height, width), BLUR * apart)
-    return -(-OPAQUE * depth * apart[:, None, None] ** 2).expm1()
+    for dx, share_x in ((0, (1 - part_x) * weights), (1, part_x * weights)):
+        for dy, share_y in ((0, 1 - part_y), (1, part_y)):
+            depth.index_add_(0, first + (dy * width + dx), (share_x * share_y).flatten())
+    depth = _blurred(depth.view(images, height, width)[:, 2:-2, 2:-2], sigma, radius)
+    opacity = -(-OPAQUE * depth * apart[:, None, None] ** 2).expm1()
+    return functional.pad(opacity, (left, size[1] - right, top, size[0] - bottom))
 
 
-def _blurred(images: Tensor, sigma: Tensor) -> Tensor:
-    """Each image [(B, H, W)] blurred by a Gaussian of its own width [pixels, (B,)]."""
-    radius = int(torch.ceil(2.5 * sigma.max()).clamp(1, 24))
+def _window(x: Tensor, y: Tensor, radius: int, size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First and last column and row, exclusive, of what points [pixels, (B, N) each] draw into an image; one pixel
+    where they are out of sight.
+    """
+    ends = []
+    for along, length in ((x, size[1]), (y, size[0])):
+        seen = along.nan_to_num()
+        low, high = seen.amin().item() - radius, seen.amax().item() + 2 + radius
+        first = int(min(max(low, 0), length - 1))
+        ends.append((first, int(min(max(high, first + 1), length))))
+    return (ends[0][0], ends[1][0]), (ends[0][1], ends[1][1])
+
+
+def _blurred(images: Tensor, sigma: Tensor, radius: int) -> Tensor:
+    """Each image [(B, H, W)] blurred by a Gaussian of its own width [pixels, (B,)], up to a radius."""
     steps = torch.arange(-radius, radius + 1, dtype=images.dtype)
     kernel = torch.exp(-0.5 * (steps / sigma.clamp_min(1e-3)[:, None]) ** 2)
     kernel = kernel / kernel.sum(1, keepdim=True)

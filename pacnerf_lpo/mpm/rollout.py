@@ -131,7 +131,7 @@ class Run:
     def _advance(self, index: int, tape: Tape, grid: Grid) -> list[int]:
         tape.fit(grid)
         common, status = self._common(index, grid)
-        S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
+        S, x, u, contacts = self._engine.substeps, tape.state_arrays, tape.velocities, tape.contacts
         step = self._forward
         step.bind(
             before=x[0],
@@ -172,8 +172,8 @@ class Run:
     def frame_adjoint(self, index: int, tape: Tape) -> None:
         """Pull the adjoint of the state back over frame interval ``index``."""
         common, _ = self._common(index, tape.grid)
-        S, x, u, contacts = self._engine.substeps, tape.states, tape.velocities, tape.contacts
-        node = torch.empty_like(u[0])
+        S, x, u, contacts = self._engine.substeps, tape.state_arrays, tape.velocities, tape.contacts
+        node = self.state.new_empty(tape.grid.nodes, 4)
         step = self._adjoint
         step.bind(
             now=x[S],

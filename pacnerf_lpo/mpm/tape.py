@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.mpm.runtime import Array
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -50,20 +52,21 @@ def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, m
 class Tape:
     """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
 
-    states: S + 1 views, [(N * width,)] each, width = 24 and the history
-    velocities: S views [(nodes, 4)]: velocity [m/s] and mass [kg]
+    states: S + 1 views, [(N * width,)] each, width = 24 and the history; ``state_arrays``: the same for launches
+    velocities: S arrays [(nodes, 4)]: velocity [m/s] and mass [kg]
     grid: where they lie
-    contacts: S views, velocity before the ground of every node at y <= 0 [m/s]
+    contacts: S arrays, velocity before the ground of every node at y <= 0 [m/s]
     """
 
     def __init__(self, substeps: int, like: Tensor, keep: bool):
         self.keep, self._substeps = keep, substeps
         self._states = like.new_empty((substeps + 1 if keep else 1, like.numel()))
         self.states = list(self._states) if keep else [self._states[0]] * (substeps + 1)
+        self.state_arrays = self._repeated(self._states, substeps + 1)
         self._buffer = like.new_empty(0)
         self.grid = Grid((0, 0, 0), (0, 0, 0))
-        self.velocities: list[Tensor] = []
-        self.contacts: list[Tensor] = []
+        self.velocities: list[Array] = []
+        self.contacts: list[Array] = []
 
     def fit(self, grid: Grid) -> None:
         """Make room for the nodes of a grid."""
@@ -73,9 +76,14 @@ class Tape:
         if self._buffer.numel() < slots * sum(sizes):
             self._buffer = self._buffer.new_empty(slots * sum(sizes) * 5 // 4)
         velocities, contacts = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
-        repeat = self._substeps // slots
-        self.velocities = list(velocities.view(slots, -1, 4)) * repeat
-        self.contacts = list(contacts.view(slots, -1)) * repeat
+        self.velocities = self._repeated(velocities.view(slots, -1, 4), self._substeps)
+        self.contacts = self._repeated(contacts.view(slots, -1), self._substeps)
+
+    @staticmethod
+    def _repeated(slots: Tensor, count: int) -> list[Array]:
+        """The slots as launches take them; the only one as often as there are substeps."""
+        found = [Array(slot) for slot in slots]
+        return found if len(found) > 1 else found * count
 
     @staticmethod
     def bytes(substeps: int, grid: Grid, like: Tensor) -> int:
