@@ -84,7 +84,7 @@ def refit(
         progress: told what happens.
         best_cost: of another effect; a fit that stays far above it is given up.
         searched: whether the whole parameter space of the model with the effect is searched first.
-        thorough: False: a few steps from the first start, with sensitivities that are corrected and not measured again:
+        thorough: False: a few steps from the first start, with sensitivities that are measured again once at most:
             enough to see which effects can win, not to decide between them.
 
     Returns:
@@ -124,6 +124,7 @@ def refit(
             abort_above=least,
             rows=objective.rows,
             confirm=thorough,
+            remeasured=np.inf if thorough else 1,
         )
         rollouts += int(own.sum()) + 2 if tried is None else tried.rollouts
         if tried is not None and tried.cost_of(objective.rows) < cost:

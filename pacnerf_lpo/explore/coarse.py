@@ -9,7 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, reporter
 from pacnerf_lpo.identification.base_fit import priors
-from pacnerf_lpo.identification.least_squares import fit
+from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.identification.study import StudyProblem
@@ -52,7 +52,11 @@ def fitted(
     model, mask = problem.model(effects, values), problem.fitted
     mean, deviation = priors(problem, model)
     objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask), mean, deviation)
-    start, report = np.clip(model.start, *model.bounds), reporter(model, progress)
+    start: np.ndarray | Fit = np.clip(model.start, *model.bounds)
+    if noise.names == model.names and noise.jacobian.shape[-1] == len(model.names):
+        known = objective.derivative(noise.jacobian)
+        start = Fit(model.start, objective(model.start), known, 1, objective)
+    report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, ITERATIONS, report, rows=objective.rows, confirm=False)
     residual, jacobian = objective.seen(best)
     return replace(

@@ -222,7 +222,8 @@ class Suggestion:
 
     effect: its name, as :meth:`Session.add` takes it.
     readable: how a person calls it.
-    log_bayes_factor: logarithm of how many times more probable the recording is with it than without.
+    log_bayes_factor: logarithm of how many times more probable the recording is with it than without; a lower bound of
+        it where another effect is ahead by so much that the fit was given up.
     p_value: probability that the best of all effects scores as high where nothing is missing.
     stands_out: whether that is below the level at which a diagnosis adds an effect.
     fitted: whether the two come from a fit of all parameters with it; else from the linear change that one simulation

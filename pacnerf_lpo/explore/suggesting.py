@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.coarse import fitted, on_coarse_body
 from pacnerf_lpo.explore.records import Step, Suggestion
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.processes import each
-from pacnerf_lpo.inference.decision import LEVEL, worth_refitting
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import each, workers
+from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.evidence import Score
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.wording import readable
 
 if TYPE_CHECKING:
@@ -49,16 +52,32 @@ def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> li
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
-    worth = worth_refitting([(one.name, one.log_bayes_factor) for one in scores], screening.threshold)[:MOST]
-    refits: dict[str, Refit] = {}
-    quickly = partial(refit, thorough=False)
-    tried = ((problem, effects, null, by_name[name], screening, _quiet) for name in worth)
-    for name, again in zip(worth, each(quickly, tried), strict=True):
-        progress(f"fitted with {name}")
-        if again is not None:
-            refits[name] = again
+    best = [score.name for score in scores if score.log_bayes_factor > 0][:MOST]
+    refits = _fitted(problem, effects, null, [by_name[name] for name in best], screening, progress)
     found = [_suggestion(by_name[one.name], one, screening, refits.get(one.name)) for one in scores]
     return sorted(found, key=lambda one: (not one.fitted, -one.log_bayes_factor))
+
+
+def _fitted(
+    problem: Problem,
+    effects: tuple[Effect, ...],
+    null: Comparison,
+    chosen: list[Candidate],
+    screening: Screening,
+    progress: Callable[[str], None],
+) -> dict[str, Refit]:
+    """Refits by name, as many at a time as there are processes; one that cannot reach the best so far is given up."""
+    found: dict[str, Refit] = {}
+    while chosen:
+        now, chosen = chosen[: workers()], chosen[workers() :]
+        least = min((one.cost for one in found.values()), default=np.inf)
+        quickly = partial(refit, best_cost=least, thorough=False)
+        tried = each(quickly, ((problem, effects, null, one, screening, _quiet) for one in now))
+        for candidate, again in zip(now, tried, strict=True):
+            progress(f"fitted with {candidate.name}")
+            if again is not None:
+                found[candidate.name] = again
+    return found
 
 
 def warm(session: Session, progress: Callable[[str], None], copies: int) -> None:

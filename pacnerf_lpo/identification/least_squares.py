@@ -77,6 +77,7 @@ def fit(
     abort_above: float | None = None,
     rows: np.ndarray | None = None,
     confirm: bool = True,
+    remeasured: float = np.inf,
 ) -> Fit:
     """Minimise ||residual[rows]||^2 within bounds.
 
@@ -93,11 +94,12 @@ def fit(
         rows: which of the residual count [(D,), bool]; None: all. The Jacobian is that of all.
         confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the
             last iteration.
+        remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
     """
-    return _Descent(residual, start, scales, bounds, rows).run(iterations, report, abort_above, confirm)
+    return _Descent(residual, start, scales, bounds, rows, remeasured).run(iterations, report, abort_above, confirm)
 
 
 def fit_or_none(residual: Residual, start: np.ndarray | Fit, *settings, **more) -> Fit | None:
@@ -118,17 +120,19 @@ class _Descent:
         scales: np.ndarray,
         bounds: Bounds,
         rows: np.ndarray | None,
+        remeasured: float,
     ):
         self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
         known = start if isinstance(start, Fit) else None
         self.free = np.clip(start.free if isinstance(start, Fit) else start, *bounds)
         self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
-        self.damping, self.longest, self.age, self.surprises = 1e-2, LONGEST_STEP, 1, 0
+        self.damping, self.longest, self.age, self.surprises, self.remeasured = 1e-2, LONGEST_STEP, 1, 0, np.inf
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
             self._measure()
         else:
             self.scaled = known.jacobian * scales
+        self.remeasured = remeasured
 
     @property
     def cost(self) -> float:
@@ -158,7 +162,8 @@ class _Descent:
                 break
             self.surprises += not kept
             last = iteration + 1 == iterations
-            if (last and confirm) or (not last and (small or self.surprises >= MOST_SURPRISES)):
+            uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
+            if uncertain and self.remeasured > 0:
                 self._measure()
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
 
@@ -190,7 +195,7 @@ class _Descent:
                 if moved > 0:
                     self.scaled = self.scaled + np.outer(change, step) / (step @ step)
                 return float(moved), kept, stretched
-            if self.age > 0:
+            if self.age > 0 and self.remeasured > 0:
                 self._measure()
             else:
                 self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
@@ -200,6 +205,7 @@ class _Descent:
         jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
         self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
         self.rollouts += used
+        self.remeasured -= 1
 
     def _at(self, free: np.ndarray) -> np.ndarray:
         self.rollouts += 1

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 import torch
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import runtime
@@ -40,6 +40,11 @@ def processes(count: int | None, linger: float | None = None) -> Iterator[None]:
     waiting = {} if linger is None else {"idle_worker_timeout": linger}
     with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, max_nbytes=None, **waiting):
         yield
+
+
+def workers() -> int:
+    """How many processes :func:`each` uses here."""
+    return effective_n_jobs(None)
 
 
 def each(function: Callable[..., Result], arguments: Iterable[tuple]) -> Iterator[Result]:

@@ -83,10 +83,9 @@ def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.
     rows = []
     for model, replicate in noise.left_out:
         left, row = model.whiten_residual(replicate), []
-        for hypothesis in hypotheses:
+        for tried in Alternative.of_all(model, hypotheses):
             squares = []
-            for change in hypothesis.alternatives:
-                found = Alternative.of(model, change)
+            for found in tried:
                 counted = found.strengths**2 / (1 + found.strengths**2)
                 squares.append(float(counted @ (found.axes.T @ left) ** 2 / max(counted.sum(), 1e-300)))
             row.append(float(np.mean(squares)))
@@ -109,7 +108,7 @@ def _simulated_maxima(
     random: np.random.Generator,
 ) -> np.ndarray:
     """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
-    found = [[Alternative.of(noise, change) for change in h.alternatives] for h in hypotheses]
+    found = Alternative.of_all(noise, hypotheses)
     basis = np.linalg.qr(np.concatenate([a.axes for tried in found for a in tried], axis=1))[0]
     heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
     residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]

@@ -13,6 +13,7 @@ R is not believed to be below its expectation D - m: residuals that are smaller 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,9 +40,22 @@ class Alternative:
     @staticmethod
     def of(noise: NoiseModel, change: np.ndarray) -> Alternative:
         """Standardise the columns of an alternative (D, m)."""
-        axes, strengths, turn = np.linalg.svd(noise.whiten(change), full_matrices=False)
-        if len(strengths) == 1:  # so that the sign of a single coefficient is kept
-            axes, turn = axes * turn[0, 0], turn * turn[0, 0]
+        return Alternative._spanned(noise.whiten(change))
+
+    @staticmethod
+    def of_all(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> list[list[Alternative]]:
+        """Those of every hypothesis."""
+        widths = [[change.shape[1] for change in one.alternatives] for one in hypotheses]
+        changes = np.concatenate([change for one in hypotheses for change in one.alternatives], axis=1)
+        columns = iter(np.split(noise.whiten(changes), np.cumsum([width for own in widths for width in own]), axis=1))
+        return [[Alternative._spanned(next(columns)) for _ in own] for own in widths]
+
+    @staticmethod
+    def _spanned(whitened: np.ndarray) -> Alternative:
+        if whitened.shape[1] == 1:  # the same without a decomposition, and with the sign of the coefficient
+            length = np.linalg.norm(whitened, axis=0)
+            return Alternative(whitened / np.maximum(length, 1e-300), length, np.ones((1, 1)))
+        axes, strengths, turn = np.linalg.svd(whitened, full_matrices=False)
         return Alternative(axes, strengths, turn.T)
 
     def log_bayes_factor(self, coordinates: np.ndarray, rest: np.ndarray, scale: float, one_sided: bool) -> np.ndarray:
