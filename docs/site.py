@@ -18,7 +18,7 @@ from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "benchmarks" / "results"
+RESULTS = ROOT / "validation" / "results"
 ELSEWHERE = {
     "contributing.md": ROOT / "CONTRIBUTING.md",
     "changelog.md": ROOT / "CHANGELOG.md",

@@ -121,7 +121,7 @@ def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
     links = [link for link in links if "gallery/" not in link]  # made when the site is built, which checks them
-    shown = re.findall(r"`((?:configs|notebooks|benchmarks|tests)/[\w/.]+)`", text)
+    shown = re.findall(r"`((?:configs|notebooks|validation|tests)/[\w/.]+)`", text)
     inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
         assert (path.parent / name).exists() or (ROOT / name).exists(), name

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hidden_effects.known_shape import SETTING, TRUTH
-from benchmarks.hidden_effects.outcomes import Outcome, outcome
-from benchmarks.hidden_effects.plan import DEVELOPMENT, PHYSICS, SCORED, plan
-from benchmarks.hidden_effects.run import EFFORT, FAILURE
-from benchmarks.hidden_effects.score import compact, page, share
+from validation.hidden_effects.known_shape import SETTING, TRUTH
+from validation.hidden_effects.outcomes import Outcome, outcome
+from validation.hidden_effects.plan import DEVELOPMENT, PHYSICS, SCORED, plan
+from validation.hidden_effects.run import EFFORT, FAILURE
+from validation.hidden_effects.score import compact, page, share
 
 
 def test_two_hundred_scenes_hold_what_the_figures_need():
