@@ -1,6 +1,6 @@
 """The engine's speed, memory and compile time for every material, beside a yardstick run at the same time.
 
-    python validation/engine.py [--out validation/results/engine.md] [--yardstick TRIAL.py] [--rounds 3]
+    python -m validation.engine --keep [--yardstick TRIAL.py] [--rounds 3]
 
 Every measurement runs in its own process. Times are quoted twice: by the clock, and as processor time of one thread,
 which other programs on the machine disturb less; ratios against the yardstick compare runs that alternate.
@@ -9,7 +9,6 @@ which other programs on the machine disturb less; ratios against the yardstick c
 import argparse
 import json
 import os
-import platform
 import re
 import resource
 import subprocess
@@ -21,6 +20,8 @@ from pathlib import Path
 from statistics import median
 
 import torch
+
+from validation.record import Record, keep, made, origin
 
 MATERIALS = {
     "NeoHookean": {"E": 1e6, "nu": 0.3},
@@ -162,16 +163,18 @@ def scaling(particles: int, rounds: int) -> tuple[float, float]:
     return median(clocks[0]), median(clocks[1])
 
 
-def report(results: dict) -> str:
-    """The results as a markdown page."""
+def page(results: Record) -> str:
+    """The record as Markdown."""
     lines = [
         "# Engine",
         "",
-        f"{results['machine']}; 8,000 particles, dx {DX} m, ordered by cell, float32; {results['date']}. Programs that "
-        f"were running on the machine already, on average: {results['load']:.1f}.",
+        origin(results, "engine", "`python -m validation.engine --keep`"),
+        "",
+        f"8,000 particles, dx {DX} m, ordered by cell, float32. Programs that were running on the machine already, on "
+        f"average: {results['load']:.1f}. *Trial*: an engine written for this comparison, which is not part of the "
+        "repository.",
         "",
     ]
-    lines += ["`python validation/engine.py --out validation/results/engine.md` wrote this page.", ""]
     lines += ["| material | forward | recording | backward | backward/forward | all/elastic | first backward ready |"]
     lines += ["|---|---|---|---|---|---|---|"]
     elastic = sum(results["one"]["NeoHookean"][f"{key}_cpu_ms"] for key in ("recording", "backward"))
@@ -210,7 +213,7 @@ def report(results: dict) -> str:
 def main() -> None:
     """Measure and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, help="markdown page to write; the numbers go beside it as JSON")
+    parser.add_argument("--keep", action="store_true", help="write validation/results/engine.json and its page")
     parser.add_argument("--yardstick", type=Path, help="another engine's program, which prints the same figures")
     parser.add_argument(
         "--rounds", type=int, default=3, help="processes for each material, and alternations with the yardstick"
@@ -221,8 +224,7 @@ def main() -> None:
     if options.only:
         print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, options.particles)))
         return
-    results: dict = {"machine": f"{platform.machine()}, {os.cpu_count()} cores", "date": time.strftime("%Y-%m-%d")}
-    results["load"], results["rounds"] = os.getloadavg()[0], options.rounds
+    results: Record = {**made(), "load": os.getloadavg()[0], "rounds": options.rounds}
     own = [__file__, "--only"]
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in MATERIALS}
     for _ in range(options.rounds):
@@ -236,14 +238,11 @@ def main() -> None:
         for _ in range(options.rounds if options.yardstick else 0):
             results[f"{key}_rounds"].append(json.loads(child([*own, "NeoHookean"], threads, cache=True)))
             results[f"{key}_yardstick"].append(yardstick(options.yardstick, threads, processor_time=key == "one"))
-    results["scaling"] = {particles: scaling(particles, options.rounds) for particles in (8000, 29**3)}
+    results["scaling"] = {str(particles): scaling(particles, options.rounds) for particles in (8000, 29**3)}
     results["memory"] = json.loads(child([*own, "memory"], 2, cache=True))
-    page = report(results)
-    print(page)
-    if options.out:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(page)
-        options.out.with_suffix(".json").write_text(json.dumps(results, indent=1) + "\n")
+    print(page(results))
+    if options.keep:
+        keep("engine", results, page)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How long a person waits in a session: a change on the coarse and on the fine body, a suggestion, a fit.
 
-    python -m validation.explore --run runs/demo_missing --out validation/results/explore.md
+    python -m validation.explore --run runs/demo_missing --keep
 
 Made for the demo's drag scene after its diagnosis (``make demo``). The clock runs from the call to the moment at which
 the new motion, the outlines of one camera in all frames and the errors are there; what a page adds to that, its own
@@ -10,9 +10,7 @@ benchmark measures.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import platform
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.explore import Session
+from validation.record import Record, keep, made, origin
 
 CHANGES = 30
 TARGETS = {"coarse": 0.7, "refined": 2.5, "suggest": 15.0, "fit": 30.0}
@@ -75,11 +74,13 @@ def measure(run: Path, jobs: int | None) -> dict[str, Any]:
     opened, session = timed(lambda: Session.open(run, jobs=jobs))
     begun = session.current
     prepared, _ = timed(session.prepare)
-    found: dict[str, Any] = {
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-        "date": time.strftime("%Y-%m-%d"),
+    found: Record = {
+        **made(),
+        "load": os.getloadavg()[0],
+        "open": opened,
+        "prepare": prepared,
+        "changes": changes(session),
     }
-    found |= {"load": os.getloadavg()[0], "open": opened, "prepare": prepared, "changes": changes(session)}
     session.go_to(begun.number)
     found["suggest"], suggestions = timed(session.suggest)
     best = suggestions[0]
@@ -96,14 +97,15 @@ def measure(run: Path, jobs: int | None) -> dict[str, Any]:
     }
 
 
-def report(found: dict[str, Any]) -> str:
-    """The page."""
+def page(found: Record) -> str:
+    """The record as Markdown."""
     lines = [
         "# How long a person waits in a session",
         "",
-        f"Made by `python -m validation.explore` on {found['machine']}, {found['date']}, load {found['load']:.1f} at "
-        "the beginning, on the demo's drag scene after its diagnosis. Times of a session; the targets are those "
-        "of a page, from the event to the redrawn picture.",
+        origin(found, "explore", "`python -m validation.explore --keep`"),
+        "",
+        f"The demo's drag scene after its diagnosis; load {found['load']:.1f} at the beginning. Times of a session; "
+        "the targets are those of a page, from the event to the redrawn picture.",
         "",
         "| question | seconds | target |",
         "|---|---|---|",
@@ -125,15 +127,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, default=Path("runs/demo_missing"), help="a run and its diagnosis")
     parser.add_argument("--jobs", type=int, help="processes; as many as a session takes when not given")
-    parser.add_argument("--out", type=Path, help="markdown page to write; the numbers go beside it as JSON")
+    parser.add_argument("--keep", action="store_true", help="write validation/results/explore.json and its page")
     options = parser.parse_args()
     found = measure(options.run, options.jobs)
-    page = report(found)
-    print(page)
-    if options.out:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(page)
-        options.out.with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
+    print(page(found))
+    if options.keep:
+        keep("explore", found, page)
 
 
 if __name__ == "__main__":

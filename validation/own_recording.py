@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,8 @@ from pacnerf_lpo.data.shapes import Block, Shape, Torus
 from pacnerf_lpo.data.synthetic import draw_discs, hemisphere_rig, shade
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
+from validation.record import Record, keep, made, origin
 
-RESULTS = Path(__file__).parent / "results"
 VIEWS, FRAMES, PIXELS, FPS, DX = 6, 20, 128, 30.0, 0.02
 HEIGHT, VELOCITY, POISSON = 0.62, (0.9, 0.3, -0.5), 0.35
 NOISE = 0.01
@@ -137,17 +136,17 @@ def timed(*words: str) -> float:
     return time.monotonic() - began
 
 
-def page(found: dict[str, Any]) -> str:
-    """The results as Markdown."""
+def page(found: Record) -> str:
+    """The record as Markdown."""
     lines = [
         "# Six videos to a stiffness, by two commands",
         "",
-        "Made by `python -m validation.own_recording --work runs/own`: thrown elastic bodies of E = 100 kPa and",
-        "nu = 0.35, 128 x 128 pixels, six views, a calibration in millimetres with z up, simulated at dx 2 cm; then",
-        "`init RECORDING SCENE --unit mm` and `fit SCENE --preset quick`. Development figures. Asked: ten minutes in",
-        "all, E within 0.1 in log10 and inside its interval.",
-        f"Of {found['date']}, commit {found['commit']}, {found['cores']} cores,",
-        f"load {found['load']:.1f} before the first one.",
+        origin(found, "own_recording", "`python -m validation.own_recording --work runs/own`"),
+        "",
+        "Thrown elastic bodies of E = 100 kPa and nu = 0.35, 128 x 128 pixels, six views, a calibration in millimetres",
+        "with z up, simulated at dx 2 cm; then `init RECORDING SCENE --unit mm` and `fit SCENE --preset quick`. Development",
+        "figures. Asked: ten minutes in all, E within 0.1 in log10 and inside its interval.",
+        f"Load before the first one: {found['load']:.1f}.",
         "",
         "| body | E [kPa] | off in log10 | 90 % interval [kPa] | truth inside | nu | init | fit | doubts |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -174,19 +173,10 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True, help="folder for recordings, scenes and runs")
     parser.add_argument("--bodies", nargs="+", choices=SHAPES, default=list(SHAPES))
     options = parser.parse_args()
-    load, rows = os.getloadavg()[0], []
+    begun, rows = {**made(), "load": os.getloadavg()[0]}, []
     for number, body in enumerate(options.bodies):
         rows.append(asdict(identified(options.work, body, 1e5, seed=3 + number)))
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
-    found = {
-        "date": date.today().isoformat(),
-        "commit": commit.stdout.strip(),
-        "cores": os.cpu_count(),
-        "load": load,
-        "rows": rows,
-    }
-    (RESULTS / "own_recording.json").write_text(json.dumps(found, indent=1) + "\n")
-    (RESULTS / "own_recording.md").write_text(page(found))
+    keep("own_recording", {**begun, "rows": rows}, page)
 
 
 if __name__ == "__main__":

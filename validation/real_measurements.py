@@ -20,8 +20,8 @@ from pacnerf_lpo.__main__ import main as command
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.report.wording import readable
 from validation.real_pictures import draw
+from validation.record import Record, keep, made, origin, read
 
-RESULTS = Path(__file__).parent / "results"
 BALLS = {
     "blue_basketball": "bluebasketball",
     "bowling_ball": "bowlingball",
@@ -95,10 +95,11 @@ def flights(data: Path, work: Path) -> list[dict[str, Any]]:
     return [diagnosed(group, out / f"flights_{k}", *options) for k, group in enumerate(groups, 1)]
 
 
-def page(result: dict[str, Any]) -> str:
-    """The result as Markdown."""
+def page(result: Record) -> str:
+    """The record as Markdown."""
     head = "| recordings | verdict | coefficients, 90 % interval | release [s] | time |\n|---|---|---|---|---|"
-    parts = ["# Real measurements", INTRODUCTION]
+    by = "`python -m validation.real_measurements FOLDER`, which calls `init` and `diagnose`"
+    parts = ["# Real measurements", origin(result, "real_measurements", by), INTRODUCTION]
     for title, rows in (("Ball drops", result["drops"]), ("Table tennis, twenty flights at a time", result["flights"])):
         parts += [f"## {title}", "\n".join([head, *(_row(row) for row in rows)])]
         details = [
@@ -109,10 +110,9 @@ def page(result: dict[str, Any]) -> str:
 
 
 INTRODUCTION = (
-    "Made by `python -m validation.real_measurements recordings/real`, by the commands `init` and `diagnose`."
-    " These are development figures: how noise is estimated (from a cubic; errors that last are smooth), that a "
+    "These are development figures: how noise is estimated (from a cubic; errors that last are smooth), that a "
     "body which is let go starts from rest, what a calibration is trusted for (a percent), that every flight with"
-    " a measured spin has a Magnus coefficient of its own, and which effects are tried in flight were settled "
+    " a measured spin has a Magnus coefficient of its own, and which effects are tried in flight were chosen "
     "while some of these recordings were looked at; `simulated_drops.md` has simulated ones. Drops: de Silva, "
     "Higdon, Brunton and Kutz 2020; flights: Gossard, Tebbe, Ziegler and Zell 2023. A verdict of *unknown* says "
     "that what the nearest cause leaves looks more like a smooth force that differs from recording to recording "
@@ -139,14 +139,12 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path("runs/real"), help="for scenes and diagnoses")
     parser.add_argument("--only", choices=("drops", "flights"), help="one of the two; the other stays as it was")
     given = parser.parse_args()
-    path = RESULTS / "real_measurements.json"
-    result = json.loads(path.read_text()) if path.is_file() else {"drops": [], "flights": []}
+    result = read("real_measurements") | made()
     if given.only != "flights":
         result["drops"] = drops(given.data / "ball_drops", given.work)
     if given.only != "drops":
         result["flights"] = flights(given.data / "table_tennis", given.work)
-    path.write_text(json.dumps(result, indent=1) + "\n")
-    (RESULTS / "real_measurements.md").write_text(page(result))
+    keep("real_measurements", result, page)
     draw(given.work)
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,8 @@ import numpy as np
 
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from validation.real_measurements import diagnosed, run
+from validation.record import Record, keep, made, origin
 
-RESULTS = Path(__file__).parent / "results"
 GRAVITY = 9.81
 STEP = 1e-3
 SWAYS = 8
@@ -125,8 +124,9 @@ def trial(work: Path, kind: str, seed: int) -> dict[str, Any]:
     }
 
 
-def page(trials: list[dict[str, Any]]) -> str:
-    """The result as Markdown."""
+def page(record: Record) -> str:
+    """The record as Markdown."""
+    trials = record["trials"]
     head = "| drops | balls | drag named | nothing named | something else named |\n|---|---|---|---|---|"
     rows = []
     for kind in KINDS:
@@ -140,12 +140,13 @@ def page(trials: list[dict[str, Any]]) -> str:
     each = "\n".join(
         f"- {one['kind']} {one['seed']}, {one['drag']:.3f} 1/m: {one['verdict']['sentence']}" for one in trials
     )
-    return "\n\n".join(["# Simulated drops", INTRODUCTION, "\n".join([head, *rows]), said, each]) + "\n"
+    begin = origin(record, "simulated_drops", "`python -m validation.simulated_drops`")
+    return "\n\n".join(["# Simulated drops", begin, INTRODUCTION, "\n".join([head, *rows]), said, each]) + "\n"
 
 
 INTRODUCTION = (
-    "Made by `python -m validation.simulated_drops`: two drops of a ball from about 47 m, of which a camera in a hand "
-    "shows the heights, by the commands `init` and `diagnose`."
+    "Two drops of a ball from about 47 m, of which a camera in a hand shows the heights, diagnosed by the commands "
+    "`init` and `diagnose`."
 )
 
 
@@ -156,9 +157,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first one")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.count)
+    begun = made()
     trials = [trial(given.work, kind, seed) for kind in KINDS for seed in seeds]
-    (RESULTS / "simulated_drops.json").write_text(json.dumps(trials, indent=1) + "\n")
-    (RESULTS / "simulated_drops.md").write_text(page(trials))
+    keep("simulated_drops", {**begun, "trials": trials}, page)
 
 
 if __name__ == "__main__":

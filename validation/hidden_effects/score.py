@@ -1,4 +1,4 @@
-"""Score the diagnosed scenes: ``python -m validation.hidden_effects.score FOLDER --out PAGE.md``."""
+"""Score the diagnosed scenes: ``python -m validation.hidden_effects.score FOLDER --keep``."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest, kstest
 
 from pacnerf_lpo.inference.decision import LEVEL
-from pacnerf_lpo.manifest import write_atomically
 from validation.hidden_effects.outcomes import Outcome, outcome
 from validation.hidden_effects.plan import SCORED
 from validation.hidden_effects.run import scenes_in
+from validation.record import Record, keep, made, origin
 
 NOTES = f"""
 *Class named*: the verdict names the hidden effect, or one that it says this recording does not tell apart from it.
@@ -196,12 +197,14 @@ def scene_table(outcomes: Sequence[Outcome]) -> list[str]:
     return lines
 
 
-def page(outcomes: Sequence[Outcome], command: str, note: str) -> str:
-    """The whole result as Markdown."""
-    lines = ["# Hidden effects", "", f"`{command}` wrote this page.", ""]
+def page(record: Record) -> str:
+    """The record as Markdown."""
+    outcomes = [outcome_of(values) for values in record["outcomes"]]
+    by = "`generate`, `run` and `score` of `python -m validation.hidden_effects`"
+    lines = ["# Hidden effects", "", origin(record, "hidden_effects", by), ""]
     scored = all(o.seed in SCORED for o in outcomes)
     which = "scored seeds, disjoint from those used in development" if scored else "development seeds"
-    lines += [f"{len(outcomes)} scenes, {which}. {note}".strip(), *NOTES.splitlines()]
+    lines += [f"{len(outcomes)} scenes, {which}. {record['note']}".strip(), *NOTES.splitlines()]
     for views, title in (
         (None, "Shape known (fast path)"),
         ("3 views", "Full reconstruction from three views of the video"),
@@ -214,33 +217,46 @@ def page(outcomes: Sequence[Outcome], command: str, note: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def compact(outcomes: Sequence[Outcome]) -> str:
-    """The outcomes as JSON, one to a line, without what is as by default; covered as 0 or 1."""
+def outcome_of(values: Record) -> Outcome:
+    """What :func:`compact` made plain."""
+
+    def tupled(value: Any) -> Any:
+        return tuple(map(tupled, value)) if isinstance(value, list) else value
+
+    return Outcome(**{name: tupled(value) for name, value in values.items()})
+
+
+def compact(outcomes: Sequence[Outcome]) -> list[Record]:
+    """The outcomes as plain values, without what is as by default; covered as 0 or 1."""
     defaults = {f.name: f.default for f in fields(Outcome)}
 
-    def line(o: Outcome) -> str:
-        values = {**asdict(o), "covered": {name: int(covers) for name, covers in o.covered.items()}}
-        kept = {name: value for name, value in values.items() if value not in (defaults[name], {})}
-        return json.dumps(kept, separators=(",", ":"))
+    def values(o: Outcome) -> Record:
+        found = {**asdict(o), "covered": {name: int(covers) for name, covers in o.covered.items()}}
+        return {name: value for name, value in found.items() if value not in (defaults[name], {})}
 
-    return "[\n" + ",\n".join(map(line, outcomes)) + "\n]\n"
+    return json.loads(json.dumps([values(o) for o in outcomes]))
+
+
+def written(record: Record) -> str:
+    """The record as JSON, an outcome to a line."""
+    lines = [json.dumps(values, separators=(",", ":")) for values in record["outcomes"]]
+    head = json.dumps({name: value for name, value in record.items() if name != "outcomes"}, ensure_ascii=False)
+    return head[:-1] + ', "outcomes": [\n' + ",\n".join(lines) + "\n]}\n"
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, help="Markdown page to write; the outcomes go beside it as JSON")
+    parser.add_argument("--keep", action="store_true", help="write validation/results/hidden_effects.json and its page")
     parser.add_argument("--note", default="", help="a sentence for the page, such as which version was scored")
     options = parser.parse_args()
     found = [outcome(scene) for folder in options.folders for scene in scenes_in(folder)]
     outcomes = sorted((o for o in found if o is not None), key=lambda o: (o.views or "", o.seed))
-    command = f"python -m validation.hidden_effects.score {' '.join(folder.name for folder in options.folders)}"
-    text = page(outcomes, command, options.note)
-    print(text)
-    if options.out:
-        write_atomically(options.out, text.encode())
-        write_atomically(options.out.with_suffix(".json"), compact(outcomes).encode())
+    record = {**made(), "note": options.note, "outcomes": compact(outcomes)}
+    print(page(record))
+    if options.keep:
+        keep("hidden_effects", record, page, written(record))
 
 
 if __name__ == "__main__":
