@@ -26,11 +26,11 @@ pacnerf-lpo evaluate runs/torus --truth TORUS/truth.json
 """
 LIMITS = """
 Errors are |Δlog10| of E, μ and κ, and plain differences of Poisson's ratio. Seconds are upper bounds, for other
-programs were running. **These are development figures**: the CPU settings (outline weight, visible mass, ground height, frames
-of the warm-up, spacing of the search, size of the probe) were chosen over several runs on these scenes with their true
-values in view. No run reads the true values. `hit_frame` was set by hand. κ of the droplet is hardly visible in a
-video. Moduli of partly filled particles count by their volume since commit ac66315; these runs are older, and that change
-lowers E by some 0.05 in log10.
+programs were running. **These are development figures**: the CPU settings (outline weight, visible mass, ground
+height, frames of the warm-up, spacing of the search, size of the probe) were chosen over several runs on these scenes
+with their true values in view. No run reads the true values. `hit_frame` was set by hand. κ of the droplet is hardly
+visible in a video. Moduli of partly filled particles count by their volume since commit ac66315; these runs are
+older, and that change lowers E by some 0.05 in log10.
 """
 
 
