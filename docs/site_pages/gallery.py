@@ -1,6 +1,4 @@
-"""Pages of the documentation that are made when it is built: the gallery of effects and materials, from their classes;
-the pages of results, and CONTRIBUTING.md and CHANGELOG.md, from where they are kept.
-"""
+"""The pages of the gallery: one for every material, effect and camera fault, made from its class."""
 
 from __future__ import annotations
 
@@ -9,48 +7,18 @@ import re
 from pathlib import Path
 from typing import Any
 
-from mkdocs.structure.files import File, Files
-
 from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.render.camera_faults.base import Observation
+from site_pages.scenes import COMPARISONS
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "validation" / "results"
-ELSEWHERE = {
-    "contributing.md": ROOT / "CONTRIBUTING.md",
-    "changelog.md": ROOT / "CHANGELOG.md",
-    **{f"validation/{path.name}": path for path in sorted(RESULTS.glob("*.md"))},
-}
-"""Pages of the site, and the files that they are."""
+ROOT = Path(__file__).resolve().parents[2]
+BAR = "\\|"
 
 
-def on_files(files: Files, config: Any) -> Files:
-    """Add the pages that are no files of ``docs/``."""
-    pages = {name: path.read_text() for name, path in ELSEWHERE.items()} | gallery()
-    for name, text in pages.items():
-        files.append(File.generated(config, name, content=text))
-    return files
-
-
-def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Let links between the files of the repository lead to the pages of the site."""
-    up = "../" * page.file.src_uri.count("/")
-    for name, path in ELSEWHERE.items():
-        source = re.escape(path.relative_to(ROOT).as_posix())
-        markdown = re.sub(rf"\]\((?:\.\./)*{source}((?:#[^)]*)?)\)", rf"]({up}{name}\1)", markdown)
-        markdown = re.sub(rf"\]\({re.escape(path.name)}\)", f"]({path.name})", markdown)
-    return re.sub(r"\]\(docs/", f"]({up}", markdown)
-
-
-def on_page_content(html: str, **_: Any) -> str:
-    """Docstrings name other classes and functions by roles, which nothing resolves here."""
-    return re.sub(r":(?:attr|class|data|func|meth|mod):(?=<code>)", "", html)
-
-
-def gallery() -> dict[str, str]:
+def pages() -> dict[str, str]:
     """A page for every material, effect and camera fault, and one that lists them, by their paths."""
     laws = [getattr(materials, name) for name in materials.__all__ if name not in ("Auto", "Material")]
     faults = [kind for kind in known_classes() if issubclass(kind, Observation)]
@@ -59,9 +27,12 @@ def gallery() -> dict[str, str]:
     pages |= {f"gallery/{kind.__name__}.md": material_page(kind) for kind in laws}
     listed = [
         "# Materials, effects and camera faults",
-        "Each is a class in a file of its own; these pages are made from them.",
+        "Each is a class in a file of its own; these pages are made from the classes, and `python "
+        "docs/site_pages/films.py` makes the films by the engine. In a film, the body on the left is without the "
+        "effect, the one on the right with it, and stronger than in most recordings; the grey shadow is where the left "
+        "one is.",
         "## Materials",
-        _list(laws, [kind.__doc__.splitlines()[0] for kind in laws]),
+        _list(laws, [" ".join(_described(kind).split("\n\n")[0].split()) for kind in laws]),
         "## Effects",
         _list(effects, [kind.signature for kind in effects]),
         "## Camera faults",
@@ -73,8 +44,26 @@ def gallery() -> dict[str, str]:
 
 
 def _list(kinds: list[type], said: list[str]) -> str:
-    rows = [f"| [`{kind.__name__}`]({kind.__name__}.md) | {text} |" for kind, text in zip(kinds, said, strict=True)]
-    return "\n".join(["| name | |", "|---|---|", *rows])
+    rows = [
+        f"| [`{kind.__name__}`]({kind.__name__}.md) | {text.replace('|', BAR)} | {_film(kind, 190)} |"
+        for kind, text in zip(kinds, said, strict=True)
+    ]
+    return "\n".join(["| name | what it is or shows | film |", "|---|---|---|", *rows])
+
+
+def _film(kind: type, width: int) -> str:
+    """The film of a class as an image; its words for who does not see it."""
+    words = f"Without and with {kind.__name__}: {COMPARISONS[kind.__name__].words}"
+    return f'![{words}]({kind.__name__}.webp){{ width="{width}" loading=lazy }}'
+
+
+def _shown(kind: type) -> str:
+    """The film of a class and the words below it."""
+    return f"{_film(kind, 404)}\n\n*Right: {COMPARISONS[kind.__name__].words}.*"
+
+
+def _source(kind: type) -> str:
+    return f"Source: `{Path(inspect.getfile(kind)).relative_to(ROOT).as_posix()}`."
 
 
 def material_page(kind: Any) -> str:
@@ -82,7 +71,9 @@ def material_page(kind: Any) -> str:
     example = ", ".join(f"{name}: {value:.6g}" for name, value in kind().guess.items())
     parts = [
         f"# {kind.__name__}",
+        _shown(kind),
         _described(kind),
+        _source(kind),
         "## Parameters",
         _parameters(kind.parameters),
         "## In a configuration",
@@ -95,10 +86,11 @@ def effect_page(kind: type[Effect]) -> str:
     """Of an effect or of a camera fault."""
     tried = "; ".join(", ".join(f"{name} = {value:g}" for name, value in probe.items()) for probe in kind.probes)
     nothing = ", ".join(f"{name} = {value:g}" for name, value in kind.null.items())
-    parts = [f"# {kind.__name__}", _described(kind), "## What a recording shows", _sentence(kind.signature)]
+    parts = [f"# {kind.__name__}", _shown(kind), _described(kind), _source(kind)]
+    parts += ["## What a recording shows", _sentence(kind.signature)]
     if kind.confused_with:
-        alike = ", ".join(f"[`{name}`]({name}.md)" for name in kind.confused_with)
-        parts.append(f"Easily confused with {alike}.")
+        similar = ", ".join(f"[`{name}`]({name}.md)" for name in kind.confused_with)
+        parts.append(f"Easily confused with {similar}.")
     if kind.separating_experiment:
         parts.append(f"What would separate them: {kind.separating_experiment}.")
     parts += ["## Parameters", _parameters(kind.parameters)]
