@@ -45,10 +45,16 @@ def pages() -> dict[str, str]:
 
 def _list(kinds: list[type], said: list[str]) -> str:
     rows = [
-        f"| [`{kind.__name__}`]({kind.__name__}.md) | {text.replace('|', BAR)} | {_film(kind, 190)} |"
+        f"| [`{kind.__name__}`]({kind.__name__}.md) | {_listed(kind)} | {text.replace('|', BAR)} | {_film(kind, 190)} |"
         for kind, text in zip(kinds, said, strict=True)
     ]
-    return "\n".join(["| name | what it is or shows | film |", "|---|---|---|", *rows])
+    return "\n".join(["| name | parameters | what it is or shows | film |", "|---|---|---|---|", *rows])
+
+
+def _listed(kind: Any) -> str:
+    """Its parameters and their units."""
+    units = [f" [{parameter.unit}]" if parameter.unit != "1" else "" for parameter in kind.parameters.values()]
+    return ", ".join(f"`{name}`{unit}" for name, unit in zip(kind.parameters, units, strict=True))
 
 
 def _film(kind: type, width: int) -> str:
