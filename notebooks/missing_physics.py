@@ -36,9 +36,9 @@ if not Path("configs").is_dir():
     os.chdir("..")
 sys.path.insert(0, os.getcwd())
 
-from benchmarks.hidden_effects.film import film
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.setting import Size, draw_setting
+from validation.hidden_effects.film import film
+from validation.hidden_effects.known_shape import KnownShape
+from validation.hidden_effects.setting import Size, draw_setting
 from pacnerf_lpo.diagnosis.catalogue import read_candidates
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
 from pacnerf_lpo.diagnosis.localising import excess

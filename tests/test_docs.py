@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
 import io
 import re
@@ -12,6 +13,7 @@ from contextlib import redirect_stdout, suppress
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import yaml
@@ -19,17 +21,25 @@ import yaml
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.__main__ import COMMANDS, main
 from pacnerf_lpo.cli import PhaseCLI
+from pacnerf_lpo.data.recordings import layouts
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.simulator import Simulator
+from tests.data.recordings.layouts import write_json
+from tests.data.recordings.studio import FPS, FRAMES, Z_UP, World, intrinsic, opencv_intrinsic, raw, save
 from tests.data.trajectories.throws import write_drops, write_throws
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+from site_pages import config_keys, gallery, packages  # noqa: E402
+
 README, CONTRIBUTING, REAL, EXPLORE = (
     ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md", "docs/explore.md")
 )
 GUIDE = [README, *sorted(path for path in (ROOT / "docs").glob("*.md") if path != REAL)]
+GENERATED = (*gallery.pages(), *config_keys.pages(), *packages.pages())
+"""Pages that are made when the site is built."""
 LARGEST_PICTURES = 200_000
 """Of the pictures of real measurements together [bytes]."""
 LARGEST_PICTURE, LARGEST_FILM = 150_000, 2_000_000
@@ -52,7 +62,7 @@ def recipes(tmp_path_factory: pytest.TempPathFactory):
     """The files of CONTRIBUTING.md, importable."""
     folder = tmp_path_factory.mktemp("recipes")
     named = re.findall(r"^`(\w+\.py)`:\n\n```python\n(.*?)^```$", CONTRIBUTING.read_text(), re.MULTILINE | re.DOTALL)
-    assert [name for name, _ in named] == ["kelvin_voigt.py", "lorentz.py", "ramp.py"]
+    assert [name for name, _ in named] == ["kelvin_voigt.py", "lorentz.py", "rig_json.py", "ramp.py"]
     for name, text in named:
         (folder / name).write_text(text)
     sys.path.insert(0, str(folder))
@@ -120,8 +130,8 @@ def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.Monkey
 def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
-    links = [link for link in links if "gallery/" not in link]  # made when the site is built, which checks them
-    shown = re.findall(r"`((?:configs|notebooks|benchmarks|tests)/[\w/.]+)`", text)
+    links = [link for link in links if not link.endswith(GENERATED)]  # the site is built with them, and checks them
+    shown = re.findall(r"`((?:configs|notebooks|validation|tests)/[\w/.]+)`", text)
     inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
         assert (path.parent / name).exists() or (ROOT / name).exists(), name
@@ -181,15 +191,57 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path
         assert not loaded, page
 
 
+def messages() -> list[str]:
+    """Every text in the package; what is filled in is a line break."""
+
+    def text(node: ast.AST) -> str:
+        if isinstance(node, ast.JoinedStr):
+            return "".join(map(text, node.values))
+        return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else "\n"
+
+    trees = [ast.parse(path.read_text()) for path in (ROOT / "pacnerf_lpo").glob("**/*.py")]
+    return [text(node) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant | ast.JoinedStr)]
+
+
+def test_every_message_of_the_troubleshooting_is_one_of_the_package():
+    quoted = re.findall(r'\*\*"([^"]+)"\*\*', (ROOT / "docs/troubleshooting.md").read_text())
+    assert len(quoted) > 10
+    said = messages()
+    for message in quoted:
+        pattern = re.compile(".*".join(re.escape(part.strip()) for part in message.split("…")), re.DOTALL)
+        assert any(pattern.search(text) for text in said), message
+
+
 def test_readme_is_short():
     assert len(README.read_text().splitlines()) <= 150
 
 
 def test_table_of_effects_is_complete():
+    page = gallery.pages()["gallery/index.md"]
     for kind in known_classes():
         name, units = kind.__name__, [f" [{p.unit}]" if p.unit != "1" else "" for p in kind.parameters.values()]
         listed = ", ".join(f"`{own}`{unit}" for own, unit in zip(kind.parameters, units, strict=True))
-        assert f"| `{name}` | {listed} | {kind.signature} |" in CONTRIBUTING.read_text(), name
+        assert f"| [`{name}`]({name}.md) | {listed} | {kind.signature} |" in page, name
+
+
+def test_the_recipe_of_a_layout_reads_a_recording(recipes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The studio's scene, written in its form."""
+    import rig_json
+
+    world = World(turn=Z_UP, origin=(0.4, -0.3, 0.8))
+    poses = [(pose * [1.0, -1.0, -1.0, 1.0]).tolist() for pose in world.poses()]
+    cameras = [{"name": f"c{k}", "K": opencv_intrinsic().tolist(), "pose": pose} for k, pose in enumerate(poses)]
+    write_json(tmp_path / "rig.json", {"fps": FPS, "cameras": cameras})
+    for view in range(len(poses)):
+        for frame in range(FRAMES):
+            save(tmp_path / f"c{view}" / f"{frame:02d}.png", raw()[view, frame])
+    monkeypatch.setattr(layouts, "LAYOUTS", (*layouts.LAYOUTS, rig_json.LAYOUT))
+    recording = layouts.read_recording(tmp_path)
+    assert recording.layout == "rig-json" and recording.up == (0.0, 0.0, 1.0)
+    for camera, pose in zip(recording.cameras, world.poses(), strict=True):
+        np.testing.assert_allclose(camera.pose, pose, atol=1e-6)
+        np.testing.assert_allclose(camera.intrinsic, intrinsic(), rtol=1e-6)
+        assert len(camera.frames) == FRAMES and camera.frames[2].time == pytest.approx(2 / FPS)
 
 
 def test_recipes_parse(recipes: Path, tmp_path: Path):

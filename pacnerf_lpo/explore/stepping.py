@@ -21,6 +21,8 @@ KEPT = 6
 """Rollouts that are remembered; others are simulated again when they are looked at."""
 LINGER = 3600.0
 """Seconds for which processes wait for the next question: each needs ten to begin."""
+ENDING = 30.0
+"""Seconds to wait for the end of what was stopped: its longest part between two looks takes ten on a slow machine."""
 NOTICED = 0.02
 """Share of the measured outlines and points that a model may lose sight of without a word."""
 LOST = "the body is out of sight"
@@ -160,9 +162,13 @@ class Stepper:
         return self._working.locked()
 
     def close(self) -> None:
-        """Stop everything and forget all rollouts."""
+        """Stop everything, wait until the question that is being answered has ended, and forget all rollouts: processes
+        that still got work while Python ends would complain.
+        """
         self._stop.set()
         self._generation += 1
+        if self._working.acquire(timeout=ENDING):
+            self._working.release()
         with self._looking:
             self._rolled.clear()
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.setting import Size, draw_setting
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.screening import probed
 from pacnerf_lpo.mpm.effects import InitialSpin, Magnus
 from pacnerf_lpo.mpm.effects.base import Effect
+from validation.hidden_effects.known_shape import KnownShape
+from validation.hidden_effects.setting import Size, draw_setting
 
 SIZE = Size(particles=200, views=3, held=1, frames=4, image_size=48)
 

@@ -9,8 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.setting import Size, draw_setting
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import Options
@@ -22,6 +20,8 @@ from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.least_squares import sensitivities
 from pacnerf_lpo.mpm.effects import GravityMagnitude, InitialSpin, LinearDrag, Magnus, UniformForce
 from pacnerf_lpo.report.plan import page, sentences
+from validation.hidden_effects.known_shape import KnownShape
+from validation.hidden_effects.setting import Size, draw_setting
 
 SIZE = Size(particles=200, views=3, frames=8, image_size=48)
 SAME, HIGHER = RECIPES[0], next(recipe for recipe in RECIPES if recipe.higher == 3)

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+SOFTWARE = ("--no-sandbox", "--enable-unsafe-swiftshader")
+"""A machine without a graphics card: WebGL by software, the page composed without it."""
 PATIENCE = 120.0
 """Seconds that a hand waits: a loaded machine without a graphics card is slow."""
 
@@ -31,7 +32,7 @@ class Hand:
     def open(self, url: str) -> None:
         """Open a page and wait until its model is drawn."""
         self.page.goto(url)
-        self.page.get_by_text("Material", exact=True).wait_for()
+        self.page.get_by_text("Model", exact=True).wait_for()
         self.until(lambda: self.steps())
         self.page.get_by_text("Software WebGL").wait_for()
         self.dismiss()

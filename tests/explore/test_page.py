@@ -8,19 +8,22 @@ import subprocess
 import sys
 import threading
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.commands import explore
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.explore import Camera, Outlines, Session, Setting, Step, pictures
 from pacnerf_lpo.explore.page import charts, open_page
 from pacnerf_lpo.explore.page.story_page import STORY, write_story
 from pacnerf_lpo.explore.page.words import between, short
-from pacnerf_lpo.explore.page.worker import Worker, one_line
+from pacnerf_lpo.explore.page.worker import Worker, guarded, one_line
+from tests.data.trajectories.throws import BALL, write_drops
 from tests.report.browser import dom
 
 viser = pytest.importorskip("viser", reason="the extra explore is not installed")
@@ -69,7 +72,12 @@ def test_charts_draw_no_nan_and_mark_what_is_held_out():
     steps = [Step(0, None, "<b>", "open", {}, ()), Step(1, 0, "fit", "fit", {}, (), fitted=0.5, held_out=1.0)]
     bars = charts.history([charts.bar(step) for step in steps], 1, "px", "slider")
     cells = charts.heat_map(table, (0, 1), ("camera", "frame"))
-    for text in (line, nothing, bars, cells, charts.by_name({"top": np.nan, "left": 2.0}, "px")):
+    heights = np.array([[np.nan, 3.0, np.nan], [np.nan, np.nan, np.nan], [np.nan, 1.0, np.nan]])
+    flight = charts.path(np.arange(3.0), heights, np.ones((3, 3)), held[0], 2)
+    assert flight.count("<circle") == 2 and flight.count("<polyline") == 1  # only heights were measured, one is missing
+    assert f'r="4" fill="{charts.HELD}"' in flight
+    assert (charts.figure(3082.4, "mm"), charts.figure(0.01234)) == ("3082 mm", "0.0123")
+    for text in (line, nothing, bars, cells, flight, charts.by_name({"top": np.nan, "left": 2.0}, "px")):
         assert not re.search("nan", text, re.I)
     assert cells.count(charts.HELD) >= 2 and "view &lt;1&gt;" in cells and 'data-go="camera=0 frame=2"' in cells
     assert "&lt;b&gt;" in bars and 'class="now" data-go="slider=1"' in bars
@@ -96,6 +104,48 @@ def test_a_picture_shows_where_the_model_is_and_the_video_not():
     left, _, wide, high = pictures.around(seen)
     assert left < 10 and left + wide > 20 and wide == high
     assert pictures.around(Outlines(seen.image, 0 * model, 0 * model)) == (0, 0, 40, 40)
+
+
+def test_a_frame_that_is_played_does_not_meet_one_that_a_hand_chose(falling: Session, monkeypatch: pytest.MonkeyPatch):
+    """Hulls have another number of points at every frame: their clouds are made anew while others move them."""
+    page, complaints = open_page(falling, port=0), []
+    monkeypatch.setattr(page, "complain", complaints.append)
+    page.changes.ask("begin", lambda: None)
+    assert page.changes.wait(60.0)
+    page.see.measured.value = True
+    page.changes.ask("measured", page.see._measure)
+    assert page.changes.wait(60.0)
+    ended = threading.Event()
+
+    def hand(job: Callable[[], None]) -> None:
+        while not ended.is_set():
+            guarded(job, complaints.append)
+
+    jobs = (page.see.next_frame, lambda: page.look(frame=1), lambda: page.look(frame=4), page.see.take)
+    hands = [threading.Thread(target=hand, args=(job,)) for job in jobs]
+    for thread in hands:
+        thread.start()
+    ended.wait(3.0)
+    ended.set()
+    for thread in hands:
+        thread.join(60.0)
+    page.close()
+    assert complaints == []
+
+
+def test_a_flight_that_was_measured_is_drawn_as_a_path(tmp_path: Path):
+    scenes = tmp_path / "scenes"
+    assert main(["init", str(write_drops(tmp_path / "ball.csv", 0.02)), str(scenes), *BALL]) == 0
+    with Session.open(scenes, jobs=1) as session:
+        page = open_page(session, port=0)
+        assert page.changes.wait(60.0)
+        tracks, path = (
+            page.server.scene.get_handle_by_name(f"/{kind} {page.recording}") for kind in ("tracks", "path")
+        )
+        assert len(tracks.points) == len(path.points) == len(session.times())
+        assert page.see.path.visible and page.see.path.content.count("<circle") == len(session.times())
+        assert "look through" not in page.see.buttons.options
+        page.close()
 
 
 def test_settings_are_written_in_units_that_people_use():

@@ -7,11 +7,11 @@ import pytest
 import torch
 from PIL import Image
 
-from benchmarks.hidden_effects import generate
-from benchmarks.hidden_effects.full import as_diagnosed, first_touch, reconstructed_from
-from benchmarks.hidden_effects.setting import FULL, Setting, Size
 from pacnerf_lpo.data.synthetic import draw_discs
 from pacnerf_lpo.identification.problem import PARTICLES
+from validation.hidden_effects import generate
+from validation.hidden_effects.full import as_diagnosed, first_touch, reconstructed_from
+from validation.hidden_effects.setting import FULL, Setting, Size
 
 TINY = {"particles": 300, "views": 5, "frames": 8, "image_size": 48}
 NULL = 2  # seed of a development scene

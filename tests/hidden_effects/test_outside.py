@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.outside import GUST_TIME, GUST_WIDTH, Belt, Fibres, Gust, Vortex
 from pacnerf_lpo.diagnosis.catalogue import known_classes
+from validation.hidden_effects.outside import GUST_TIME, GUST_WIDTH, Belt, Fibres, Gust, Vortex
 
 IDENTITY = np.eye(3).tolist()
 

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects import generate, run
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.outcomes import outcome
-from benchmarks.hidden_effects.score import page
-from benchmarks.hidden_effects.setting import Size
 from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.inference.decision import LEVEL
+from validation.hidden_effects import generate, run
+from validation.hidden_effects.known_shape import KnownShape
+from validation.hidden_effects.outcomes import outcome
+from validation.hidden_effects.score import page
+from validation.hidden_effects.setting import Size
 
 TINY = Size(particles=300, views=4, held=2, frames=8, image_size=48)
 CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n"

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hidden_effects.known_shape import SETTING, TRUTH
-from benchmarks.hidden_effects.outcomes import Outcome, outcome
-from benchmarks.hidden_effects.plan import DEVELOPMENT, PHYSICS, SCORED, plan
-from benchmarks.hidden_effects.run import EFFORT, FAILURE
-from benchmarks.hidden_effects.score import compact, page, share
+from validation.hidden_effects.known_shape import SETTING, TRUTH
+from validation.hidden_effects.outcomes import Outcome, outcome
+from validation.hidden_effects.plan import DEVELOPMENT, PHYSICS, SCORED, plan
+from validation.hidden_effects.run import EFFORT, FAILURE
+from validation.hidden_effects.score import compact, page, share, written
 
 
 def test_two_hundred_scenes_hold_what_the_figures_need():
@@ -85,8 +85,12 @@ def write(
     return found
 
 
+def record(outcomes: list[Outcome]) -> dict:
+    return {"date": "today", "commit": "0", "machine": "this", "note": "", "outcomes": compact(outcomes)}
+
+
 def rows(outcomes: list[Outcome]) -> list[str]:
-    return page(outcomes, "command", "").splitlines()
+    return page(record(outcomes)).splitlines()
 
 
 FIRST = round_of(
@@ -186,8 +190,8 @@ def test_failures_count_as_wrong_and_unfinished_scenes_not_at_all(tmp_path):
 
 def test_the_page_says_which_seeds_it_is_about():
     scored_, tuned = (Outcome(seed, "null", 0.0, None, (), "nothing") for seed in (SCORED.start, DEVELOPMENT.start))
-    assert "scored seeds" in page([scored_], "command", "")
-    assert "development seeds" in page([tuned, scored_], "command", "")
+    assert "scored seeds" in page(record([scored_]))
+    assert "development seeds" in page(record([tuned, scored_]))
 
 
 def test_shares_have_exact_intervals():
@@ -200,9 +204,9 @@ def test_the_outcomes_of_three_hundred_scenes_are_a_small_file(tmp_path):
     found = write(tmp_path / "1009", "pair", [DRAG, WIND], [FIRST, LAST], "missing", "LinearDrag", "UniformForce")
     long = tuple(f"CameraRotation@{k}" for k in range(5))
     found = replace(found, classes=(long[:3], long[3:]), ranking=long, views="all views")
-    text = compact([found] * 300)
+    text = written(record([found] * 300))
     assert len(text) < 200_000
-    assert json.loads(text)[0]["covered"] == {n: int(covers) for n, covers in found.covered.items()}
-    assert json.loads(compact([Outcome(1, "null", 0.0, None, (), "nothing")])) == [
+    assert json.loads(text)["outcomes"][0]["covered"] == {n: int(covers) for n, covers in found.covered.items()}
+    assert compact([Outcome(1, "null", 0.0, None, (), "nothing")]) == [
         {"seed": 1, "family": "null", "snr": 0.0, "views": None, "truth": [], "kind": "nothing"}
     ]

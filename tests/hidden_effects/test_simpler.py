@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.simpler import RULES, verdicts
 from pacnerf_lpo.diagnosis.comparison import compare, intervals
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import probe
 from pacnerf_lpo.identification.problem import Problem
 from tests.diagnosis import falling
 from tests.diagnosis.examples import refit
+from validation.hidden_effects.simpler import RULES, verdicts
 
 CANDIDATES = [falling.candidate(name) for name in ("LinearDrag", "UniformForce")]
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects import strength
-from benchmarks.hidden_effects.outside import Gust
-from benchmarks.hidden_effects.setting import Size, draw_setting
-from benchmarks.hidden_effects.strength import Ruler, course_of
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.mpm.effects import LinearDrag, QuadraticDrag, UniformForce
+from validation.hidden_effects import strength
+from validation.hidden_effects.outside import Gust
+from validation.hidden_effects.setting import Size, draw_setting
+from validation.hidden_effects.strength import Ruler, course_of
 
 TINY = Size(particles=300, views=3, held=1, frames=6, image_size=48)
 KNOWN = [Candidate("QuadraticDrag", QuadraticDrag()), Candidate("UniformForce", UniformForce())]

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.hidden_effects.known_shape import KnownShape, physics_of
-from benchmarks.hidden_effects.setting import Size, draw_setting
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, YieldStress
 from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
 from pacnerf_lpo.mpm.simulator import Simulator
+from validation.hidden_effects.known_shape import KnownShape, physics_of
+from validation.hidden_effects.setting import Size, draw_setting
 
 SMALL = Size(particles=60, views=3, held=1, frames=8, image_size=32)
 

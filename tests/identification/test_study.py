@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.known_shape import KnownShape
-from benchmarks.hidden_effects.setting import Setting, Size, another_drop, draw_setting
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import with_effects
@@ -18,6 +16,8 @@ from pacnerf_lpo.identification.study import StudyProblem, divide, view_name, wi
 from pacnerf_lpo.mpm.effects import InitialSpin, LinearDrag, Magnus, UniformForce, YieldStress
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.render.camera_faults import CameraShift
+from validation.hidden_effects.known_shape import KnownShape
+from validation.hidden_effects.setting import Setting, Size, another_drop, draw_setting
 
 SIZE = Size(particles=300, views=4, frames=8, image_size=48)
 

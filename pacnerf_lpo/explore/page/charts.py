@@ -67,8 +67,10 @@ def bar(step: Step) -> Bar:
 
 
 def figure(value: float, unit: str = "") -> str:
-    """A number of three digits with its unit, or a dash where there is none."""
-    return f"{value:.3g} {unit}".strip() if math.isfinite(value) else "\N{EN DASH}"
+    """A number of three digits with its unit, or a dash where there is none; thousands are written out."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    return f"{value:.0f} {unit}".strip() if 1e3 <= abs(value) < 1e6 else f"{value:.3g} {unit}".strip()
 
 
 def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = None) -> str:
@@ -171,6 +173,42 @@ def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected:
     parts.append(f'<text class=soft x="38" y="124">{times[0]:.2f} s</text>')
     parts.append(f'<text class=soft x="338" y="124" text-anchor="end">{times[-1]:.2f} s</text>')
     return f'{STYLE}<svg class=pl viewBox="0 0 346 130"><title>error over time [{unit}]</title>{"".join(parts)}</svg>'
+
+
+def path(times: np.ndarray, measured: np.ndarray, model: np.ndarray, held: np.ndarray, selected: int) -> str:
+    """A body's centre over time, measured as dots and of the model as a line, each coordinate that was measured.
+
+    Args:
+        times: of the frames [s, (F,)].
+        measured, model: [m, (F, 3)], NaN where there is none.
+        held: whether a frame is held out [(F,), bool].
+        selected: frame that is shown.
+    """
+    known = [(axis, "xyz"[axis]) for axis in range(3) if np.isfinite(measured[:, axis]).any()]
+    high = 160.0 / max(len(known), 1)
+    x = 44 + 292 * (times - times[0]) / (float(times[-1] - times[0]) or 1.0)
+    parts = []
+    for row, (axis, name) in enumerate(known):
+        both = np.concatenate((measured[:, axis], model[:, axis]))
+        low, most = float(np.nanmin(both)), float(np.nanmax(both))
+        top, foot = row * high + 14, (row + 1) * high - 4
+        ends = (low, foot), (most, top)
+        lines = [(foot - (foot - top) * (one[:, axis] - low) / ((most - low) or 1.0)) for one in (measured, model)]
+        parts += [f'<text class=soft x="40" y="{y + 3:.1f}" text-anchor="end">{figure(v)}</text>' for v, y in ends]
+        parts.append(f'<text x="0" y="{(top + foot) / 2:.1f}">{name} [m]</text>')
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, lines[1], strict=True) if math.isfinite(b))
+        parts.append(
+            f'<polyline points="{points}" fill="none" stroke="currentColor" opacity=".55" stroke-width="1.5"/>'
+        )
+        parts += [
+            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{4 if f == selected else 2}" fill="{HELD if out else FITTED}"/>'
+            for f, (a, b, out) in enumerate(zip(x, lines[0], held, strict=True))
+            if math.isfinite(b)
+        ]
+    for at, when, anchor in ((44, times[0], "start"), (336, times[-1], "end")):
+        parts.append(f'<text class=soft x="{at}" y="174" text-anchor="{anchor}">{when:.2f} s</text>')
+    legend = f"<div class=hint>measured: {KEY}; line: model</div>"
+    return f'{STYLE}<svg class=pl viewBox="0 0 346 178">{"".join(parts)}</svg>{legend}'
 
 
 def by_name(values: Mapping[str, float], unit: str) -> str:

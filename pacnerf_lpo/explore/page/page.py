@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from time import monotonic
@@ -62,6 +62,7 @@ class Page:
         self.shown = Shown(session.current, None, {})
         self.playing = threading.Event()
         self._ended = threading.Event()
+        self._pen = threading.RLock()
         with redirect_stdout(io.StringIO()):  # the command says where the page is
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.host, self.port = host, self.server.get_port()
@@ -136,9 +137,10 @@ class Page:
 
     def choose_recording(self, name: str) -> None:
         """Look at another recording."""
-        self.recording = name
-        self.camera = min(self.camera, max(len(self.cameras) - 1, 0))
-        self.see.of_recording()
+        with self.drawing():
+            self.recording = name
+            self.camera = min(self.camera, max(len(self.cameras) - 1, 0))
+            self.see.of_recording()
 
     def _choose_camera(self, number: int) -> None:
         self.look(camera=number)
@@ -147,11 +149,17 @@ class Page:
         """Look at another camera or frame."""
         self.camera = self.camera if camera is None else camera
         self.frame = self.frame if frame is None else frame
-        with self.server.atomic():
+        with self.drawing():
             self.see.draw()
             self.story.mark()
 
     # Drawing
+
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """One thread draws at a time, and pages show all of it at once."""
+        with self._pen, self.server.atomic():
+            yield
 
     def redraw(self) -> None:
         """Simulate where needed and draw the current step; an unstable one leaves the picture as it was and is told."""
@@ -159,7 +167,7 @@ class Page:
         if step.trouble is None:
             motions = {name: session.motion(step.number, name) for name in session.recordings}
             self.shown = Shown(session.current, session.error(step.number), motions)
-        with self.server.atomic():
+        with self.drawing():
             self.see.take()
             self.story.draw()
             self.change.draw()

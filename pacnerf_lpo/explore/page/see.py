@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from pacnerf_lpo.explore import pictures
-from pacnerf_lpo.explore.page.charts import FITTED, HELD, STYLE, figure
+from pacnerf_lpo.explore.page.charts import FITTED, HELD, STYLE, figure, path
 from pacnerf_lpo.explore.page.stage import KINDS, Moving
 from pacnerf_lpo.explore.records import Measured, Motion
 
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 RADIUS = 0.6
 """Of a particle, of the distance to its neighbours: they touch, and the body is hardly larger than its outline."""
+LEAST = 0.012
+"""Radius with which a small body that flies far is drawn, relative to its motion: a few pixels."""
+PATH = (120, 128, 140)
+"""Colour of the places where a rigid body flies."""
 SIDE = 230
 """Height of the picture [pixels]."""
 WIDTH = 400
@@ -44,8 +48,7 @@ class See:
         self.page, gui = page, page.server.gui
         self._pictures: dict[tuple[int, int], np.ndarray] = {}
         self._paint: tuple[object, dict[str, np.ndarray], float] = (None, {}, 1.0)
-        self._measured: dict[tuple[str, int], Measured] = {}
-        self._placed = False
+        self._placed, self._size = False, 0.0
         several = len(page.session.recordings) > 1
         self.panel = gui.add_panel()
         self.panel.dock_left()
@@ -54,9 +57,13 @@ class See:
             self.recording = gui.add_dropdown("recording", page.session.recordings, visible=several)
             self.frame = gui.add_slider("frame", 0, 1, 1, 0)
             self.camera = gui.add_slider("camera", 0, 1, 1, 0)
-            self.buttons = gui.add_button_group("", ("play", "pause", "look through"))
+            through = (
+                () if all(not page.session.cameras(name) for name in page.session.recordings) else ("look through",)
+            )
+            self.buttons = gui.add_button_group("", ("play", "pause", *through))
             self.caption = gui.add_html("")
             self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
+            self.path = gui.add_html("", visible=False)
         with self.panel.add_tab("Show", viser.Icon.PALETTE):
             self.paint = gui.add_dropdown("colour", tuple(PAINTS), hint="of the particles")
             self.legend = gui.add_html("")
@@ -109,8 +116,9 @@ class See:
             page.stage.cameras(poses, matrices, (cameras[0].width, cameras[0].height), held, scale)
 
     def _zoom(self) -> None:
-        self._pictures.clear()
-        self.draw()
+        with self.page.drawing():
+            self._pictures.clear()
+            self.draw()
 
     def next_frame(self) -> None:
         """Show the next frame, the first after the last: the body and the picture; words follow more slowly, and the
@@ -118,7 +126,7 @@ class See:
         """
         page = self.page
         page.frame = (page.frame + 1) % len(page.session.times(page.recording))
-        with page.server.atomic():
+        with page.drawing():
             if page.frame % SLOWER == 0:
                 self.frame.value = page.frame
                 self.draw()
@@ -129,17 +137,45 @@ class See:
 
     def take(self) -> None:
         """Take over the step that is shown: bodies and their colours."""
-        self._pictures.clear()
-        motions = self.page.shown.motions
-        if not motions:
+        with self.page.drawing():
+            self._pictures.clear()
+            motions = self.page.shown.motions
+            if not motions:
+                return
+            if not self._placed:
+                self._place()
+            for name, motion in motions.items():
+                colours, frames = self._colours(name, motion), list(motion.positions)
+                size = max(RADIUS * motion.size, LEAST * self._size)
+                self.page.stage.put(f"body {name}", Moving(frames, colours, size, self._offset(name)))
+                self._draw_path(name, motion)
+            self.draw()
+
+    def _draw_path(self, name: str, motion: Motion) -> None:
+        """Where a rigid body flies, as dots, and where it was measured; a coordinate that was not is the model's."""
+        page, measured = self.page, self._centres(name)
+        if measured is None:
             return
-        if not self._placed:
-            self._place()
-        for name, motion in motions.items():
-            colours = self._colours(name, motion)
-            frames = list(motion.positions)
-            self.page.stage.put(f"body {name}", Moving(frames, colours, RADIUS * motion.size, self._offset(name)))
-        self.draw()
+        model = motion.positions.mean(1)
+        shown = {"path": (model, PATH)}
+        if self.measured.value:
+            shown["tracks"] = np.where(np.isfinite(measured), measured, model), KINDS["tracks"]
+        for kind in ("path", "tracks"):
+            moving = None
+            if kind in shown:
+                points, colour = shown[kind]
+                frames = [points] * len(points)
+                moving = Moving(frames, np.array(colour, np.uint8), 0.5 * LEAST * self._size, self._offset(name))
+            page.stage.put(f"{kind} {name}", moving)
+
+    def _centres(self, name: str) -> np.ndarray | None:
+        """Measured centres of a rigid body in flight [m, (F, 3)]; None where another thing was measured."""
+        session = self.page.session
+        found = [session.measured(0, name).centre]
+        if found[0] is None:
+            return None
+        found += [session.measured(frame, name).centre for frame in range(1, len(session.times(name)))]
+        return np.array(found)
 
     def draw(self) -> None:
         """The frame and camera that are looked at."""
@@ -160,6 +196,11 @@ class See:
         note = f' <b style="color:{HELD}">held out</b>' if held else " fitted"
         lines = f'<b style="color:{FITTED}">measured</b>, <b style="color:{HELD}">model</b>'
         side = f" Outlines: {lines}; right: model, residual" if cameras else ""
+        centres = None if cameras or not page.shown.motions else self._centres(page.recording)
+        self.path.visible = centres is not None
+        if centres is not None:
+            model = page.shown.motions[page.recording].positions.mean(1)
+            self.path.content = path(times, centres, model, page.session.held_frames(page.recording), frame)
         self.caption.content = f"{STYLE}<div class=hint>{html.escape(where)},{note}.{side}</div>"
 
     def _picture(self, frame: int) -> np.ndarray:
@@ -185,6 +226,8 @@ class See:
         self.page.stage.ground(floor, centre, size * count)
         self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 0.55 * size * (1 + count))
         self._size, self._placed = size, True
+        if self.measured.value:
+            self.page.changes.ask("measured", self._measure)
         errors = self.page.shown.errors
         if errors is not None and np.isfinite(errors.by_frame_fitted).any():
             self.page.frame = int(np.nanargmax(errors.by_frame_fitted))
@@ -193,7 +236,7 @@ class See:
 
     def _offset(self, name: str) -> np.ndarray:
         number = self.page.session.recordings.index(name)
-        return np.array([APART * getattr(self, "_size", 0.0) * number, 0.0, 0.0])
+        return np.array([APART * self._size * number, 0.0, 0.0])
 
     def _colours(self, name: str, motion: Motion) -> np.ndarray:
         """Of particles [0..255, (N, 3) or (F, N, 3), uint8], and their legend."""
@@ -219,6 +262,10 @@ class See:
         """Show or hide what was measured in space; the hulls of all frames are found once, some seconds."""
         page = self.page
         for name in page.session.recordings:
+            if name in page.shown.motions and self._centres(name) is not None:
+                with page.drawing():
+                    self._draw_path(name, page.shown.motions[name])
+                continue
             found = []
             if self.measured.value:
                 for frame in range(len(page.session.times(name))):
@@ -227,9 +274,10 @@ class See:
                 frames = [_of(one, kind) for one in found]
                 moving = None
                 if any(len(points) for points in frames):
-                    size = max(one.cell for one in found) or 0.03 * getattr(self, "_size", 1.0)
+                    size = max(one.cell for one in found) or 0.03 * self._size
                     moving = Moving(frames, np.array(colour, np.uint8), 0.45 * size, self._offset(name))
-                page.stage.put(f"{kind} {name}", moving)
+                with page.drawing():
+                    page.stage.put(f"{kind} {name}", moving)
 
 
 def _of(measured: Measured, kind: str) -> np.ndarray:
@@ -238,4 +286,4 @@ def _of(measured: Measured, kind: str) -> np.ndarray:
         return measured.hull
     if kind == "clouds":
         return measured.cloud
-    return measured.tracks if measured.centre is None else np.concatenate((measured.tracks, measured.centre[None]))
+    return measured.tracks

@@ -13,6 +13,10 @@ THUMBNAIL = 96
 """Pixels of the longer side of a picture in a frustum: it is sent again for every frame that is shown."""
 KINDS = {"hull": (150, 156, 166), "tracks": (206, 32, 90), "clouds": (0, 121, 92)}
 """What can be measured in space, and its colour."""
+GROUND = (150, 156, 166)
+"""Colour of the lines on the ground: seen on white and on black."""
+SQUARES = 4
+"""Of the ground, along the size of what lies on it."""
 EDGE, HELD_EDGE, CHOSEN_EDGE = (90, 96, 104), (232, 113, 10), (42, 125, 225)
 """Colours of frusta: of a camera that is fitted, of one that is held out, of the one that is looked through."""
 
@@ -59,11 +63,15 @@ class Stage:
 
     def ground(self, height: float, centre: np.ndarray, size: float) -> None:
         """A grid at a height [m] around a place, a few times as wide as what lies on it [m]."""
-        cell = 0.5 * 10.0 ** np.floor(np.log10(size))
-        wide = float(np.ceil(4 * size / cell) * cell)
-        self.server.scene.add_grid(
-            "/ground", wide, wide, plane="xz", cell_size=cell, section_size=4 * cell,
-            position=(float(centre[0]), height, float(centre[2])), shadow_opacity=0.0,
+        cells = 2 * SQUARES
+        along = size / SQUARES * np.arange(-cells, cells + 1)
+        x, z = np.meshgrid(along, along, indexing="ij")
+        knots = np.stack((x, np.zeros_like(x), z), axis=-1)
+        # one piece a square: a piece that ends behind the eye is drawn over the body
+        lines = [np.stack((one[:-1], one[1:]), axis=2).reshape(-1, 2, 3) for one in (knots, knots.swapaxes(0, 1))]
+        self.server.scene.add_line_segments(
+            "/ground", np.concatenate(lines).astype(np.float32), GROUND, thickness=1.0, thickness_units="screen",
+            position=(float(centre[0]), height, float(centre[2])),
         )  # fmt: skip
 
     def look(self, centre: np.ndarray, distance: float) -> None:

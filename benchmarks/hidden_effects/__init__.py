@@ -1,9 +1,0 @@
-"""The hidden-effect benchmark: blind scenes with sealed truth, their diagnosis, and its score.
-
-    python -m benchmarks.hidden_effects.generate runs/hidden --first 1000 --count 200
-    python -m benchmarks.hidden_effects.run runs/hidden --jobs 2
-    python -m benchmarks.hidden_effects.score runs/hidden --out benchmarks/results/hidden_effects.md
-
-``generate --full three`` (or ``all``) draws videos instead, to be reconstructed from so many views and then diagnosed.
-``run`` reads only what a user would have; what is hidden lies in ``truth.json``, which only ``score`` opens.
-"""

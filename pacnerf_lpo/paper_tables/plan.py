@@ -1,0 +1,172 @@
+"""The runs that a suite's tables need: each once, with its configuration, its key and the run it starts from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from pacnerf_lpo import __version__
+from pacnerf_lpo.cli import CONFIG_FILE
+from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
+from pacnerf_lpo.manifest import Manifest, write_atomically
+from pacnerf_lpo.paper_tables.cells import NO_CORRECTION, RunName, run_of
+from pacnerf_lpo.paper_tables.keys import ConfigReader, beginning_key, run_key
+from pacnerf_lpo.paper_tables.scenes import Scene
+
+if TYPE_CHECKING:
+    from pacnerf_lpo.paper_tables.suites import Suite
+
+LABEL_FILE = "benchmark.json"
+BEGINNING = 3  # static grids, velocity, first identification
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run of the suite.
+
+    Attributes:
+        name: what it is.
+        scene: where its video is.
+        files: its configuration files, in order.
+        rounds: rounds of Algorithm 1 that the tables need.
+        config: the resolved configuration.
+        key: of its results.
+        run_dir: where it is; the key is part of its name.
+        start: the run whose first phases it takes over, if any.
+    """
+
+    name: RunName
+    scene: Scene
+    files: tuple[Path, ...]
+    rounds: int
+    config: dict[str, Any]
+    key: str
+    run_dir: Path
+    start: PlannedRun | None
+
+    def is_finished(self) -> bool:
+        """Whether all rounds asked for are done and evaluated."""
+        results = self.run_dir / RESULTS_FILE
+        if not (results.exists() and (self.run_dir / CONFIG_FILE).exists()):
+            return False
+        manifest = Manifest.load(self.run_dir)
+        rounds = yaml.safe_load((self.run_dir / CONFIG_FILE).read_text())["outer_loop"]["rounds"]
+        evaluated = [phase["stem"] for phase in json.loads(results.read_text())["phases"]]
+        done = [Path(record.state).stem for record in manifest.phases]
+        return manifest.status == "finished" and rounds >= self.rounds and evaluated == done
+
+    def prepare(self) -> None:
+        """Make the run directory, with the phases of the run it starts from, or raise the number of its rounds."""
+        if self.run_dir.exists():
+            path = self.run_dir / CONFIG_FILE
+            config = yaml.safe_load(path.read_text())
+            if config["outer_loop"]["rounds"] < self.rounds:
+                config["outer_loop"]["rounds"] = self.rounds
+                write_atomically(path, yaml.safe_dump(config, sort_keys=False).encode())
+            return
+        partial = self.run_dir.with_name(f".{self.run_dir.name}.part")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        (partial / CONFIG_FILE).write_text(yaml.safe_dump(self.config, sort_keys=False))
+        (partial / LABEL_FILE).write_text(json.dumps(self.label(), indent=1))
+        manifest = Manifest(partial, "interrupted")
+        if self.start is not None:
+            _copy_beginning(self.start.run_dir, manifest)
+        manifest.save()
+        partial.rename(self.run_dir)
+
+    def label(self) -> dict[str, Any]:
+        """What the run is, for people and for checks."""
+        return {
+            "run": str(self.name),
+            "key": self.key,
+            "version": __version__,
+            "configs": [str(path) for path in self.files],
+            "starts_from": None if self.start is None else self.start.run_dir.name,
+        }
+
+
+def plan_runs(
+    suite: Suite, scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
+) -> list[PlannedRun]:
+    """All runs of a suite, those that others start from first.
+
+    Args:
+        suite: what is compared.
+        scenes: where.
+        configs: folder of the configurations.
+        overlays: files put on top of scene and baseline.
+        output: folder of the benchmark.
+
+    Raises:
+        UserInputError: a configuration or a scene cannot be used.
+    """
+    needed = _rounds_needed(suite, scenes)
+    by_scene = {scene.name: scene for scene in scenes}
+    reader = ConfigReader()
+    planned: dict[RunName, PlannedRun] = {}
+    for name in sorted(needed, key=lambda name: (name.correction != "", scene_order(suite, name), name)):
+        scene = by_scene[name.scene]
+        files = _files(name, scene, configs, (*(configs / extra for extra in suite.overlays), *overlays))
+        words = [word for path in files for word in ("--config", str(path))]
+        words += [f"--outer_loop.rounds={needed[name]}", f"--data.root={scene.root}", f"--truth={scene.truth}"]
+        words.append("--outer_loop.compare_methods=false")  # nobody reads doubts in a table
+        if name.correction in ("", NO_CORRECTION):  # nothing is held out from a correction that there is not
+            words.append("--outer_loop.stop_when=never")
+        config = reader.read(words)
+        first = planned.get(name.beginning)
+        shares = first is not None and name != name.beginning and beginning_key(config) == beginning_key(first.config)
+        key = beginning_key(config) if name == name.beginning else run_key(config)
+        run_dir = output / "runs" / f"{str(name).replace(' ', '-')}-{key}"
+        planned[name] = PlannedRun(
+            name, scene, tuple(files), needed[name], config, key, run_dir, first if shares else None
+        )
+    return list(planned.values())
+
+
+def scene_order(suite: Suite, name: RunName) -> int:
+    """Scenes run in the order in which the suite names them."""
+    return suite.scenes.index(name.scene)
+
+
+def _rounds_needed(suite: Suite, scenes: Sequence[Scene]) -> dict[RunName, int]:
+    needed: dict[RunName, int] = {}
+    for layout in suite.layouts:
+        for views in layout.view_sets:
+            for scene in scenes:
+                for column in layout.columns:
+                    name = run_of(scene.name, column, views)
+                    needed[name] = max(needed.get(name, 0), column.round)
+                    if name.correction:
+                        needed[name.beginning] = 1
+    return needed
+
+
+def _files(name: RunName, scene: Scene, configs: Path, overlays: Sequence[Path]) -> list[Path]:
+    """The correction comes last, so that an overlay on the phases cannot bring back a correction that is off."""
+    files = [configs / "fit.yaml", *scene.configs, configs / "baselines" / f"{name.baseline}.yaml"]
+    if name.views:
+        files.append(configs / "views" / f"{name.views}.yaml")
+    files += [*overlays, configs / "corrections" / f"{name.correction or 'none'}.yaml"]
+    for path in files:
+        if not path.is_file():
+            raise UserInputError(
+                f"{path}: no such file; --configs wants the folder with fit.yaml, scenes, baselines ..."
+            )
+    return files
+
+
+def _copy_beginning(source: Path, manifest: Manifest) -> None:
+    records = [record for record in Manifest.load(source).phases if record.status == "done"][:BEGINNING]
+    if len(records) < BEGINNING:
+        raise UserInputError(f"{source}: its first {BEGINNING} phases are not finished, so nothing can start from them")
+    manifest.begin_with(source, records)
+    if (source / "tensorboard").is_dir():
+        shutil.copytree(source / "tensorboard", manifest.run_dir / "tensorboard")

@@ -1,0 +1,81 @@
+"""The fast path: a diagnosis of outlines alone, of a body whose shape is known but for a small distortion."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pacnerf_lpo.identification.body import LEAST_FRACTION, SUBSAMPLES, Body
+from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.replicates import distorted
+from pacnerf_lpo.identification.silhouette_moments import sensor_noise, summarise
+from pacnerf_lpo.identification.split import HELD_FRAMES, Split
+from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.types import Video
+from validation.hidden_effects.setting import FRAME_RATE, Setting
+
+SETTING, VIDEO, TRUTH = "setting.json", "video.npz", "truth.json"
+
+
+class KnownShape(Problem):
+    """Outlines of a body of known shape.
+
+    Args:
+        scene: its name.
+        setting: what is known.
+        video: with the silhouettes.
+        measured: summaries and brightness [(V, F, 11)]
+    """
+
+    def __init__(self, scene: str, setting: Setting, video: Video, measured: np.ndarray):
+        self.setting = setting
+        views, frames = measured.shape[:2]
+        held = np.isin(np.arange(views), setting.held_views)
+        split = Split(~held, np.arange(frames) < frames - HELD_FRAMES)
+        sensor = np.concatenate((sensor_noise(measured[..., :-1]), shading(measured[..., -1])), axis=-1)
+        super().__init__(scene, video, split, physics_of(setting), setting.spacing, measured, sensor)
+
+    @classmethod
+    def read(cls, folder: Path) -> KnownShape:
+        """A scene on disk; its truth stays sealed."""
+        setting = Setting(**json.loads((folder / SETTING).read_text()))
+        content = np.load(folder / VIDEO)
+        silhouettes = torch.from_numpy(content["silhouettes"].astype(np.float32) / 255.0)
+        measured = np.concatenate((summarise(silhouettes), content["brightness"][..., None]), axis=-1)
+        return cls(folder.name, setting, setting.video(silhouettes), measured)
+
+    @property
+    def spacing(self) -> float:
+        return self.setting.spacing
+
+    @property
+    def least_shape_error(self) -> float:
+        return self.setting.warp
+
+    @cached_property
+    def first_guess(self) -> dict[str, float]:
+        return {**self.physics.guess, **self.setting.guess}
+
+    def sample(self, spacing: float, seed: int) -> Body:
+        """One particle in each cell of a lattice of spacing/2, at the centre of the matter there, distorted."""
+        half = spacing / 2
+        shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
+        reach, centre = self.setting.reach, torch.tensor(self.setting.centre, dtype=torch.float32)
+        axis = torch.arange(-reach - half, reach + half, half)
+        inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
+        corners = torch.cartesian_prod(axis, axis, axis) - shift + centre
+        points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
+        solid = self.setting.inside(points.reshape(-1, 3)).float().reshape(len(points), -1)
+        kept = solid.mean(1) > LEAST_FRACTION
+        positions = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
+        body = Body(positions, solid.mean(1)[kept], spacing)
+        return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed))
+
+
+def physics_of(setting: Setting) -> Physics:
+    """The model that is questioned: the material on a sticky ground of unknown height, as configs/cpu.yaml has it."""
+    return Physics(setting.law, substep_rate=setting.rate, frame_rate=FRAME_RATE, fit_ground_height=True)

@@ -1,0 +1,143 @@
+"""What a diagnosis said of one scene, and what was hidden in it. Nothing else opens ``truth.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pacnerf_lpo.diagnosis.store import FOLDER
+from pacnerf_lpo.report.diagnosis_result import RESULT
+from validation.hidden_effects.full import reconstructed_from
+from validation.hidden_effects.known_shape import TRUTH
+from validation.hidden_effects.run import EFFORT, FAILURE, SIMPLER
+
+KEPT = 5
+"""Names of a ranking that are kept: tables count the first three."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scored scene.
+
+    seed, family, snr: as planned;  views: that it was reconstructed from, in words; None: the shape is known.
+    truth: names of the hidden effects.
+    kind: of the verdict: nothing, missing, camera, unknown, unfinished; ``failed`` where there is none.
+    named: effects that the verdict names, in order.
+    classes: for each of them, the names that the recording does not tell apart from it, itself first.
+    ranking: first names of the first round: its refits by log Bayes factor, then its other candidates by theirs.
+    p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
+    rest: whether the verdict says that what is left is more than the model predicts.
+    covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
+        that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
+    hidden: names of the coefficients among those.
+    beyond: of an effect outside the catalogue, the signal-to-noise ratio that its best imitation leaves; None: not
+        measured.
+    seconds: of processor time.
+    simpler: kind of the verdict and named effects by other rules, see :mod:`.simpler`; where the shape is known.
+    """
+
+    seed: int
+    family: str
+    snr: float
+    views: str | None
+    truth: tuple[str, ...]
+    kind: str
+    named: tuple[str, ...] = ()
+    classes: tuple[tuple[str, ...], ...] = ()
+    ranking: tuple[str, ...] = ()
+    p_value: float | None = None
+    rest: bool = False
+    covered: dict[str, bool] = field(default_factory=dict)
+    hidden: tuple[str, ...] = ()
+    beyond: float | None = None
+    seconds: float = 0.0
+    simpler: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the diagnosis ended with an error."""
+        return self.kind == "failed"
+
+    def said_by(self, rule: str | None) -> tuple[str, list[str]]:
+        """Kind of the verdict and named effects, by another rule; None: by the diagnosis."""
+        if rule is None:
+            return self.kind, list(self.named)
+        said = self.simpler[rule]
+        return said["kind"], said["effects"]
+
+    def found(self, name: str) -> bool:
+        """Whether an effect is in one of the classes that were named."""
+        return any(name in group for group in self.classes)
+
+    def top(self, count: int) -> bool:
+        """Whether a hidden effect is among the first names of the ranking."""
+        return any(name in self.ranking[:count] for name in self.truth)
+
+    def inside(self, what: str) -> list[bool]:
+        """Which true values their intervals cover: of ``coefficient``, ``velocity`` or ``material``."""
+        return [covers for name, covers in self.covered.items() if self._kind(name) == what]
+
+    def _kind(self, name: str) -> str:
+        if name in self.hidden:
+            return "coefficient"
+        return "velocity" if name in ("v_x", "v_y", "v_z") else "material"
+
+
+def outcome(scene: Path) -> Outcome | None:
+    """The outcome of a scene; None if it was not diagnosed yet."""
+    truth = json.loads((scene / TRUTH).read_text())
+    names = tuple(hidden["name"] for hidden in truth["hidden"])
+    head = (truth["seed"], truth["family"], truth["snr"], reconstructed_from(scene), names)
+    beyond = next((hidden["beyond"] for hidden in truth["hidden"] if hidden.get("beyond")), None)
+    if not (scene / EFFORT).is_file():
+        return Outcome(*head, "failed", beyond=beyond) if (scene / FAILURE).is_file() else None
+    result = json.loads((scene / FOLDER / RESULT).read_text())
+    rounds, verdict = result["rounds"], result["verdict"]
+    named = tuple(verdict["effects"])
+    of_round = {found["accepted"]: found["alike"] for found in rounds if found["accepted"]}
+    classes = tuple(tuple(of_round.get(name) or [name]) for name in named)
+    moved = _moved(truth)
+    table = {entry["name"]: entry for entry in rounds[-1]["parameters"]}
+    true = {**moved, **(truth["values"] if set(named) == set(names) else {})}
+    return Outcome(
+        *head,
+        kind=verdict["kind"],
+        named=named,
+        classes=classes,
+        ranking=_ranking(rounds[0])[:KEPT],
+        p_value=_smallest(rounds[0]),
+        rest=verdict["rest"],
+        covered=_covered(true, table),
+        hidden=tuple(name for name in moved if name in table),
+        beyond=None if beyond is None else round(beyond, 1),
+        seconds=round(json.loads((scene / EFFORT).read_text())["cpu_seconds"]),
+        simpler=json.loads((scene / SIMPLER).read_text()) if (scene / SIMPLER).is_file() else {},
+    )
+
+
+def _ranking(first: dict) -> tuple[str, ...]:
+    screened = [] if first["screen"] is None else first["screen"]["candidates"]
+    ranked = [sorted(entries, key=lambda entry: -entry["log_bayes_factor"]) for entries in (first["refits"], screened)]
+    return tuple(dict.fromkeys(entry["name"] for entries in ranked for entry in entries))
+
+
+def _smallest(first: dict) -> float | None:
+    screen = first["screen"] or {"candidates": [], "discrepancies": {}}
+    again = {entry["name"] for entry in first["refits"]}
+    others = [entry for entry in screen["candidates"] if entry["name"] not in again]
+    entries = [*first["refits"], *others, *screen["discrepancies"].values()]
+    return min((float(f"{entry['p_value']:.3g}") for entry in entries), default=None)
+
+
+def _moved(truth: dict) -> dict[str, float]:
+    """The coefficients of the hidden effects that differ from their nulls."""
+    pairs = [(name, value, hidden["null"]) for hidden in truth["hidden"] for name, value in hidden["values"].items()]
+    return {name: value for name, value, null in pairs if value != null[name]}
+
+
+def _covered(true: Mapping[str, float], table: Mapping[str, dict]) -> dict[str, bool]:
+    """Whether each true value that a table has lies in its interval."""
+    return {n: bool(table[n]["low"] <= value <= table[n]["high"]) for n, value in true.items() if n in table}

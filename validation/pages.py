@@ -1,0 +1,46 @@
+"""Make the pages of results of their JSON: ``python -m validation.pages [SUBJECT ...]``. Nothing is measured."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+
+from pacnerf_lpo.manifest import write_atomically
+from validation.record import RESULTS, read
+
+SUBJECTS = {
+    "engine": "validation.engine",
+    "explore": "validation.explore",
+    "five_scenes": "validation.five_scenes",
+    "hidden_effects": "validation.hidden_effects.score",
+    "identification": "validation.identification",
+    "own_recording": "validation.own_recording",
+    "real_measurements": "validation.real_measurements",
+    "simulated_drops": "validation.simulated_drops",
+}
+"""The module whose function ``page`` makes a subject's page of its record."""
+
+
+def measured() -> list[str]:
+    """The subjects that have a JSON."""
+    return [subject for subject in SUBJECTS if (RESULTS / f"{subject}.json").is_file()]
+
+
+def page(subject: str) -> str:
+    """The page of a subject."""
+    return import_module(SUBJECTS[subject]).page(read(subject))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("subjects", nargs="*", metavar="SUBJECT", help=f"of {', '.join(SUBJECTS)}; all by default")
+    for subject in parser.parse_args().subjects or measured():
+        if subject not in measured():
+            parser.error(f"{subject}: no such result in {RESULTS}")
+        write_atomically(RESULTS / f"{subject}.md", page(subject).encode())
+        print(RESULTS / f"{subject}.md")
+
+
+if __name__ == "__main__":
+    main()
