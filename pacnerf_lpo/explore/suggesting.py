@@ -113,10 +113,7 @@ def _suggestion(candidate: Candidate, score: Score, screening: Screening, again:
         factor = score.log_bayes_factor
         p_value = screening.p_value(score.name, factor)
         values = {name: _within(candidate, name, value) for name, value in starts(candidate, score)[0].items()}
-        intervals = {}
-        if not candidate.discrete and len(score.error) == len(effect.null):
-            widths = zip(effect.null, score.error, strict=True)
-            intervals = {name: (values[name] - NORMAL * e, values[name] + NORMAL * e) for name, e in widths}
+        intervals = _intervals(candidate, score, values)
     else:
         factor, p_value = again.log_bayes_factor, again.p_value
         values = {name: again.known[name] for name in effect.parameters}
@@ -135,6 +132,21 @@ def _suggestion(candidate: Candidate, score: Score, screening: Screening, again:
         effect.confused_with,
         effect.separating_experiment,
     )
+
+
+def _intervals(candidate: Candidate, score: Score, values: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """Of coefficients that a score tells, as far as the effect can have them: none where the value to begin with is
+    not that of the score, which is a straight line and leads too far.
+    """
+    if candidate.discrete or len(score.error) != len(candidate.effect.null):
+        return {}
+    found = {}
+    told = zip(candidate.effect.null.items(), score.coefficient, score.error, strict=True)
+    for (name, null), coefficient, error in told:
+        if np.isclose(values[name], null + coefficient):
+            ends = (values[name] - NORMAL * error, values[name] + NORMAL * error)
+            found[name] = (_within(candidate, name, ends[0]), _within(candidate, name, ends[1]))
+    return found
 
 
 def _within(candidate: Candidate, name: str, value: float) -> float:

@@ -15,6 +15,7 @@ from pacnerf_lpo.identification.silhouette_moments import summarise
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
+from pacnerf_lpo.particles.parts import confirmed, inside_mattes
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
@@ -46,7 +47,8 @@ class StaticGridModule(AbstractPhase):
         length: number of steps and when voxels are scaled.
         view_invariant_weight: weight of the view-invariant pixel loss; 0 leaves it out.
         silhouette_weight: weight of the cross entropy between opacity and the matte. Not in the paper, whose losses
-            cannot see white fog in front of the white background; it makes short training enough.
+            cannot see white fog in front of the white background; it makes short training enough. Fog that floats apart
+            from the body, where most views have no matte, is left out of the particles then.
         entropy_limit: largest weight of the transmittance entropy.
         rays_per_step: rays in a batch.
         grid_rate: Adam rate of density and features.
@@ -199,6 +201,9 @@ class StaticGridModule(AbstractPhase):
         grid = self.field.grid()
         with torch.no_grad():
             positions = sample_particles(grid, torch.Generator().manual_seed(self.seed), self.relative_alpha)
+            if self.silhouette_weight > 0:
+                inside = inside_mattes(positions.cpu(), self.data.video, self.data.train)
+                positions = positions[confirmed(positions.cpu(), grid.dx, inside).to(positions.device)]
             density, features = interpolate(grid, positions)
         velocity = torch.zeros(3) if self.previous is None else self.previous.velocity.mean(0)
         weights = {name: value.detach().cpu().clone() for name, value in self.colour.state_dict().items()}
