@@ -92,7 +92,7 @@ def propose(
     Args:
         problem: what was diagnosed.
         found: the round that left hypotheses.
-        progress: told what happens.
+        progress: receives a line about each step.
         recipes: to choose from, the easiest first; None: all.
 
     Raises:

@@ -25,7 +25,7 @@ MOST_TRACKS = 60
 
 @dataclass(frozen=True)
 class Points:
-    """Measured points beside a model's motion: one row for each tracked point, two for the clouds.
+    """Measured points compared with a model's motion: one row for each tracked point, two for the clouds.
 
     Entries are in pixels that a camera would see at the body, so that they weigh like outlines, and count from what was
     measured: a model that agrees predicts 0. Sightings are taken together by the frame that is nearest.

@@ -133,9 +133,9 @@ class Centre:
 
     def predict(self, path: Tensor) -> np.ndarray:
         """How far a motion [m, (F, N, 3)] is from what was measured [mm, (1, F, 11)]; NaN where nothing was."""
-        return self.beside(path.mean(1).numpy())
+        return self.difference(path.mean(1).numpy())
 
-    def beside(self, centre: np.ndarray) -> np.ndarray:
+    def difference(self, centre: np.ndarray) -> np.ndarray:
         """The same by the centre [m, (F, 3)]."""
         return _row(centre - self.flight.positions) / UNIT
 
@@ -170,7 +170,7 @@ class RigidModel(Model):
 
     def predict(self, free: np.ndarray) -> np.ndarray:
         """By the motion of the centre alone."""
-        return self._centre_of.beside(self.centre(free))
+        return self._centre_of.difference(self.centre(free))
 
     def centre(self, free: np.ndarray) -> np.ndarray:
         """Of the body at every sample [m, (F, 3)]. Raises SimulationError."""

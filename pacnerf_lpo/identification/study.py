@@ -415,7 +415,7 @@ def without_contact(problem: Problem) -> list[str]:
     for part in problem.parts(problem.physics.effects, problem.first_guess) if problem.deforms else ():
         model = part.model
         if model.contact(model.start, within=1.0) == model.shape[1]:
-            found.append(f"{part.name}: the body does not reach the ground; it tells of forces, not of the material")
+            found.append(f"{part.name}: the body does not reach the ground; it shows forces, not the material")
     return found
 
 

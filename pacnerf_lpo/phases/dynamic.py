@@ -12,7 +12,7 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
@@ -32,7 +32,7 @@ class DynamicPhase(AbstractPhase):
     """
 
     state: ParticleState
-    misfit: VideoMisfit
+    image_cost: ImageCost
 
     def __init__(self, steps: int, silhouette_weight: float = 0.0, seed: int = 0):
         super().__init__()
@@ -52,7 +52,7 @@ class DynamicPhase(AbstractPhase):
         if state is None:
             raise UserInputError(f"{type(self).__name__} needs a particle state: run the static phase before it")
         self.state = state
-        self.misfit = VideoMisfit(self.data, state, self.silhouette_weight)
+        self.image_cost = ImageCost(self.data, state, self.silhouette_weight)
 
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own views."""
@@ -81,7 +81,7 @@ class DynamicPhase(AbstractPhase):
         return self.physics.rollout(state.positions, everywhere, density, parameters, state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
-        """A motion from frame 0 on as the cameras see it, to be compared by :class:`VideoMisfit`.
+        """A motion from frame 0 on as the cameras see it, to be compared by :class:`ImageCost`.
 
         Args:
             trajectory: [m, (F, N, 3)]

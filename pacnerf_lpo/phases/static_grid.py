@@ -115,7 +115,7 @@ class StaticGridModule(AbstractPhase):
         """Start from an empty field in the video's box.
 
         As the first phase it takes no state. Between two rounds it does: images of the state's particles in the
-        training views are targets beside the measured ones, and its motion and physics are handed on.
+        training views are targets in addition to the measured ones, and its motion and physics are handed on.
         """
         self.previous = state
         self._predicted = {} if state is None else self._images_of(state)

@@ -31,7 +31,7 @@ def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequen
     Args:
         folder: of the diagnosis.
         scene: its name.
-        names: of the hypotheses that are to be told apart.
+        names: of the hypotheses that are to be separated.
         proposals: best first.
     """
     content = {"scene": scene, "hypotheses": list(names), "proposals": [asdict(one) for one in proposals]}

@@ -165,7 +165,7 @@ def test_a_competition_goes_on_where_it_was_interrupted(unstable):
 
 
 def test_a_hopeless_law_is_not_fitted_on_the_finer_body(unstable, monkeypatch):
-    monkeypatch.setattr(laws, "HOPELESS", 1.0)
+    monkeypatch.setattr(laws, "ABORT_ABOVE", 1.0)
     found = finished(Competition(Dropped(NeoHookean(E=6e4))))
     left = [trial for trial in found.trials.values() if not trial.left_out]
     assert len(left) == 1
