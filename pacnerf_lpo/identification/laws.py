@@ -42,7 +42,7 @@ ABORT_ABOVE = 4.0
 """Times the least cost on the coarse body: a law whose residual is twice as large does not catch up on a finer one,
 which changes costs by half."""
 HALVINGS = 1
-"""Of the time step: matter so stiff that it needs a finer one moves as rigidly as what is half as stiff."""
+"""Of the time step: a body so stiff that it needs a finer one moves as rigidly as one half as stiff."""
 SAMPLES = 16
 """Points tried in the space of a law's moduli, at most: fits from them find what two moduli hide; those of a law with
 more begin at its relatives, too."""
@@ -150,7 +150,7 @@ class Competition:
 
     @property
     def alike(self) -> list[Trial]:
-        """The most probable law, and those that the recording does not tell apart from it."""
+        """The most probable law, and those that are indistinguishable from it."""
         odds = {t.law: t.log_odds for t in self.ranked if t.log_odds is not None}
         leader = Contender(next(iter(odds)), 0.0, 0.0, 0.0)
         return [self.trials[name] for name in indistinguishable(leader, odds)]
@@ -320,9 +320,9 @@ def sentences(alike: Sequence[Trial], chosen: Trial) -> list[str]:
     leader = alike[0]
     if len(alike) > 1:
         named = " and ".join(f"{trial.family} ({trial.law})" for trial in alike)
-        found = [f"The recording does not tell these laws apart: {named}. The simplest is used: {chosen.family}."]
+        found = [f"The recording does not separate these laws: {named}. The simplest is used: {chosen.family}."]
     else:
-        found = [f"The matter is {chosen.family} ({chosen.law}), with a probability of {_percent(chosen.probability)}."]
+        found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
     if leader.held_out is not None and leader.held_out > POOR:
         found.append(
             f"Doubtful: the {leader.family} law predicts what was held out with {leader.held_out:.1f} times the error "

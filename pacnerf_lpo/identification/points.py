@@ -20,7 +20,7 @@ TRACK_KINDS = ("point x", "point y", "point z")
 HELD_EVERY = 3
 """Every third tracked point is held out."""
 MOST_TRACKS = 60
-"""Of more points so many are used: neighbours tell the same."""
+"""Of more points so many are used: neighbours say the same."""
 
 
 @dataclass(frozen=True)

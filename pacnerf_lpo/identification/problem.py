@@ -38,7 +38,7 @@ LEAST_SHADING = 0.01
 LEAST_SHAPE_ERROR = 0.15
 """Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
 MODEL_ERROR = 0.1
-"""Error of a summary that the model makes, before replicates tell [pixels]."""
+"""Error of a summary that the model makes, before replicates measure it [pixels]."""
 
 
 @dataclass(frozen=True)

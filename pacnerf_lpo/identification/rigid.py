@@ -36,7 +36,7 @@ UNIT = 1e-3
 """Residuals are counted in millimetres [m]."""
 PLACE = tuple(Parameter(f"{axis}_0", "m", Identity(), (-1e3, 1e3), f"start along {axis}", spread=1.0) for axis in AXES)
 SPEED = tuple(replace(parameter, spread=1.0) for parameter in VELOCITY)
-"""As of a body before cameras, whose outlines tell less of it."""
+"""As of a body before cameras, whose outlines are less precise."""
 RELEASE = Parameter("release", "s", Identity(), (-1.0, 1e3), "time of the release", spread=0.5)
 """It may lie before the first sample: a recording can begin as the body has just been let go."""
 ACROSS = 6.0

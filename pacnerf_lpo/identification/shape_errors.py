@@ -23,7 +23,7 @@ from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
-"""Of the density of the reconstructed matter, from place to place."""
+"""Of the density of the reconstructed body, from place to place."""
 OPAQUE = 3.3
 """Optical depth of opaque particles relative to the model's: with it one layer of them covers nine tenths, not half."""
 LOCAL = 2.0

@@ -432,7 +432,7 @@ def _described(law: tuple, density: float) -> str:
 
 
 def _extents(body: Body) -> np.ndarray:
-    """Standard deviations of the matter along its principal axes, ascending [m, (3,)]."""
+    """Standard deviations of the occupied volume along its principal axes, ascending [m, (3,)]."""
     weight = (body.fraction / body.fraction.sum()).double()
     positions = body.positions.double()
     away = positions - (weight[:, None] * positions).sum(0)

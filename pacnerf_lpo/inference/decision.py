@@ -66,7 +66,7 @@ def best(contenders: Sequence[Contender], odds: Mapping[str, float]) -> Contende
 
 
 def indistinguishable(leader: Contender, odds: Mapping[str, float]) -> list[str]:
-    """Names that the data do not tell apart from the leader, itself first."""
+    """Names that the data do not separate from the leader, itself first."""
     near = [name for name, found in odds.items() if found > odds[leader.name] - DECISIVE and name != leader.name]
     return [leader.name, *near]
 

@@ -1,4 +1,4 @@
-"""Training images kept back from the correction, to tell whether another round of Algorithm 1 still helps."""
+"""Training images kept back from the correction, to decide whether another round of Algorithm 1 still helps."""
 
 from __future__ import annotations
 

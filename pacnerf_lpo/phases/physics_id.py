@@ -176,7 +176,7 @@ class PhysicsIDModule(DynamicPhase):
             "draws_views": self.method.draws_views,
             "converged": self._converged,
             "searched": self._searched,
-            "misfits": self._costs,
+            "costs": self._costs,
             "visited": self._visited,
         }
 
@@ -189,7 +189,7 @@ class PhysicsIDModule(DynamicPhase):
         """Go on with the course."""
         super().on_load_checkpoint(checkpoint)
         course = checkpoint["course"]
-        self._searched, self._costs, self._visited = course["searched"], course["misfits"], course["visited"]
+        self._searched, self._costs, self._visited = course["searched"], course["costs"], course["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
         """Identified parameters with their SI units."""

@@ -235,7 +235,7 @@ class StaticGridModule(AbstractPhase):
         return {"psnr": f"{self.last_psnr:.1f} dB", "dx": f"{self.field.dx:g} m"}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the voxel size, which the weights alone do not tell."""
+        """Keep the voxel size, which the weights alone do not contain."""
         checkpoint["static_spacing"] = self.field.dx
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:

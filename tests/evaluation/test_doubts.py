@@ -86,7 +86,7 @@ def identification(**changes: object) -> dict:
         "draws_views": False,
         "converged": True,
         "searched": {"E": (1.5, 7.5)},
-        "misfits": fell,
+        "costs": fell,
         "visited": {"E": moved, "nu": [0.3] * 13},
     }
     return {**course, **changes}

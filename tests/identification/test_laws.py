@@ -128,7 +128,7 @@ def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstabl
     assert found["chosen"] == "NeoHookean"
     assert set(found["alike"]) == {"NeoHookean", "VonMises"}
     (sentence,) = found["sentences"]
-    assert "does not tell these laws apart" in sentence
+    assert "does not separate these laws" in sentence
     assert "NeoHookean" in sentence
     assert "VonMises" in sentence
     assert sentence.endswith("The simplest is used: elastic.")

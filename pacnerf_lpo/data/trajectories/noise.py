@@ -26,7 +26,7 @@ ORDER = 3
 LEAST_SIGMA = 1e-5
 """[m]"""
 LEAST_FREE = 3
-"""Samples more than smooth paths have coefficients: fewer tell no noise."""
+"""Samples more than smooth paths have coefficients: fewer show no noise."""
 MOST_SHARE = 0.99
 """Of the variance that may last: something is always new in a sample, its last digit if nothing else."""
 PLACES = 13

@@ -214,7 +214,7 @@ def _unusual(parameter: Parameter, value: float, guess: float) -> Doubt | None:
 
 
 def _risen(course: Mapping[str, Any]) -> list[Doubt]:
-    costs = np.array(course.get("misfits", ()))
+    costs = np.array(course.get("costs", ()))
     if len(costs) < 2:
         return []
     width = max(1, round(WINDOW * len(costs))) if course["draws_views"] else 1
