@@ -13,7 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
@@ -36,7 +36,7 @@ class DynamicPhase(AbstractPhase):
     """
 
     state: ParticleState
-    misfit: VideoMisfit
+    image_cost: ImageCost
 
     def __init__(self, steps: int, silhouette_weight: float = 0.0, seed: int = 0):
         super().__init__()
@@ -56,7 +56,7 @@ class DynamicPhase(AbstractPhase):
         if state is None:
             raise UserInputError(f"{type(self).__name__} needs a particle state: run the static phase before it")
         self.state = state
-        self.misfit = VideoMisfit(self.data, state, self.silhouette_weight)
+        self.image_cost = ImageCost(self.data, state, self.silhouette_weight)
 
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own views."""
@@ -85,7 +85,7 @@ class DynamicPhase(AbstractPhase):
         return self.physics.rollout(state.positions, everywhere, density, parameters, state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
-        """A motion from frame 0 on as the cameras see it, to be compared by :class:`VideoMisfit`.
+        """A motion from frame 0 on as the cameras see it, to be compared by :class:`ImageCost`.
 
         Args:
             trajectory: [m, (F, N, 3)]
@@ -135,7 +135,7 @@ class DynamicPhase(AbstractPhase):
         for frame in range(seen.shape[1]):
             view = test[frame % len(test)]
             at = observer.clock(video.view_ids[view])
-            residual = self.misfit.residual(seen[at, frame], density, features, view, frame, observer)
+            residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
             errors.append(float(residual[..., :3].square().mean()))
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
 

@@ -91,11 +91,11 @@ class LPOModule(DynamicPhase):
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
     def training_step(self, step: int, _: int) -> Tensor:
-        """Misfit over all frames, one random training view for each."""
+        """Cost over all frames, one random training view for each."""
         particles = {name: getattr(self, name) for name in PARTICLES}
         seen, observer = self._seen(self.positions, self.density)
-        views = self.one_view_per_frame(step, self.misfit.frames)
-        loss = self.misfit.loss(seen, self.density, self.features, views, observer=observer)
+        views = self.one_view_per_frame(step, self.image_cost.frames)
+        loss = self.image_cost.loss(seen, self.density, self.features, views, observer=observer)
         self.log_test_psnr(step, seen, self.density, self.features, observer)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
@@ -109,7 +109,7 @@ class LPOModule(DynamicPhase):
     @torch.no_grad()
     def export_state(self) -> ParticleState:
         """The state with the last particles, or the remembered ones where these fit better."""
-        images = self.one_view_per_frame(self.steps, self.misfit.frames)
+        images = self.one_view_per_frame(self.steps, self.image_cost.frames)
         last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
         chosen = min(last, best, key=lambda particles: finite_loss(lambda: self._loss(images, **particles).item()))
         found = {name: values.detach().cpu().clone() for name, values in chosen.items()}
@@ -122,13 +122,13 @@ class LPOModule(DynamicPhase):
 
     def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
         seen, observer = self._seen(positions, density)
-        return self.misfit.loss(seen, density, features, views, observer=observer)
+        return self.image_cost.loss(seen, density, features, views, observer=observer)
 
     def _seen(self, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
         """The motion of particles from frame 0 on as the cameras see it."""
         driving = density if self.density_drives_mass else density.detach()
         state, massive = self.state, self.state.massive(driving)
         trajectory = self.physics.rollout(
-            positions, state.velocity, massive, self._values, state.spacings, self.misfit.frames
+            positions, state.velocity, massive, self._values, state.spacings, self.image_cost.frames
         )
         return self.watch(trajectory, state.velocity, self._values)
