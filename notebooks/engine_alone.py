@@ -109,8 +109,8 @@ for _ in range(6):
         residual, slope = model - measured, (probe - model) / 0.01
         history.append((guess, residual.square().mean().sqrt().item()))
         guess -= float((slope * residual).sum() / slope.square().sum())
-for value, misfit in history:
-    print(f"E = {10**value / 1e3:7.2f} kPa   rms distance {1e3 * misfit:8.4f} mm")
+for value, cost in history:
+    print(f"E = {10**value / 1e3:7.2f} kPa   rms distance {1e3 * cost:8.4f} mm")
 
 figure, axis = plt.subplots(figsize=(6, 3))
 axis.plot([10**value / 1e3 for value, _ in history], marker="o")

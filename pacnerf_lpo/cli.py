@@ -358,7 +358,7 @@ def _expand_resume(args: Sequence[str]) -> list[str]:
     if "--resume" not in words:
         return words
     if len(words) != 2 or words[0] != "--resume":
-        raise UserInputError("--resume RUN_DIR takes the configuration from the run; give no other option beside it")
+        raise UserInputError("--resume RUN_DIR takes the configuration from the run; give no other option with it")
     run_dir = Path(words[1])
     if not (run_dir / CONFIG_FILE).is_file():
         raise UserInputError(f"{run_dir} is not a run directory: it has no {CONFIG_FILE}")

@@ -45,23 +45,23 @@ def scene_changes(files: Sequence[Path]) -> list[str]:
     Args:
         files: configuration files in their order, each valid YAML.
     """
-    settled: dict[str, tuple[Any, str]] = {}
+    earlier: dict[str, tuple[Any, str]] = {}
     found: list[str] = []
     for path in files:
         values = flat(read_yaml(path))
-        for key in (key for key in values if key in settled):
-            value, source = settled[key]
+        for key in (key for key in values if key in earlier):
+            value, source = earlier[key]
             if _differ(key, values[key], value):
                 found.append(
                     f"{shown(path)} changes {key.removesuffix(CLASS)} from {value} ({source}) to {values[key]}"
                 )
                 if key.endswith(CLASS):  # its arguments go with the class
-                    settled = {k: v for k, v in settled.items() if not k.startswith(_arguments(key))}
+                    earlier = {k: v for k, v in earlier.items() if not k.startswith(_arguments(key))}
         if any(key in SCENE_KEYS for key in values):
-            meant = {**{key: value for key, value in FULL_SIZE.items() if key not in settled}, **values}
-            settled.update({key: (value, shown(path)) for key, value in meant.items() if not key.endswith("+")})
+            meant = {**{key: value for key, value in FULL_SIZE.items() if key not in earlier}, **values}
+            earlier.update({key: (value, shown(path)) for key, value in meant.items() if not key.endswith("+")})
         else:
-            settled.update({key: (value, shown(path)) for key, value in values.items() if key in settled})
+            earlier.update({key: (value, shown(path)) for key, value in values.items() if key in earlier})
     return found
 
 

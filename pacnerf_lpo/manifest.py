@@ -67,7 +67,7 @@ class PhaseRecord:
 
     @property
     def findings(self) -> str:
-        """Path of what the phase found beside its state, where it found anything."""
+        """Path of what the phase found in addition to its state, where it found anything."""
         return str(Path(self.state).with_suffix(".json"))
 
 

@@ -14,7 +14,7 @@ LIST_COMMAND = "pacnerf-lpo configs"
 
 
 def configs_folder() -> Path:
-    """The folder ``configs``: inside an installed package, beside it in the repository."""
+    """The folder ``configs``: inside an installed package, next to it in the repository."""
     installed = PACKAGE / "configs"
     return installed if installed.is_dir() else PACKAGE.parent / "configs"
 

@@ -70,8 +70,8 @@ class OuterLoop(pl.Callback):
         physics_start: ``warm``: each identification goes on from the parameters of the last one, without another
             search; ``restart``: from the initial guess.
         carry: what goes into the next round. ``particles``: the corrected ones; ``refit_grid``: the static phase runs
-            again, with the frame-0 images of the corrected particles in the training views as targets beside the
-            measured ones, and particles are sampled from its grid.
+            again, with the frame-0 images of the corrected particles in the training views as targets in addition to
+            the measured ones, and particles are sampled from its grid.
         stop_when: ``never``: all rounds are run; ``held_out``: some training images are kept back from the corrections,
             and the rounds end when the error in them stops falling. The round before that is the one chosen.
         run_all_rounds: with ``held_out``, choose a round but run the others too, to show what they give.
@@ -159,7 +159,7 @@ class OuterLoop(pl.Callback):
         return sum(record.steps for record in self._done())
 
     def findings(self, role: Role) -> dict[str, Any] | None:
-        """What the last finished phase of this kind found beside its state; None: there is none."""
+        """What the last finished phase of this kind found in addition to its state; None: there is none."""
         found = [self.run_dir / record.findings for record in self._done() if record.phase == role]
         return json.loads(found[-1].read_text()) if found and found[-1].is_file() else None
 

@@ -9,6 +9,7 @@ from pacnerf_lpo.manifest import write_atomically
 from validation.record import RESULTS, read
 
 SUBJECTS = {
+    "diagnosed_videos": "validation.diagnosed_videos",
     "engine": "validation.engine",
     "explore": "validation.explore",
     "five_scenes": "validation.five_scenes",

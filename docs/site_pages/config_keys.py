@@ -89,7 +89,8 @@ def keys(kind: type) -> tuple[Key, ...]:
             continue
         meaning = meanings.get(name, "")
         if name in parameters:
-            unit, meaning = parameters[name].unit, meaning or parameters[name].label
+            unit, label = parameters[name].unit, parameters[name].label
+            meaning = meaning if re.search("[a-z]{2}", BRACKETS.sub("", meaning)) else f"{label} {meaning}".strip()
         else:
             unit = ", ".join(dict.fromkeys(one for one in BRACKETS.findall(meaning) if UNIT.fullmatch(one)))
         found.append(Key(name, hints.get(name, Any), argument.default, unit, meaning))

@@ -38,7 +38,7 @@ def run(run_dir: str, jobs: int | None = None) -> None:
         rounds = investigate(problem, store, settings.options, tell)
         open_rounds = [found for found in rounds if len(found.alike) > 1]
         if not open_rounds:
-            raise UserInputError(f"{folder}: nothing is left to tell apart: the diagnosis names one cause, or none")
+            raise UserInputError(f"{folder}: nothing is left to separate: the diagnosis names one cause, or none")
         last = open_rounds[-1]
         last.proposals = propose(problem, last, tell)
     write(problem, folder, rounds)

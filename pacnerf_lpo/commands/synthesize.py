@@ -60,7 +60,7 @@ def run(
         material: constitutive law and its true parameters; elastic when not given.
         shape: Ball, Block or Torus; a torus when not given.
         ground: Sticky, Slip or Separate; sticky when not given.
-        effects: physical effects that act beside them.
+        effects: physical effects in addition to them.
         height: of the shape's centre at frame 0 [m].
         velocity: at frame 0 [m/s].
         frames: number of frames, 24 a second.

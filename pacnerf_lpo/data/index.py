@@ -84,7 +84,7 @@ def _load_json(root: Path, path: Path) -> Any:
     try:
         return json.loads(path.read_text())
     except FileNotFoundError:
-        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, beside data/") from None
+        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, next to data/") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise UserInputError(f"{path}: no valid JSON ({error}); write the file again") from None
 

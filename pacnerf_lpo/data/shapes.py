@@ -102,7 +102,7 @@ class Mesh(Shape):
         except (ValueError, NotImplementedError, KeyError, IndexError, TypeError) as error:
             raise UserInputError(f"{path}: cannot be read as a mesh ({' '.join(str(error).split())})") from None
         if not len(surface.faces) or not surface.is_watertight:
-            raise UserInputError(f"{path}: has no closed surface, so it holds no matter; repair the mesh and export it")
+            raise UserInputError(f"{path}: has no closed surface, so it has no volume; repair the mesh and export it")
         surface.apply_translation(-surface.center_mass)
         if longest is not None:
             surface.apply_scale(_positive("Mesh.longest", longest) / float(surface.extents.max()))

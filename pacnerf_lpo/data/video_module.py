@@ -40,7 +40,7 @@ class VideoData(LightningDataModule):
 
     Attributes (after :meth:`prepare`):
         video: all used views. train, test: indices into its view axis. box: the corners.
-        tracked_points, point_clouds: the measurements beside it; None where there are none.
+        tracked_points, point_clouds: the measurements in addition to it; None where there are none.
     """
 
     video: Video
@@ -98,7 +98,7 @@ class VideoData(LightningDataModule):
         return data_digest({name: getattr(self, name) for name in names})
 
     def measure(self, video: Video, tracks: str | None, clouds: str | None) -> None:
-        """Read measurements beside the video: a CSV of tracked points, a folder of clouds. Raises UserInputError."""
+        """Read what else was measured: a CSV of tracked points, a folder of clouds. Raises UserInputError."""
         times = video.times.tolist()
         self.tracked_points = None if tracks is None else read_tracked_points(tracks, times)
         self.point_clouds = None if clouds is None else read_point_clouds(clouds, times)

@@ -128,7 +128,7 @@ def compare(
         known: values to start from [SI].
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
-        progress: told what happens.
+        progress: receives a line about each step.
         before: effects of another model, and its comparison; what errors of the shape and a smooth force change is not
             simulated again where the motion is nearly the same.
 

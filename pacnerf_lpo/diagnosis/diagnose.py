@@ -109,7 +109,7 @@ def investigate(
         problem: what is under diagnosis.
         store: of the results.
         options: of the diagnosis.
-        progress: told what happens.
+        progress: receives a line about each step.
         keep: called with the rounds so far after each of them.
 
     Raises:

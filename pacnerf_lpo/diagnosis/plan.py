@@ -31,7 +31,7 @@ from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 MOST_HYPOTHESES = 4
 """So many of the hypotheses are compared, the most probable first."""
 ENOUGH = float(np.log(1000.0))
-"""Recordings that are expected to reach such a log Bayes factor decide alike; the easiest to make comes first."""
+"""Recordings that are expected to reach such a log Bayes factor are equally good; the easiest to make comes first."""
 LEAST_NOISE = 0.05
 """Standard deviation of a silhouette moment that is always there [pixels]."""
 
@@ -92,7 +92,7 @@ def propose(
     Args:
         problem: what was diagnosed.
         found: the round that left hypotheses.
-        progress: told what happens.
+        progress: receives a line about each step.
         recipes: to choose from, the easiest first; None: all.
 
     Raises:
@@ -101,7 +101,7 @@ def propose(
     if not problem.views:
         raise UserInputError("plan: it proposes recordings by cameras; the measured flights of a diagnosis have none")
     if len(found.alike) < 2:
-        raise UserInputError("plan: nothing is left to tell apart: the diagnosis names one cause, or none")
+        raise UserInputError("plan: nothing is left to separate: the diagnosis names one cause, or none")
     believed = [_believed(problem, found, name) for name in found.alike[:MOST_HYPOTHESES]]
     first = believed[0].part
     quiet = _Noise.of(problem, found)

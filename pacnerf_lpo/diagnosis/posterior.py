@@ -27,7 +27,7 @@ def keep_intervals(run: Run, progress: Callable[[str], None]) -> None:
 
     Args:
         run: of which a phase with a motion is finished.
-        progress: told what happens.
+        progress: receives a line about each step.
 
     Raises:
         UserInputError: too few views or frames.

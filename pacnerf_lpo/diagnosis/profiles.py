@@ -25,7 +25,7 @@ def profile(
     Args:
         problem, effects, comparison: the run, the effects of its model, and that model fitted.
         name: of the unknown, such as ``E``.
-        progress: told what happens.
+        progress: receives a line about each step.
 
     Returns:
         Lower and upper end [SI], and the profile in free coordinates.

@@ -81,7 +81,7 @@ def refit(
         problem, effects, comparison: the run, the effects of its model, and that model fitted.
         candidate: the effect to add.
         screening: of it.
-        progress: told what happens.
+        progress: receives a line about each step.
         best_cost: of another effect; a fit that stays far above it is given up.
         searched: whether the whole parameter space of the model with the effect is searched first.
         thorough: False: a few steps from the first start, with sensitivities that are measured again once at most:

@@ -91,7 +91,7 @@ class RunProblem(StateProblem):
         run: the run; its last phase before a correction supplies the body and the first guess of the motion.
         stem: another phase, such as ``01_velocity``.
         particles: the body is sampled by about so many.
-        tracks, clouds: measured beside the video, in place of the run's own; None: as the run has them.
+        tracks, clouds: measured in addition to the video, in place of the run's own; None: as the run has them.
         images: False: only points are compared.
 
     Raises:

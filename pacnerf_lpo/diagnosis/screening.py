@@ -173,7 +173,7 @@ def probed(
     Args:
         problem, effects: the run, and the effects of its model.
         null, free: the fitted model, and its coordinates [(K,)]
-        candidates: effects to try beside those of the model.
+        candidates: effects to try in addition to those of the model.
         mask: entries to return.
         progress: called with the name of each candidate.
     """

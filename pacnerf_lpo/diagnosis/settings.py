@@ -1,4 +1,4 @@
-"""What a diagnosis was asked for, kept beside its results, so that a plan can go on from them."""
+"""What a diagnosis was asked for, kept with its results, so that a plan can go on from them."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def force_changes(
     Args:
         problem: the run.
         effects, known: of the model, and every value [SI].
-        progress: told what happens.
+        progress: receives a line about each step.
 
     Raises:
         SimulationError: the motion without the force is unstable.

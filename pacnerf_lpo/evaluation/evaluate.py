@@ -181,7 +181,7 @@ def _with_units(run: Run, values: Mapping[str, float]) -> dict[str, dict[str, An
 
 
 def _is_fluid(run: Run) -> bool:
-    """Whether mu is a viscosity: told by its unit."""
+    """Whether mu is a viscosity: by its unit."""
     mu = run.physics.parameters.get("mu")
     return mu is not None and "s" in mu.unit
 

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all, and that replace nothing but their like."""
+"""Files and folders that appear whole or not at all, and that replace nothing but files of their own kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A name with the same ending beside ``path``, to write to; it becomes ``path`` if no error ends the block."""
+    """A name with the same ending next to ``path``, to write to; it becomes ``path`` if no error ends the block."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
@@ -27,7 +27,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """An empty folder beside ``path``, to write into; it takes the place of ``path`` if no error ends the block."""
+    """An empty folder next to ``path``, to write into; it takes the place of ``path`` if no error ends the block."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary, old = (path.with_name(f".{path.name}.{word}") for word in ("part", "old"))
     for left in (temporary, old):

@@ -1,4 +1,4 @@
-"""Films of the modelled motion, alone and beside what was measured."""
+"""Films of the modelled motion, alone and next to what was measured."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def chosen_format(name: str | None, output: Path | None) -> str:
         folders = ", ".join(key for key, kind in FORMATS.items() if kind.files)
         single = ", ".join(end for kind in FORMATS.values() for end in kind.endings)
         raise UserInputError(
-            f"--output {output}: its ending does not tell the format; give a file that ends in {single}, "
+            f"--output {output}: its ending does not name a format; give a file that ends in {single}, "
             f"or a folder and --format {folders}"
         )
     kind = FORMATS[name or by_ending or ""]

@@ -25,7 +25,7 @@ WIDE = 1.5
 """Standard deviations of its prior, to either side, over which a modulus or a coefficient is searched."""
 COMPETITIVE = 3.0
 """Of the cost of the fit from the guess: a point above that, with all else as there, promises no other minimum."""
-RIVAL = 1.5
+COMPETING = 1.5
 """Of the best cost: a coarse body's error makes optima that differ by less change places on a finer one."""
 SEARCH_ITERATIONS, ITERATIONS = 4, 15
 MOST_OPTIMA = 2
@@ -99,7 +99,7 @@ def base_fit(
         problem: measurements, and the user's guess, around which the priors lie.
         effects: of the model. One without a gradient at its null, which ``known`` leaves there, starts at its probes.
         known: values to start from, velocity among them [SI].
-        progress: told what happens.
+        progress: receives a line about each step.
         followed: another fit goes on from here, so that the last hundredth of the cost is left to it.
 
     Raises:
@@ -137,9 +137,9 @@ def coarse_search(
     first = rows[-min(len(rows), 3)], None
     touched = f"contact in frame {contact} of {frames}" if contact < coarse.shape[1] else "no contact seen"
     progress(f"base fit from {len(starts)} starts on a coarse body; {touched}")
-    refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, rival=RIVAL)
-    sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), rival=COMPETITIVE)
-    search = multistart([replace(refitted, rival=None), sampled, refitted], starts, watch)
+    refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, within=COMPETING)
+    sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), within=COMPETITIVE)
+    search = multistart([replace(refitted, within=None), sampled, refitted], starts, watch)
     if coefficients and search.fits and level_of(search.fits, len(mean)) ** 2 > EXPLAINED:
         progress("base fit: nothing explains the video yet; searching the effects' coefficients, too")
         sampled = replace(sampled, keep=MOST_OPTIMA, spans=wider, samples=JOINT_SAMPLES)

@@ -1,4 +1,4 @@
-"""The body of a run, resampled for a diagnosis: other spacing, other particles, the same matter."""
+"""The body of a run, resampled for a diagnosis: other spacing, other particles, the same occupied volume."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Body:
 
     @property
     def volume(self) -> float:
-        """Of its matter [m^3]."""
+        """Occupied volume [m^3]."""
         return float(self.fraction.sum()) * (self.spacing / 2) ** 3
 
 

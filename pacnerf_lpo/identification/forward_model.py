@@ -61,7 +61,7 @@ class Model:
         physics: material, ground and effects.
         video: cameras, image size and time stamps; its images are not used.
         known: values to start from, of physical parameters and of the velocity ``v_x``, ``v_y``, ``v_z`` [SI].
-        points: measured beside the video; they add rows behind those of the views.
+        points: measured in addition to the video; they add rows behind those of the views.
 
     Attributes:
         frames: only the first so many are simulated, in the rest everything stands still; None: all.

@@ -1,9 +1,9 @@
 """Which constitutive law a recording shows: laws compete as effects do, each fitted in its own space of parameters.
 
-Every law is searched on a coarse body first. Those that are not hopeless there are fitted again to a residual in units
-of one noise, that of the law which explains most: sensor noise, other grids and errors of the reconstructed shape, as
-the diagnosis has it. What they leave, and what part of their priors the data leave, are their evidence (Laplace's
-approximation); how well they predict views and frames that they were not fitted to stands beside it.
+Every law is searched on a coarse body first. Those that come near the best one there are fitted again to a residual
+that is standardised by the noise of the law which explains most (sensor, other grids, errors of the reconstructed
+shape), as in a diagnosis. What they leave, and what part of their priors the data leave, are their evidence (Laplace's
+approximation); how well they predict held-out views and frames is reported with it.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
 PARTICLES = 1500
 """Of the body on which laws are compared. They differ by how a body rests, flows or rebounds, which a thousand
 particles show; a rollout takes a quarter of a second."""
-HOPELESS = 4.0
+ABORT_ABOVE = 4.0
 """Times the least cost on the coarse body: a law whose residual is twice as large does not catch up on a finer one,
 which changes costs by half."""
 HALVINGS = 1
-"""Of the time step: matter so stiff that it needs a finer one moves as rigidly as what is half as stiff."""
+"""Of the time step: a body so stiff that it needs a finer one moves as rigidly as one half as stiff."""
 SAMPLES = 16
 """Points tried in the space of a law's moduli, at most: fits from them find what two moduli hide; those of a law with
 more begin at its relatives, too."""
@@ -66,7 +66,7 @@ class Trial:
     coarse: mean square of the coarse body's residual at its best fit, in units of what is presumed of its error.
     cost: of the standardised residual, with the priors' terms.
     log_odds: against the best law;  probability: of it among those that were compared.
-    held_out: standardised error of what was not fitted, beside that of the noise; 1 where the law is right.
+    held_out: standardised error of what was not fitted, relative to that of the noise; 1 where the law is right.
     left_out: why it was not compared to the end; empty where it was.
     seconds: that it took.
     """
@@ -145,12 +145,12 @@ class Competition:
 
     @property
     def chosen(self) -> Trial:
-        """The law that is used: of those that are not told apart from the most probable one, the simplest."""
+        """The law that is used: of those that are indistinguishable from the most probable one, the simplest."""
         return next(trial for trial in self.trials.values() if trial in self.alike)
 
     @property
     def alike(self) -> list[Trial]:
-        """The most probable law, and those that the recording does not tell apart from it."""
+        """The most probable law, and those that are indistinguishable from it."""
         odds = {t.law: t.log_odds for t in self.ranked if t.log_odds is not None}
         leader = Contender(next(iter(odds)), 0.0, 0.0, 0.0)
         return [self.trials[name] for name in indistinguishable(leader, odds)]
@@ -225,7 +225,7 @@ class Competition:
         self.arrays["replicates"], self.arrays["sensor"] = found
         best = self.trials[self.reference]
         for other, trial in self.trials.items():
-            if trial.coarse is not None and best.coarse is not None and trial.coarse > HOPELESS * best.coarse:
+            if trial.coarse is not None and best.coarse is not None and trial.coarse > ABORT_ABOVE * best.coarse:
                 times = (trial.coarse / best.coarse) ** 0.5
                 self._leave_out(other, f"its error on a coarse body is {times:.1f} times that of the {best.family} law")
 
@@ -320,9 +320,9 @@ def sentences(alike: Sequence[Trial], chosen: Trial) -> list[str]:
     leader = alike[0]
     if len(alike) > 1:
         named = " and ".join(f"{trial.family} ({trial.law})" for trial in alike)
-        found = [f"The recording does not tell these laws apart: {named}. The simplest is used: {chosen.family}."]
+        found = [f"The recording does not separate these laws: {named}. The simplest is used: {chosen.family}."]
     else:
-        found = [f"The matter is {chosen.family} ({chosen.law}), with a probability of {_percent(chosen.probability)}."]
+        found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
     if leader.held_out is not None and leader.held_out > POOR:
         found.append(
             f"Doubtful: the {leader.family} law predicts what was held out with {leader.held_out:.1f} times the error "

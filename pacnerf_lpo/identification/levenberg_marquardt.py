@@ -15,7 +15,7 @@ DAMPING_RANGE = (1e-7, 1e6)
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Misfit f(p) = mean r(p)^2 and its Gauss-Newton model around the current parameters, in float64.
+    """Cost f(p) = mean r(p)^2 and its Gauss-Newton model around the current parameters, in float64.
 
     loss: mean squared residual
     gradient: mean J^T r, one entry per parameter [(K,)]
@@ -30,12 +30,12 @@ class NormalEquations:
 class LevenbergMarquardt(torch.optim.Optimizer):
     """Minimises a mean squared residual: (H + damping diag H) step = -gradient (Marquardt 1963).
 
-    A step that does not lower the misfit is taken back and tried again with more damping.
+    A step that does not lower the cost is taken back and tried again with more damping.
 
     Args:
         parameters: tensors to optimise, read as one vector of K entries.
         limits: largest change of each entry in one step [(K,)].
-        trial_loss: the misfit at the parameters' current values.
+        trial_loss: the cost at the parameters' current values.
         damping: relative damping to start with.
     """
 
@@ -48,7 +48,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     @torch.no_grad()
     def step(self, closure: Callable[[], NormalEquations]) -> NormalEquations:  # type: ignore[override]
         """One accepted step, or none when no damping helps; ``last_step`` is its largest part of a limit, ``last_gain``
-        the part of the misfit that it took away.
+        the part of the cost that it took away.
         """
         group = self.param_groups[0]
         model = closure()

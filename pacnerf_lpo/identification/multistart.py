@@ -37,7 +37,7 @@ class Stage:
     offsets: changes of each coordinate of ``spans``, one at a time, at the best of what was kept; tried besides.
     apart: two points or fits are the same if they differ by less in all coordinates [(K,)]; None: by the longest first
         step of a fit, which a fit from one of them bridges at once.
-    rival: a point or fit above this multiple of the best cost is not kept; None: all are.
+    within: a point or fit above this multiple of the best cost is not kept; None: all are.
     confirm: a fit ends only with a Jacobian that was measured there.
     """
 
@@ -51,7 +51,7 @@ class Stage:
     samples: int = 0
     offsets: Sequence[float] = ()
     apart: np.ndarray | None = None
-    rival: float | None = None
+    within: float | None = None
     confirm: bool = False
 
 
@@ -77,7 +77,7 @@ def multistart(
     Args:
         stages: in their order, for instance coarse bodies before fine ones; made when they are needed.
         starts: points to begin with [(K,) each], or fits.
-        watch: passes points on as they are tried; told how many, such as tqdm.
+        watch: passes points on as they are tried; receives their number, such as tqdm.
     """
     kept, rollouts, unstable = list(starts), 0, 0
     fits: list[Fit] = []
@@ -174,7 +174,7 @@ def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
         ranked = sorted(found, key=lambda other: other.cost_of(rows))
         count = 0
         for other in ranked:
-            near = stage.rival is None or other.cost_of(rows) <= stage.rival * ranked[0].cost_of(rows)
+            near = stage.within is None or other.cost_of(rows) <= stage.within * ranked[0].cost_of(rows)
             if count < stage.keep and near and _is_apart(other.free, chosen, apart):
                 chosen.append(other)
                 count += 1

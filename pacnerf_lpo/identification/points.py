@@ -20,12 +20,12 @@ TRACK_KINDS = ("point x", "point y", "point z")
 HELD_EVERY = 3
 """Every third tracked point is held out."""
 MOST_TRACKS = 60
-"""Of more points so many are used: neighbours tell the same."""
+"""Of more points so many are used: neighbours say the same."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """Measured points beside a model's motion: one row for each tracked point, two for the clouds.
+    """Measured points compared with a model's motion: one row for each tracked point, two for the clouds.
 
     Entries are in pixels that a camera would see at the body, so that they weigh like outlines, and count from what was
     measured: a model that agrees predicts 0. Sightings are taken together by the frame that is nearest.

@@ -31,14 +31,14 @@ COARSER = 1.4
 """Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and small
 smooth changes of force and shape move it as they move the finer one."""
 LARGEST_EROSION = 80.0
-WEAR_STEP = 2.0
+EROSION_STEP = 2.0
 """Change of the erosion by which its effect is measured."""
 BISECTIONS = 9
 LEAST_SHADING = 0.01
 LEAST_SHAPE_ERROR = 0.15
 """Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
 MODEL_ERROR = 0.1
-"""Error of a summary that the model makes, before replicates tell [pixels]."""
+"""Error of a summary that the model makes, before replicates measure it [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Problem(ABC):
         voxel: node spacing [m] to which the time step of ``physics`` belongs; the shape is known to a part of it.
         measured: summaries of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
         sensor: standard deviation of their noise [(V, F, 11)]
-        points: measured beside the video; ``measured``, ``sensor`` and all residuals get R rows of theirs behind those
-            of the views.
+        points: measured in addition to the video; ``measured``, ``sensor`` and all residuals get R rows of theirs
+            behind those of the views.
     """
 
     def __init__(
@@ -101,8 +101,8 @@ class Problem(ABC):
             found = points.measured
             self.measured = np.concatenate((measured, found))
             self.sensor = np.concatenate((sensor, points.sensor))
-            told = np.isfinite(found)
-            self.usable = np.concatenate((self.usable, told & ~first_sight(found) if anchored else told))
+            finite = np.isfinite(found)
+            self.usable = np.concatenate((self.usable, finite & ~first_sight(found) if anchored else finite))
             if not len(held.points):
                 self.split = replace(held, points=np.ones(len(found), bool))
 
@@ -349,15 +349,15 @@ class StateProblem(Problem):
         """The coarse body, its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
 
         def erosion(points: Tensor) -> Tensor:
-            return self.erosion + offset(points) / self.wear
+            return self.erosion + offset(points) / self.offset_per_erosion
 
         return self._coarse.body(erosion)
 
     @cached_property
-    def wear(self) -> float:
+    def offset_per_erosion(self) -> float:
         """How far the surface moves inwards for one unit of erosion [m]."""
-        thinner = self._coarse.body(self.erosion + WEAR_STEP)
-        return (self.coarse_body.volume - thinner.volume) / (WEAR_STEP * bodies.surface(self.coarse_body))
+        thinner = self._coarse.body(self.erosion + EROSION_STEP)
+        return (self.coarse_body.volume - thinner.volume) / (EROSION_STEP * bodies.surface(self.coarse_body))
 
     @cached_property
     def _coarse(self) -> bodies.Sampling:
@@ -381,7 +381,7 @@ class StateProblem(Problem):
         return float(np.median(seen)) if len(seen) else -np.inf
 
     def _measured_brightness(self) -> np.ndarray:
-        """Logarithm of mean brightness beside that of the reconstruction at frame 0 [(V, F)]."""
+        """Logarithm of mean brightness relative to that of the reconstruction at frame 0 [(V, F)]."""
         video, renderer = self.data.video, StateRenderer(self.state)
         grid = renderer.grid(self.state.positions)
         size = video.images.shape[2], video.images.shape[3]

@@ -20,10 +20,10 @@ from pacnerf_lpo.mpm.effects.base import Effect
 FINENESS = (0.78, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range."""
 PLACES, BUMP = 16, 0.7
-"""Errors of the shape in one place: how many places, and how wide beside how far they leave any particle. Smooth fields
-over the whole body do not tell what a side that few cameras see is like."""
+"""Errors of the shape in one place: how many places, and their width relative to the covering radius (of a particle
+from its nearest place, at most). Smooth fields over the body do not show errors of a side that few cameras see."""
 DENSITY_ERROR = 0.1
-"""Of the reconstructed matter, from the centre to the rim."""
+"""Of the reconstructed body, from the centre to the rim."""
 TRIALS = 4
 SEEDS = 101
 """Recordings of one study have seeds that are so far apart."""

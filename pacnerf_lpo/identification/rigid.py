@@ -36,7 +36,7 @@ UNIT = 1e-3
 """Residuals are counted in millimetres [m]."""
 PLACE = tuple(Parameter(f"{axis}_0", "m", Identity(), (-1e3, 1e3), f"start along {axis}", spread=1.0) for axis in AXES)
 SPEED = tuple(replace(parameter, spread=1.0) for parameter in VELOCITY)
-"""As of a body before cameras, whose outlines tell less of it."""
+"""As of a body before cameras, whose outlines are less precise."""
 RELEASE = Parameter("release", "s", Identity(), (-1.0, 1e3), "time of the release", spread=0.5)
 """It may lie before the first sample: a recording can begin as the body has just been let go."""
 ACROSS = 6.0
@@ -133,9 +133,9 @@ class Centre:
 
     def predict(self, path: Tensor) -> np.ndarray:
         """How far a motion [m, (F, N, 3)] is from what was measured [mm, (1, F, 11)]; NaN where nothing was."""
-        return self.beside(path.mean(1).numpy())
+        return self.difference(path.mean(1).numpy())
 
-    def beside(self, centre: np.ndarray) -> np.ndarray:
+    def difference(self, centre: np.ndarray) -> np.ndarray:
         """The same by the centre [m, (F, 3)]."""
         return _row(centre - self.flight.positions) / UNIT
 
@@ -170,7 +170,7 @@ class RigidModel(Model):
 
     def predict(self, free: np.ndarray) -> np.ndarray:
         """By the motion of the centre alone."""
-        return self._centre_of.beside(self.centre(free))
+        return self._centre_of.difference(self.centre(free))
 
     def centre(self, free: np.ndarray) -> np.ndarray:
         """Of the body at every sample [m, (F, 3)]. Raises SimulationError."""

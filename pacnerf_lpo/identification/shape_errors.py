@@ -1,5 +1,5 @@
-"""What the residual does where body, resolution or opacity are wrong: directions of the noise, beside what replicates
-show.
+"""What the residual does where body, resolution or opacity are wrong: directions of the noise, in addition to what
+replicates show.
 
 A few replicates show the size of such errors, but hardly any of their directions. So each of some smooth errors of the
 shape and of the matter moves once, by as much as it may be wrong.
@@ -23,11 +23,11 @@ from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
 MATTER_ERROR = 0.05
-"""Of the density of the reconstructed matter, from place to place."""
+"""Of the density of the reconstructed body, from place to place."""
 OPAQUE = 3.3
-"""Optical depth of opaque particles beside the model's: with it one layer of them covers nine tenths, not half."""
+"""Optical depth of opaque particles relative to the model's: with it one layer of them covers nine tenths, not half."""
 LOCAL = 2.0
-"""Size of an error in one place beside one that is everywhere."""
+"""Size of an error in one place relative to one that is everywhere."""
 
 
 def shape_errors(
@@ -46,7 +46,7 @@ def shape_errors(
         effects: of the model.
         free: coordinates at which the model was fitted [(K,)]
         model: whose body may be wrong.
-        progress: told what happens.
+        progress: receives a line about each step.
 
     Raises:
         SimulationError: the motion is unstable with every one of them.

@@ -10,8 +10,8 @@ KINDS = ("x", "y", "size", "width", "height", "skew", "left", "right", "top", "b
 """Centroid, square root of the area, standard deviations along x and y, their mixed moment, and where the outermost
 twentieth of the area begins on each side; x to the right, y downwards."""
 BRIGHTNESS = "brightness"
-"""Logarithm of the object's mean brightness beside what the reconstruction of frame 0 shows in that view, relative to
-the median of all views; no outline tells of it."""
+"""Logarithm of the object's mean brightness relative to what the reconstruction of frame 0 shows in that view, relative
+to the median of all views; no outline depends on it."""
 TAIL = 0.05
 LEAST_AREA = 4.0
 EDGE = 0.3

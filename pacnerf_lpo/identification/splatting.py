@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import functional
 
 OPAQUE = 0.7
-"""Optical depth of one particle spacing of matter: the outline is half opaque near the surface of a thick body."""
+"""Optical depth of one particle spacing of the body: the outline is half opaque near the surface of a thick body."""
 BLUR = 0.4
 """Width of a particle's footprint in particle spacings."""
 REACH, MOST_REACH = 2.5, 24

@@ -1,4 +1,4 @@
-"""Residuals in units of a noise that replicates show: what hypotheses are compared in, effects and laws alike."""
+"""Residuals in units of a noise that replicates show: what hypotheses are compared in, of effects as of laws."""
 
 from __future__ import annotations
 

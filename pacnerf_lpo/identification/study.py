@@ -415,7 +415,7 @@ def without_contact(problem: Problem) -> list[str]:
     for part in problem.parts(problem.physics.effects, problem.first_guess) if problem.deforms else ():
         model = part.model
         if model.contact(model.start, within=1.0) == model.shape[1]:
-            found.append(f"{part.name}: the body does not reach the ground; it tells of forces, not of the material")
+            found.append(f"{part.name}: the body does not reach the ground; it shows forces, not the material")
     return found
 
 
@@ -432,7 +432,7 @@ def _described(law: tuple, density: float) -> str:
 
 
 def _extents(body: Body) -> np.ndarray:
-    """Standard deviations of the matter along its principal axes, ascending [m, (3,)]."""
+    """Standard deviations of the occupied volume along its principal axes, ascending [m, (3,)]."""
     weight = (body.fraction / body.fraction.sum()).double()
     positions = body.positions.double()
     away = positions - (weight[:, None] * positions).sum(0)

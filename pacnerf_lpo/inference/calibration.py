@@ -22,7 +22,7 @@ from pacnerf_lpo.inference.noise import NoiseModel
 
 LENDING = 4.0
 """Prior degrees of freedom of a scale: as many as limma finds in data of this size, where the mean of all hypotheses
-tells about as much as a few replicates of its own."""
+informs about as much as a few replicates of its own."""
 DRAWS = 5000
 """Simulated selections: a p-value of 0.01 is found to a seventh of itself."""
 TAIL_DRAWS = 25

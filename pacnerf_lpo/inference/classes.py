@@ -1,4 +1,4 @@
-"""Effects that one recording cannot tell apart."""
+"""Effects that one recording cannot separate."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ LEVEL = 0.01
 """Probability that a diagnosis names anything where nothing is missing: an invented effect costs a user more than a
 weak one that is not found, of which the report says how large it could be."""
 DECISIVE = float(np.log(20.0))
-"""Hypotheses whose log odds are within this are not told apart: odds of twenty to one (Kass and Raftery 1995)."""
+"""Hypotheses whose log odds are within this are indistinguishable: odds of twenty to one (Kass and Raftery 1995)."""
 LINEAR = 0.7
 """A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends,
 and a straight line misses up to a third of what it explains."""
@@ -66,7 +66,7 @@ def best(contenders: Sequence[Contender], odds: Mapping[str, float]) -> Contende
 
 
 def indistinguishable(leader: Contender, odds: Mapping[str, float]) -> list[str]:
-    """Names that the data do not tell apart from the leader, itself first."""
+    """Names that the data do not separate from the leader, itself first."""
     near = [name for name, found in odds.items() if found > odds[leader.name] - DECISIVE and name != leader.name]
     return [leader.name, *near]
 

@@ -7,7 +7,7 @@ import numpy as np
 LEAST_ENTRIES = 30
 """From fewer the noise would be known to no better than a third, as it is without them."""
 FACTORS = np.geomspace(0.1, 10.0, 93)
-"""Tried, in steps of 5 %: a twentieth is more than hundreds of entries can tell."""
+"""Tried, in steps of 5 %: a twentieth is finer than hundreds of entries can resolve."""
 MEDIAN_OF_CHI2 = 0.4549
 
 

@@ -40,7 +40,7 @@ class Physics:
         rho: mass density of the full material [kg/m^3].
         substep_rate: integration steps per second [1/s].
         frame_rate: video frames per second [1/s].
-        gravity: [m/s^2].
+        gravity: acceleration by gravity [m/s^2].
         ground_height: height of the ground plane [m].
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.

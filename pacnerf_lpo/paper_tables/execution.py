@@ -53,7 +53,7 @@ class Outcome:
 
 
 def execute(task: Task) -> Outcome:
-    """Run ``fit --resume`` to its end, its failure or the stop file; the reason of a failure is kept beside the run."""
+    """Run ``fit --resume`` to its end, its failure or the stop file; why it failed is kept next to the run."""
     if threading.current_thread() is threading.main_thread() and os.environ.get("LOKY_WORKER"):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the stop file first
     if task.stop.exists():

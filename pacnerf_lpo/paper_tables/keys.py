@@ -61,7 +61,7 @@ def run_key(config: Mapping[str, Any]) -> str:
 def beginning_key(config: Mapping[str, Any]) -> str:
     """The key of static grids, velocity and first identification: whatever comes after them is left out.
 
-    It is the key of a run that goes no further, and tells which runs can start from it.
+    It is the key of a run that goes no further, and says which runs can start from it.
     """
     kept = {name: deepcopy(config[name]) for name in SECTIONS_OF_THE_BEGINNING}
     kept["phases"].pop("correction", None)

@@ -99,7 +99,7 @@ class ImageLayout(Layout):
 
     def _beside_paper(self, scene: Scene, quantity: str, entries: Sequence[Entry]) -> tuple[Entry, ...]:
         printed = paper_values(self.name, scene.name, quantity) if scene.original else []
-        return beside(entries, printed)
+        return with_printed(entries, printed)
 
     def _averages(self, rows: Sequence[Row], scenes: Sequence[Scene]) -> list[Row]:
         every_original = len(scenes) > 1 and all(scene.original for scene in scenes)
@@ -110,7 +110,7 @@ class ImageLayout(Layout):
                 continue
             complete = [row for row in mine if all(entry.value is not None for entry in row.entries)]
             whole = every_original and len(complete) == len(mine) == PAPER_SCENES
-            entries = beside(
+            entries = with_printed(
                 mean_entries(complete, len(self.columns)), paper_values(self.name, AVERAGE, name) if whole else []
             )
             said = (
@@ -153,7 +153,7 @@ class SpreadLayout(ImageLayout):
         name, label, form, better = metric
         printed = paper_values(self.name, AVERAGE, name) if sum(s.original for s in scenes) == PAPER_SCENES else []
         entries = [self._over_sets(book, scenes, column, name) for column in self.columns]
-        return Row("average", label, form, better, beside(entries, printed))
+        return Row("average", label, form, better, with_printed(entries, printed))
 
     def _over_sets(self, book: Book, scenes: Sequence[Scene], column: Column, name: str) -> Entry:
         means = []
@@ -179,7 +179,7 @@ class ErrorLayout(Layout):
             for name in known_parameters(found):
                 entries = [one if isinstance(one, Entry) else one.error(name) for one in found]
                 printed = paper_values(self.name, scene.name, name) if scene.original else []
-                rows.append(Row(scene.name, PARAMETERS[name][0], ".3f", -1, beside(entries, printed)))
+                rows.append(Row(scene.name, PARAMETERS[name][0], ".3f", -1, with_printed(entries, printed)))
         table = self.table(rows)
         table.notes += self._counts(rows)
         return table
@@ -200,7 +200,7 @@ class ErrorLayout(Layout):
 
 @dataclass(frozen=True)
 class ValueLayout(Layout):
-    """Identified parameters beside the true ones."""
+    """Identified parameters next to the true ones."""
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per scene and true parameter; the first column is the truth."""
@@ -213,7 +213,7 @@ class ValueLayout(Layout):
             for name in known_parameters(found):
                 entries = [one if isinstance(one, Entry) else one.parameter(name) for one in found]
                 printed = paper_values(self.name, scene.name, name) if scene.original else []
-                row = (Entry(truth[name]), *beside(entries, printed))
+                row = (Entry(truth[name]), *with_printed(entries, printed))
                 rows.append(Row(scene.name, *PARAMETERS[name][1:], 0, row))
         return self.table(rows, ("ground truth", *(column.label for column in self.columns)))
 
@@ -228,7 +228,7 @@ class TimeLayout(Layout):
         rows = []
         for process, label in PROCESSES.items():
             printed = [paper_values(self.name, scene.name, process) if scene.original else [] for scene in scenes]
-            entries = [beside([mine[process]], paper)[0] for mine, paper in zip(seconds, printed, strict=True)]
+            entries = [with_printed([mine[process]], paper)[0] for mine, paper in zip(seconds, printed, strict=True)]
             rows.append(Row(label, self._frames(book, scenes, process), ".1f", 0, tuple(entries)))
         table = self.table(rows, tuple(f"{scene.name} [s]" for scene in scenes))
         table.head = ("process", "# frames")
@@ -276,7 +276,7 @@ def mean_entries(rows: Sequence[Row], columns: int) -> list[Entry]:
     return [Entry(statistics.fmean(row.entries[i].value or 0.0 for row in rows)) for i in range(columns)]
 
 
-def beside(entries: Sequence[Entry], printed: Sequence[float | None]) -> tuple[Entry, ...]:
+def with_printed(entries: Sequence[Entry], printed: Sequence[float | None]) -> tuple[Entry, ...]:
     """Our entries with what the paper prints in the same places."""
     if not printed:
         return tuple(entries)

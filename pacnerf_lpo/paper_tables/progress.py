@@ -70,7 +70,7 @@ class Progress:
         )
 
     def seconds_left(self) -> float | None:
-        """Phases still to come, each as long as its like have taken here; None while it cannot be told."""
+        """Phases still to come, each as long as similar ones have taken here; None while that is unknown."""
         seen: dict[str, list[float]] = defaultdict(list)
         missing: list[str] = []
         for run in self.runs:
@@ -106,7 +106,7 @@ class Progress:
 
 
 def current_phase(run: PlannedRun) -> str | None:
-    """The phase a run is in, told by its manifest; None when it is in none."""
+    """The phase a run is in, by its manifest; None when it is in none."""
     records = _records(run)
     for record in records:
         if record["status"] == "running":

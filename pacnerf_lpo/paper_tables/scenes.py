@@ -26,7 +26,7 @@ class Scene:
         root: what ``data.root`` is set to.
         configs: configuration files of the scene, in order.
         truth: what ``truth`` is set to; only the evaluation at the end of a run opens it.
-        original: whether it is the paper's recording, so that the paper's figures can stand beside ours.
+        original: whether it is the paper's recording, so that the paper's figures can stand next to ours.
     """
 
     name: str

@@ -54,10 +54,10 @@ class Figures:
         return Entry(errors[name]["error"], key=self.key) if name in errors else Entry(note="not in truth.json")
 
     def true_values(self) -> dict[str, float]:
-        """True parameters by name, as far as there is a truth; not those that the run was told."""
-        told = self.phase["parameters"].keys() - self.results["free"]
+        """True parameters by name, as far as there is a truth; not those that the run was given."""
+        given = self.phase["parameters"].keys() - self.results["free"]
         errors = self.phase.get("truth_errors", {})
-        return {name: error["true"] for name, error in errors.items() if name not in told}
+        return {name: error["true"] for name, error in errors.items() if name not in given}
 
     def _why_missing(self, metric: str) -> str:
         means = self.phase["first_frame_metrics"]["train"] or {}
@@ -94,7 +94,7 @@ class Book:
 
 
 def _checked_key(run: PlannedRun) -> str:
-    """The key that lies beside the results, which must be that of the plan."""
+    """The key that lies next to the results, which must be that of the plan."""
     found = json.loads((run.run_dir / LABEL_FILE).read_text())["key"]
     if found != run.key:
         raise ValueError(f"{run.run_dir}: its results have the key {found}, but {run.key} is wanted")

@@ -1,4 +1,4 @@
-"""A table as data: rows of entries, ours beside the paper's, with the best and the second best of each row marked."""
+"""A table as data: rows of entries, ours next to the paper's, with the best and the second best of each row marked."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class AbstractPhase(pl.LightningModule, ABC):
         """The particle state after training, detached, on the CPU."""
 
     def export_findings(self) -> dict[str, Any] | None:
-        """What it found beside the state, as JSON; None: nothing."""
+        """What it found in addition to the state, as JSON; None: nothing."""
         return None
 
     @abstractmethod
@@ -67,7 +67,7 @@ class StepNumbers(torch.utils.data.IterableDataset):
 
     Args:
         count: steps in all.
-        done: tells, when iteration starts, how many were taken before (a resumed run).
+        done: says, when iteration starts, how many were taken before (a resumed run).
     """
 
     def __init__(self, count: int, done: Callable[[], int]):

@@ -10,15 +10,19 @@ from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.types import ParticleState
 
 FRAME_RATE_TOLERANCE = 0.01
+TEST_EVERY = 5
+"""Steps of a correction between two looks at the test views: each renders as many images as a step, without gradients,
+so that they take less than a tenth of the time."""
 
 
 class DynamicPhase(AbstractPhase):
@@ -32,7 +36,7 @@ class DynamicPhase(AbstractPhase):
     """
 
     state: ParticleState
-    misfit: VideoMisfit
+    image_cost: ImageCost
 
     def __init__(self, steps: int, silhouette_weight: float = 0.0, seed: int = 0):
         super().__init__()
@@ -52,7 +56,7 @@ class DynamicPhase(AbstractPhase):
         if state is None:
             raise UserInputError(f"{type(self).__name__} needs a particle state: run the static phase before it")
         self.state = state
-        self.misfit = VideoMisfit(self.data, state, self.silhouette_weight)
+        self.image_cost = ImageCost(self.data, state, self.silhouette_weight)
 
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own views."""
@@ -81,7 +85,7 @@ class DynamicPhase(AbstractPhase):
         return self.physics.rollout(state.positions, everywhere, density, parameters, state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
-        """A motion from frame 0 on as the cameras see it, to be compared by :class:`VideoMisfit`.
+        """A motion from frame 0 on as the cameras see it, to be compared by :class:`ImageCost`.
 
         Args:
             trajectory: [m, (F, N, 3)]
@@ -113,6 +117,27 @@ class DynamicPhase(AbstractPhase):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on with the time step that was reached."""
         self.physics.halvings = checkpoint["step_halvings"]
+
+    @torch.no_grad()
+    def log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
+        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
+
+        Args:
+            step: of the optimiser.
+            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
+            density, features: of the particles [(N,)], [(N, 12)]
+            observer: what is wrong with the cameras.
+        """
+        test, video = self.data.test, self.data.video
+        if not test or step % TEST_EVERY:
+            return
+        errors = []
+        for frame in range(seen.shape[1]):
+            view = test[frame % len(test)]
+            at = observer.clock(video.view_ids[view])
+            residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
+            errors.append(float(residual[..., :3].square().mean()))
+        self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
 
 
 def known_values(physics: Physics, state: ParticleState) -> dict[str, float]:

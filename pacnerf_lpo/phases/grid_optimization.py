@@ -74,8 +74,8 @@ class GridOptimizationModule(DynamicPhase):
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
     def training_step(self, step: int, _: int) -> Tensor:
-        """Misfit over all frames of freshly sampled particles, one random training view for each frame."""
-        frames = self.misfit.frames
+        """Cost over all frames of freshly sampled particles, one random training view for each frame."""
+        frames = self.image_cost.frames
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
         driving = density if self.density_drives_mass else density.detach()
         velocity = self.state.velocity.mean(0)
@@ -88,7 +88,8 @@ class GridOptimizationModule(DynamicPhase):
             frames,
         )
         seen, observer = self.watch(trajectory, velocity, self._values)
-        loss = self.misfit.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
+        loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
+        self.log_test_psnr(step, seen, density, features, observer)
         self.log("correction/loss", loss)
         self.log("correction/particles", float(len(positions)))
         return loss

@@ -1,4 +1,4 @@
-"""Training images kept back from the correction, to tell whether another round of Algorithm 1 still helps."""
+"""Training images kept back from the correction, to decide whether another round of Algorithm 1 still helps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from pacnerf_lpo.phases.dynamic import known_values
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
@@ -40,10 +40,10 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
     """
     video = data.video
     values = {name: torch.tensor(value) for name, value in known_values(physics, state).items()}
-    observer, misfit = Observer(cameras_of(physics.effects, video), values), VideoMisfit(data, state)
+    observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
     errors = [
-        misfit.residual(
+        cost.residual(
             seen[observer.clock(video.view_ids[view]), frame], state.density, state.features, view, frame, observer
         )
         for view, frame in sorted(images)

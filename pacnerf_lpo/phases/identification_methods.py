@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.types import ParticleState
 
 PROBE = 0.5  # of a parameter's scale: change for a forward sensitivity, well above the sampling noise of images
-LEAST_GAIN = 1e-3  # of the misfit, by a step that is worth another
+LEAST_GAIN = 1e-3  # of the cost, by a step that is worth another
 LONGEST_STEP = 5.0  # of a parameter's scale, in one Gauss-Newton step
 VELOCITY_SCALE = 0.1  # m/s
 TRIALS = 2.5
@@ -31,7 +31,7 @@ UNSEEN = 1e-5
 
 
 class IdentificationMethod(ABC):
-    """How PhysicsIDModule lowers the misfit.
+    """How PhysicsIDModule lowers the cost.
 
     Args:
         warm_up_iterations: iterations on the frames around contact.
@@ -39,7 +39,7 @@ class IdentificationMethod(ABC):
     """
 
     fits_velocity: bool = False
-    draws_views: bool = False  # at random, so that the misfits of two iterations differ by chance, too
+    draws_views: bool = False  # at random, so that the costs of two iterations differ by chance, too
 
     def __init__(self, warm_up_iterations: int, main_iterations: int):
         if warm_up_iterations < 0 or main_iterations < 1:
@@ -72,7 +72,7 @@ class IdentificationMethod(ABC):
 
     @abstractmethod
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration; returns the misfit before it."""
+        """One iteration; returns the cost before it."""
 
     @abstractmethod
     def prepare(self, module: PhysicsIDModule) -> None:
@@ -144,11 +144,11 @@ class GaussNewton(IdentificationMethod):
     """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
 
     The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
-    the valley before the first step, because moduli can be wrong by a factor of a thousand.
+    the local minimum before the first step, because moduli can be wrong by a factor of a thousand.
 
     Args:
         coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
-            contact the valley is wide, later it folds.
+            contact the minimum is wide, later it splits into several.
         iterations: at most, on all frames; either stage ends when its steps have become small.
         scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
         coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
@@ -176,7 +176,7 @@ class GaussNewton(IdentificationMethod):
         self.fits_velocity = fits_velocity
 
     def check(self, names: Sequence[str]) -> None:
-        """Nothing: it treats every parameter alike."""
+        """Nothing: it treats every parameter the same way."""
 
     def work(self, module: PhysicsIDModule, particles: int) -> Work:
         """Every iteration simulates each unknown and some trials; every scan its lattice, and those left again."""
@@ -194,7 +194,7 @@ class GaussNewton(IdentificationMethod):
         """Scan the parameters on the frames around contact: again and again, fix the one that gains most by itself."""
         if not self._searches:
             return
-        module.misfit.pool = self.coarse_pool
+        module.image_cost.pool = self.coarse_pool
         open_names = [name for name in module.free if len(self._lattice(module, name)) > 1]
         while open_names:
             found = {name: self._scan(module, name) for name in open_names}
@@ -217,7 +217,7 @@ class GaussNewton(IdentificationMethod):
         return [point for point in points if low < float(parameter.transform.to_physical(torch.tensor(point))) < high]
 
     def _scan(self, module: PhysicsIDModule, name: str) -> tuple[float, float]:
-        """Least misfit over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
+        """Least cost over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
         frames, first = module.warm_up_length, module.hit_frame - 1
         views = module.fixed_views(frames, self.views_per_frame)
         start, halvings, losses = module.free[name].item(), module.physics.halvings, {}
@@ -231,7 +231,7 @@ class GaussNewton(IdentificationMethod):
         return losses[best], best
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        module.misfit.pool = self.coarse_pool if step < module.warm_up_end else self.pool
+        module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
         self._views = module.fixed_views(self._frames, self.views_per_frame)
         if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
@@ -240,7 +240,7 @@ class GaussNewton(IdentificationMethod):
         return model.loss
 
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """The last step was short, or took away hardly anything: in a flat valley steps stay long."""
+        """The last step was short, or took away hardly anything: along a flat direction steps stay long."""
         last = optimiser.param_groups[0]
         return last["last_step"] < 0.01 or last["last_gain"] < LEAST_GAIN
 

@@ -24,8 +24,8 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Fit, Residual, fit
 from pacnerf_lpo.mpm.parameters import Log10
-from pacnerf_lpo.phases.misfit import VideoMisfit
-from pacnerf_lpo.phases.outline_method import HALVINGS, Misfit
+from pacnerf_lpo.phases.image_cost import ImageCost
+from pacnerf_lpo.phases.outline_method import HALVINGS, OutlineCost
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.types import Video
 
@@ -61,7 +61,7 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
         SimulationError: the coarse body is unstable at the identified parameters.
     """
     began, frames = time.monotonic(), min(module.hit_frame + FRAMES, module.frame_count)
-    outlines = Misfit(module, PARTICLES, frames=frames)
+    outlines = OutlineCost(module, PARTICLES, frames=frames)
     model = outlines.model
     model.physics.most_halvings = HALVINGS
     images = _Images(module, outlines, frames)
@@ -132,13 +132,13 @@ class _Images:
 
     Args:
         module: supplies state, video and settings.
-        outlines: supplies the coarse body, its model and what is usual.
+        outlines: supplies the coarse body, its model and the priors.
         frames: the first so many are compared.
     """
 
-    def __init__(self, module: PhysicsIDModule, outlines: Misfit, frames: int):
+    def __init__(self, module: PhysicsIDModule, outlines: OutlineCost, frames: int):
         self.model, self.unusual, self.state = outlines.model, outlines.unusual, module.state
-        self.misfit = VideoMisfit(reduced(module.data), module.state, module.silhouette_weight)
+        self.image_cost = ImageCost(reduced(module.data), module.state, module.silhouette_weight)
         self.views = module.fixed_views(frames, VIEWS)
         distance, self._near = cKDTree(self.model.body.positions.numpy()).query(
             self.state.positions.numpy(), NEIGHBOURS
@@ -149,7 +149,7 @@ class _Images:
         self._unit = max(float(np.sqrt(np.mean(self._pixels(self.model.start) ** 2))), 1e-6)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
-        """In units of their root mean square at the start, then how far unknowns are from what is usual [(D,)]."""
+        """In units of their root mean square at the start, then how far unknowns are from their prior means [(D,)]."""
         self.model.physics.halvings = 0
         return np.append(self._pixels(free) / self._unit, self.unusual(free))
 
@@ -159,10 +159,10 @@ class _Images:
         path, observer = model.path(free)[: len(self.views)], model.observer(free)
         seen = observer.seen(path, model.velocity(free), model.video.times[: len(path)])
         for frame, views in enumerate(self.views):
-            fields = [self.misfit.field(self._carried(p[frame]), state.density, state.features) for p in seen]
+            fields = [self.image_cost.field(self._carried(p[frame]), state.density, state.features) for p in seen]
             for view in views:
                 field = fields[observer.clock(model.video.view_ids[view])]
-                found.append(self.misfit.residual_of_field(field, view, frame, observer))
+                found.append(self.image_cost.residual_of_field(field, view, frame, observer))
         return torch.stack(found).flatten().double().numpy()
 
     def _carried(self, coarse: Tensor) -> Tensor:

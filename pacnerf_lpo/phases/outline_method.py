@@ -36,7 +36,7 @@ HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time in a search."""
 FINALISTS = 3
 """Optima of a coarse body that are followed on a finer one: its error moves them and changes their order."""
-RIVAL = 2.0
+COMPETING = 2.0
 """Of the best cost: an optimum above it is not followed."""
 APART = 0.2
 """Of its span in one of the coordinates: so far apart lie the points of a sample that are followed."""
@@ -56,17 +56,17 @@ class OutlineGaussNewton(GaussNewton):
     """Levenberg-Marquardt on ten numbers for each outline (centroid, area, widths, edges; see
     :mod:`pacnerf_lpo.identification.silhouette_moments`), relative to frame 0, instead of on pixels.
 
-    No image is rendered: particles are splatted, a misfit costs little more than a rollout. So first a low-discrepancy
-    sample of the parameter space is tried on a coarse body. From its best points that lie well apart, by the first
-    frames after contact and by all, short fits take in more and more frames
+    No image is rendered: particles are splatted, an evaluation takes little longer than a rollout. So first a
+    low-discrepancy sample of the parameter space is tried on a coarse body. From its best points that lie well apart,
+    by the first frames after contact and by all, short fits take in more and more frames
     (see :mod:`pacnerf_lpo.identification.multistart`). Their best optima go on with finer bodies, and at last some fits
     start from neighbours of the best. Where two end about as low, fits of both with still finer bodies decide. Shading,
     which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and a fit on it ends in a wrong local minimum. So what
     outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
-    :class:`Misfit`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has made
-    those agree with the images, and neither its outlines by splats nor another sampling of it do.
+    :class:`OutlineCost`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has
+    made those agree with the images, and neither its outlines by splats nor another sampling of it do.
 
     Args:
         iterations: at most, after the search.
@@ -74,7 +74,7 @@ class OutlineGaussNewton(GaussNewton):
         scan_decades: log10 parameters are searched so many decades to either side of the guess.
         starts: how many of the best points are followed by short fits.
         particles, coarse_particles: number of particles of the two bodies.
-        scan_particles: number of particles of the coarser body of the first short fits, beside ``coarse_particles``.
+        scan_particles: number of particles of the body that is coarser still, of the first short fits.
         jobs: simulations at the same time, each in a process of its own; None: as many as torch may use threads, at
             most 8, and one on a GPU.
     """
@@ -100,7 +100,7 @@ class OutlineGaussNewton(GaussNewton):
         check_jobs(jobs, "OutlineGaussNewton")
         self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
-        self._kept: Misfit | None = None
+        self._kept: OutlineCost | None = None
 
     def work(self, module: PhysicsIDModule, particles: int) -> Work:
         """No images. Fits of the search converge after half of their iterations; half of the optima are compared."""
@@ -126,7 +126,7 @@ class OutlineGaussNewton(GaussNewton):
                 self._search(module)
 
     def _search(self, module: PhysicsIDModule) -> None:
-        points = Misfit(module, self.coarse_particles)
+        points = OutlineCost(module, self.coarse_particles)
         model, frames = points.model, len(module.data.video.times)
         spans = {model.names.index(name): ends for name, ends in self.span(module).items()}
         widths = np.array([np.ptp(spans.get(index, (-np.inf, np.inf))) for index in range(len(model.names))])
@@ -137,16 +137,16 @@ class OutlineGaussNewton(GaussNewton):
             spans=spans, samples=self.samples, apart=APART * widths,
         )  # fmt: skip
         found = multistart([sample], [model.start], _bar).fits
-        misfit, found = self._fits(module, (self.coarse_particles, self.scan_particles), found, rows)
-        misfit, found = self._fits(module, (self.particles, self.coarse_particles), found, rows[-2:])
+        outline_cost, found = self._fits(module, (self.coarse_particles, self.scan_particles), found, rows)
+        outline_cost, found = self._fits(module, (self.particles, self.coarse_particles), found, rows[-2:])
         if not found:
             return
         moduli = {index: ends for index, ends in spans.items() if isinstance(model.unknowns[index].transform, Log10)}
-        neighbours = misfit.stage(keep=FINALISTS, spans=moduli, offsets=NEIGHBOURS, apart=SAME * model.scales)
+        neighbours = outline_cost.stage(keep=FINALISTS, spans=moduli, offsets=NEIGHBOURS, apart=SAME * model.scales)
         best, *others = multistart([neighbours], found[:1], _bar).fits
         if others and MUCH_LOWER * others[0].cost < best.cost:
             best = min(self._on_finer(module, [best, others[0]]), key=lambda fit: fit.cost, default=best)
-        self._set(module, misfit.model, best.free)
+        self._set(module, outline_cost.model, best.free)
 
     def _fits(
         self,
@@ -154,23 +154,23 @@ class OutlineGaussNewton(GaussNewton):
         bodies: tuple[int, int],
         starts: Sequence[Fit],
         rows: Sequence[np.ndarray | None] = (None,),
-    ) -> tuple[Misfit, list[Fit]]:
+    ) -> tuple[OutlineCost, list[Fit]]:
         """Short fits that end apart, the best first, and of what; all at the same time step. Every step costs some of
         the rebound, so a stiffness that needs half the step must not be compared with one that does not.
         """
-        misfit = self._searched(module, bodies)
-        found = multistart([misfit.stage(rows, FINALISTS, rival=RIVAL)], starts, _bar).fits
-        if not any(misfit.needs_shorter_step(fit.free) for fit in found):
-            return misfit, found
+        outline_cost = self._searched(module, bodies)
+        found = multistart([outline_cost.stage(rows, FINALISTS, within=COMPETING)], starts, _bar).fits
+        if not any(outline_cost.needs_shorter_step(fit.free) for fit in found):
+            return outline_cost, found
         module.physics.halvings += 1
         return self._fits(module, bodies, found, rows[-1:])
 
     @staticmethod
-    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> Misfit:
-        """The misfit of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
-        misfit = Misfit(module, *bodies)
-        misfit.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
-        return misfit
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> OutlineCost:
+        """The cost of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
+        outline_cost = OutlineCost(module, *bodies)
+        outline_cost.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
+        return outline_cost
 
     def _on_finer(self, module: PhysicsIDModule, fits: Sequence[Fit]) -> list[Fit]:
         """Where fits lead with finer bodies, the best first: one pair of grids has an error that a wrong minimum fits,
@@ -183,7 +183,7 @@ class OutlineGaussNewton(GaussNewton):
         """The velocity by the frames before contact; colours, which the velocity phase fits, pull it down by percents,
         and with it the search into another local minimum.
         """
-        early = Misfit(module, self.coarse_particles, frames=module.hit_frame, sunk=SUNK)
+        early = OutlineCost(module, self.coarse_particles, frames=module.hit_frame, sunk=SUNK)
         model = early.model
         moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
         low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
@@ -196,29 +196,29 @@ class OutlineGaussNewton(GaussNewton):
     def _searches(self) -> bool:
         return self.samples > 0
 
-    def _misfit(self, module: PhysicsIDModule) -> Misfit:
+    def _outline_cost(self, module: PhysicsIDModule) -> OutlineCost:
         if self._kept is None:
-            self._kept = Misfit(module, self.particles, self.coarse_particles)
+            self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration, then back into the bounds."""
-        loss, misfit = super().iterate(module, optimiser, step), self._misfit(module)
-        self._set(module, misfit.model, np.clip(misfit.free(module), *misfit.model.bounds))
+        loss, outline_cost = super().iterate(module, optimiser, step), self._outline_cost(module)
+        self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
         return loss
 
     def _trial_loss(self, module: PhysicsIDModule) -> float:
-        misfit = self._misfit(module)
-        return finite_loss(lambda: float(np.mean(misfit.residual(misfit.free(module)) ** 2)))
+        outline_cost = self._outline_cost(module)
+        return finite_loss(lambda: float(np.mean(outline_cost.residual(outline_cost.free(module)) ** 2)))
 
     def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """In the order of ``module.unknowns``."""
-        misfit = self._misfit(module)
-        free, model = misfit.free(module), misfit.model
-        now = misfit.residual(free)
+        outline_cost = self._outline_cost(module)
+        free, model = outline_cost.free(module), outline_cost.model
+        now = outline_cost.residual(free)
         order = [model.names.index(name) for name in (*module.free, *(parameter.name for parameter in VELOCITY))]
         with processes(self.jobs):
-            jacobian = sensitivities(misfit.residual, free, now, model.scales, model.bounds)[:, order]
+            jacobian = sensitivities(outline_cost.residual, free, now, model.scales, model.bounds)[:, order]
         gradient, hessian = jacobian.T @ now / len(now), jacobian.T @ jacobian / len(now)
         return NormalEquations(float(np.mean(now**2)), torch.as_tensor(gradient), torch.as_tensor(hessian))
 
@@ -233,7 +233,7 @@ class OutlineGaussNewton(GaussNewton):
 
 
 class PixelsAfterOutlines(GaussNewton):
-    """Gauss-Newton on the pixels of a corrected body, for which what is usual counts as much as one image: an image is
+    """Gauss-Newton on the pixels of a corrected body, for which the prior counts as much as one image: an image is
     known by as much as it differs from the model at the start. So a Poisson's ratio of which the images tell little is
     not left to errors of the correction.
     """
@@ -259,7 +259,7 @@ class PixelsAfterOutlines(GaussNewton):
         return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
 
     def _unusual(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
-        """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from what is usual."""
+        """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
         weight = self._image_error / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
@@ -283,20 +283,20 @@ def _bar(items: Iterable[Item], count: int) -> Iterable[Item]:
     return tqdm(items, "physics: search", count, leave=False)
 
 
-class Misfit:
+class OutlineCost:
     """Weighted residual of the outlines in the training views.
 
-    With a coarser body beside it, it is extrapolated to vanishing node spacing h as an error in h^2 would be
+    With a coarser body in addition, it is extrapolated to vanishing node spacing h as an error in h^2 would be
     (Richardson 1911): in plastic flow, 1500 and 4000 particles extrapolated are nearer to 40,000 than 14,000 are. What
     an elastic body does as it rebounds does not converge so regularly, and gains less.
 
-    Behind the outlines' numbers comes one for each unknown with a usual value: how far it is from that, counted as much
-    as one outline. So a Poisson's ratio of which a plastic impact tells nothing does not run to its bound.
+    Behind the outlines' numbers comes one for each unknown with a prior: how far it is from the prior mean, counted as
+    much as one outline. So a Poisson's ratio about which a plastic impact says nothing does not run to its bound.
 
     Args:
         module: supplies video, state, model, how often its time step is halved, and the values to start from.
         particles: number of particles of the body.
-        coarser: number of particles of the coarser body beside it; None: there is none.
+        coarser: number of particles of the additional coarser body; None: there is none.
         frames: only the first so many are compared; None: all.
         sunk: the ground lies so much lower [m]
     """
@@ -328,7 +328,7 @@ class Misfit:
         self.model.frames = frames
         self._weighted = problem.weighted_residual_of(self.model)
         self._frames = np.nonzero(problem.fitted)[1]
-        self._coarser = None if coarser is None else Misfit(module, coarser, None, frames, sunk)
+        self._coarser = None if coarser is None else OutlineCost(module, coarser, None, frames, sunk)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
@@ -347,7 +347,7 @@ class Misfit:
         return np.append(self._frames < frames, np.ones(len(self.unusual(self.model.start)), bool))
 
     def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
-        """Short fits of the misfit, as a stage of a search; arguments as of :class:`Stage`."""
+        """Short fits of the cost, as a stage of a search; arguments as of :class:`Stage`."""
         settings = {"iterations": SEARCH_ITERATIONS, **more}
         return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, **settings)
 

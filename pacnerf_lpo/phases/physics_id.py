@@ -69,7 +69,7 @@ class PhysicsIDModule(DynamicPhase):
         velocity = self.state.velocity.mean(0).clone()
         self.velocity = nn.Parameter(velocity, requires_grad=self.method.fits_velocity)
         self._searched: dict[str, tuple[float, float]] = {}
-        self._misfits: list[float] = []
+        self._costs: list[float] = []
         self._visited: dict[str, list[float]] = {name: [] for name in self.free}
         self._converged = False
 
@@ -111,7 +111,7 @@ class PhysicsIDModule(DynamicPhase):
     def loss(self, frames: int, views: list[list[int]], first: int = 0) -> Tensor:
         """Squared error summed over channels, averaged over pixels, the frames from ``first`` on, and their views."""
         seen, observer = self.watch(self.trajectory(frames), self.velocity, self.values())
-        return self.misfit.loss(
+        return self.image_cost.loss(
             seen[:, first:], self.state.density, self.state.features, views[first:], first, observer
         )
 
@@ -119,7 +119,7 @@ class PhysicsIDModule(DynamicPhase):
         """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""
         seen, observer = watched
         positions = seen[observer.clock(self.data.video.view_ids[view]), frame]
-        return self.misfit.residual(positions, self.state.density, self.state.features, view, frame, observer)
+        return self.image_cost.residual(positions, self.state.density, self.state.features, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """The method's optimiser."""
@@ -141,7 +141,7 @@ class PhysicsIDModule(DynamicPhase):
         loss = self.method.iterate(self, optimiser, step)
         self.log("physics/loss", loss)
         if step >= self.warm_up_end:
-            self._misfits.append(loss)
+            self._costs.append(loss)
             for name, visited in self._visited.items():
                 visited += [*([] if visited else [before[name]]), self.free[name].item()]
         for name, value in self.export_values().items():
@@ -168,7 +168,7 @@ class PhysicsIDModule(DynamicPhase):
         return self.state.with_(physics=self.export_values(), velocity=velocity)
 
     def course(self) -> dict[str, Any]:
-        """The contact frame, what was searched, and of the iterations on all frames the misfit before each, and the
+        """The contact frame, what was searched, and of the iterations on all frames the cost before each, and the
         free coordinates before the first and after each."""
         return {
             "method": type(self.method).__name__,
@@ -176,7 +176,7 @@ class PhysicsIDModule(DynamicPhase):
             "draws_views": self.method.draws_views,
             "converged": self._converged,
             "searched": self._searched,
-            "misfits": self._misfits,
+            "costs": self._costs,
             "visited": self._visited,
         }
 
@@ -189,7 +189,7 @@ class PhysicsIDModule(DynamicPhase):
         """Go on with the course."""
         super().on_load_checkpoint(checkpoint)
         course = checkpoint["course"]
-        self._searched, self._misfits, self._visited = course["searched"], course["misfits"], course["visited"]
+        self._searched, self._costs, self._visited = course["searched"], course["costs"], course["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
         """Identified parameters with their SI units."""

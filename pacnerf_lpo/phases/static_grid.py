@@ -115,7 +115,7 @@ class StaticGridModule(AbstractPhase):
         """Start from an empty field in the video's box.
 
         As the first phase it takes no state. Between two rounds it does: images of the state's particles in the
-        training views are targets beside the measured ones, and its motion and physics are handed on.
+        training views are targets in addition to the measured ones, and its motion and physics are handed on.
         """
         self.previous = state
         self._predicted = {} if state is None else self._images_of(state)
@@ -235,7 +235,7 @@ class StaticGridModule(AbstractPhase):
         return {"psnr": f"{self.last_psnr:.1f} dB", "dx": f"{self.field.dx:g} m"}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the voxel size, which the weights alone do not tell."""
+        """Keep the voxel size, which the weights alone do not contain."""
         checkpoint["static_spacing"] = self.field.dx
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:

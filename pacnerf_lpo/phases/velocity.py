@@ -17,7 +17,7 @@ ITERATIONS_PER_STEP = 4
 LOSS_SCALE = 1e3  # L-BFGS moves by the bare gradient first, unless its norm exceeds one
 FIRST_STEP = 0.5  # m/s, length of the first trial step
 UNSTABLE = 10.0
-"""Times the highest loss so far: what a line search is told of a velocity whose motion is unstable."""
+"""Times the highest loss so far: the penalty that a line search sees for a velocity whose motion is unstable."""
 
 
 class VelocityModule(DynamicPhase):
@@ -79,9 +79,9 @@ class VelocityModule(DynamicPhase):
         )
 
     def training_step(self, step: int, _: int) -> Tensor:
-        """Misfit of all training views over the frames before contact.
+        """Cost of all training views over the frames before contact.
 
-        A line search may try a velocity so high that the motion is unstable. It is told that the loss is high there,
+        A line search may try a velocity so high that the motion is unstable. A high loss is returned there,
         and goes less far.
 
         Raises:
@@ -97,7 +97,7 @@ class VelocityModule(DynamicPhase):
             return 0.0 * self.velocity.sum() + UNSTABLE * self._highest
         views = self.fixed_views(self.frames, self.views_per_frame)
         seen, observer = self.watch(trajectory, self.velocity, self._parameters_now)
-        loss = self.misfit.loss(seen, self.state.density, self.state.features, views, observer=observer)
+        loss = self.image_cost.loss(seen, self.state.density, self.state.features, views, observer=observer)
         self.log("velocity/loss", loss)
         self._highest = max(self._highest or 0.0, LOSS_SCALE * loss.item())
         return LOSS_SCALE * loss

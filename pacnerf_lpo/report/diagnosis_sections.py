@@ -24,7 +24,7 @@ LAMPS = ("poor", "fair", "good")
 
 
 def traffic_light(light: words.Light) -> str:
-    """Three lamps, one of them lit, with a caption for those who cannot tell the colours."""
+    """Three lamps, one of them lit, with a caption for those who cannot distinguish the colours."""
     lamps = "".join(f'<i class="{lamp}{" lit" if lamp == light.colour else ""}"></i>' for lamp in LAMPS)
     return (
         f'<div class="light" role="img" aria-label="{text(light.caption)}">'

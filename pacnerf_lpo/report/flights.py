@@ -96,26 +96,26 @@ def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
     """In how many flights the side force has the direction of the measured spin x velocity, in words; None where no
     such force was found by spins that were measured.
     """
-    told = [one for one in flights if one["side"] is not None]
-    if not told:
+    measured = [one for one in flights if one["side"] is not None]
+    if not measured:
         return None
-    large = _large(told)
+    large = _large(measured)
     clear = [one for one in large if one["side"]["size"] > CLEAR * one["side"]["error"]]
     with_it = sum(one["side"]["angle"] < ALIGNED for one in clear)
     against = sum(one["side"]["angle"] > 180 - ALIGNED for one in clear)
     least = min(one["spin_times_velocity"] for one in large)
     return (
         f"Direction of the force by spin: spin x velocity is large, at least {least:.0f} m/s², in {len(large)} of "
-        f"{len(told)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than twice "
-        f"its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in {against} (as "
-        f"where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
+        f"{len(measured)} flights. In {len(clear)} of them a steady side force, found without the spin, is more than "
+        f"twice its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in "
+        f"{against} (as where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
     )
 
 
-def _large(told: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _large(measured: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Flights in which spin x velocity is at least :data:`LARGE` of what is typical."""
-    typical = float(np.median([one["spin_times_velocity"] for one in told]))
-    return [one for one in told if one["spin_times_velocity"] >= LARGE * typical]
+    typical = float(np.median([one["spin_times_velocity"] for one in measured]))
+    return [one for one in measured if one["spin_times_velocity"] >= LARGE * typical]
 
 
 def flights_section(result: Mapping[str, Any]) -> str:

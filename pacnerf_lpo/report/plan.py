@@ -31,7 +31,7 @@ def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequen
     Args:
         folder: of the diagnosis.
         scene: its name.
-        names: of the hypotheses that are to be told apart.
+        names: of the hypotheses that are to be separated.
         proposals: best first.
     """
     content = {"scene": scene, "hypotheses": list(names), "proposals": [asdict(one) for one in proposals]}
@@ -42,7 +42,7 @@ def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequen
 
 def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
     """What to do, best first, and what is expected of it."""
-    found = [f"To tell {either(names)}, with the expected odds for the one that is true:"]
+    found = [f"To separate {either(names)}, with the expected odds for the one that is true:"]
     found += [f"{rank}. {one.words}: {odds(one.score)}" for rank, one in enumerate(proposals, 1)]
     best = max((one.score for one in proposals), default=0.0)
     if best < DECISIVE:
@@ -52,7 +52,7 @@ def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
 
 def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str:
     """The page as text."""
-    title = f"{scene}: which recording would tell {either(names)}"
+    title = f"{scene}: which recording would separate {either(names)}"
     rows = "".join(
         f"<tr><td>{html.escape(one.words)}</td><td>{html.escape(readable(pair.true))}</td>"
         f"<td>{html.escape(readable(pair.against))}</td><td>{odds(pair.log_bayes_factor)}</td></tr>"
@@ -63,7 +63,7 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
         "<p>Each recording was simulated under every hypothesis that the diagnosis left. The bar is the expected log "
-        "Bayes factor of the true hypothesis against the one that is hardest to tell from it; what another one can "
+        "Bayes factor of the true hypothesis against the one that is hardest to separate from it; what another one can "
         "imitate with its own parameters does not count. The line marks odds of twenty to one, which decide.</p>"
         f"{bars(proposals)}<h2>Pair by pair</h2><table><tr><th>recording</th><th>if this is true</th><th>against</th>"
         f"<th>expected odds</th></tr>{rows}</table></body></html>"

@@ -1,4 +1,4 @@
-"""``scene.html``: the look that tells a person whether a scene is right, one page that opens without network."""
+"""``scene.html``: shows a person whether a scene is right, one page that opens without network."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ INSIDE = 0.98
 
 
 def write_scene_page(look: Look, warnings: Sequence[SceneWarning]) -> Path:
-    """Write ``scene.html`` beside scene.yaml; returns its path."""
+    """Write ``scene.html`` next to scene.yaml; returns its path."""
     path = look.scene.folder / PAGE_FILE
     write_atomically(path, render_page(look, warnings).encode())
     return path

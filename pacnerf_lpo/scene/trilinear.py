@@ -2,7 +2,7 @@
 
 A point at fractional position f inside the cell with lowest node (i, j, k) has the eight weights
 prod_axis (f_a or 1 - f_a). Nodes are numbered row-major, z fastest. Sorting points by cell turns the scatter into eight
-segmented sums and eight shifted additions, free of atomics, hence deterministic and alike on CPU and CUDA.
+segmented sums and eight shifted additions, free of atomics, hence deterministic and the same on CPU and CUDA.
 """
 
 from __future__ import annotations

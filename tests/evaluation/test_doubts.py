@@ -86,7 +86,7 @@ def identification(**changes: object) -> dict:
         "draws_views": False,
         "converged": True,
         "searched": {"E": (1.5, 7.5)},
-        "misfits": fell,
+        "costs": fell,
         "visited": {"E": moved, "nu": [0.3] * 13},
     }
     return {**course, **changes}
@@ -196,24 +196,24 @@ def test_a_value_far_from_the_guess_where_nothing_was_searched():
 
 def test_an_identification_that_rose_or_left_its_best():
     physics = model()
-    rose = identification(misfits=[0.002, 0.0021, 0.004])
-    assert names(doubts_about_identification(rose, physics)) == ["misfit_rose"]
-    left = identification(misfits=[0.01, 0.002, 0.005])
+    rose = identification(costs=[0.002, 0.0021, 0.004])
+    assert names(doubts_about_identification(rose, physics)) == ["cost_rose"]
+    left = identification(costs=[0.01, 0.002, 0.005])
     found = doubts_about_identification(left, physics)
-    assert names(found) == ["misfit_rose"] and "after 0.002 in iteration 2 of 3" in found[0].what
+    assert names(found) == ["cost_rose"] and "after 0.002 in iteration 2 of 3" in found[0].what
 
 
 def test_chance_in_the_choice_of_views_is_no_rise():
-    """Adam draws a view for each frame: a hundred noisy misfits without a trend rise by chance alone."""
+    """Adam draws a view for each frame: a hundred noisy costs without a trend rise by chance alone."""
     rng, physics = np.random.default_rng(0), model()
     flagged = 0
     for _ in range(100):
-        course = identification(draws_views=True, misfits=list(0.01 + 0.001 * rng.standard_normal(100)))
+        course = identification(draws_views=True, costs=list(0.01 + 0.001 * rng.standard_normal(100)))
         flagged += len(doubts_about_identification(course, physics))
     assert flagged <= 3  # three standard errors: once in 370 for the ends, more rarely for the best of all windows
     noise = 0.001 * rng.standard_normal(100)
-    risen = identification(draws_views=True, misfits=list(np.linspace(0.01, 0.015, 100) + noise))
-    assert names(doubts_about_identification(risen, physics)) == ["misfit_rose"]
+    risen = identification(draws_views=True, costs=list(np.linspace(0.01, 0.015, 100) + noise))
+    assert names(doubts_about_identification(risen, physics)) == ["cost_rose"]
 
 
 def test_an_identification_that_ran_out_of_steps():

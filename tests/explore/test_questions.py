@@ -157,5 +157,5 @@ def test_the_whole_diagnosis_is_a_step(tmp_path: Path, monkeypatch: pytest.Monke
     again = Session.of(session.source, jobs=1)
     assert [step.name for step in again.steps] == ["as the run has it", "as diagnose fitted it"]
     assert again.current.intervals and again.error().floor is not None
-    with pytest.raises(UserInputError, match="nothing is left to tell apart"):
+    with pytest.raises(UserInputError, match="nothing is left to separate"):
         again.plan()

@@ -136,10 +136,10 @@ def test_a_shape_without_motion(still_run: Path, complain: Callable[..., str], m
         ("--format fbx", "--format fbx: known are ply, vtu, usd, obj, glb, csv, mp4"),
         (
             "--output {tmp}/body.stl",
-            "its ending does not tell the format; give a file that ends in .usd, .usda, .usdc,",
+            "its ending does not name a format; give a file that ends in .usd, .usda, .usdc,",
         ),
         ("--output {tmp}/folder", "or a folder and --format ply, vtu, obj, glb"),
-        ("--output {tmp}/body.glb", "its ending does not tell the format"),
+        ("--output {tmp}/body.glb", "its ending does not name a format"),
         ("--format obj --output {tmp}/body.obj", "one file per frame is written; give a folder"),
         ("--format vtu --output {tmp}/motion.usd", "one file per frame is written; give a folder"),
         ("--format csv --output {tmp}/motion.usd", "give a name that ends in .csv"),

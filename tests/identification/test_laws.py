@@ -129,7 +129,7 @@ def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstabl
     assert found["chosen"] == "NeoHookean"
     assert set(found["alike"]) == {"NeoHookean", "VonMises"}
     (sentence,) = found["sentences"]
-    assert "does not tell these laws apart" in sentence
+    assert "does not separate these laws" in sentence
     assert "NeoHookean" in sentence
     assert "VonMises" in sentence
     assert sentence.endswith("The simplest is used: elastic.")
@@ -167,7 +167,7 @@ def test_a_competition_goes_on_where_it_was_interrupted(unstable):
 
 
 def test_a_hopeless_law_is_not_fitted_on_the_finer_body(unstable, monkeypatch):
-    monkeypatch.setattr(laws, "HOPELESS", 1.0)
+    monkeypatch.setattr(laws, "ABORT_ABOVE", 1.0)
     found = finished(Competition(Dropped(NeoHookean(E=6e4))))
     left = [trial for trial in found.trials.values() if not trial.left_out]
     assert len(left) == 1

@@ -100,7 +100,7 @@ def test_optima_that_are_kept_are_apart_and_not_much_worse_than_the_best():
                 return np.array([cost**0.5, free[0] - modulus])
         return np.array([1.0, free[0] - 4.0])
 
-    stage = Stage(residual, SCALES, BOUNDS, keep=5, iterations=10, rival=2.0)
+    stage = Stage(residual, SCALES, BOUNDS, keep=5, iterations=10, within=2.0)
     found = multistart([stage], at(6.01, 5.02, 4.03, 3.98))
     assert [round(other.free[0], 1) for other in found.fits] == [4.0, 5.0]
 

@@ -13,7 +13,7 @@ from pacnerf_lpo.mpm.effects import InitialSpin
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, LPOModule, PaperAdam, PhysicsIDModule, VelocityModule
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.camera_faults import (
     CameraRotation,
     CameraShift,
@@ -53,9 +53,9 @@ def faulty(state) -> SimpleNamespace:
     ],
     ids=lambda effect: type(effect).__name__,
 )  # fmt: skip
-def test_misfit_gradient_equals_finite_differences(data, state, effect):
+def test_cost_gradient_equals_finite_differences(data, state, effect):
     """As for the particles: central differences of float32 images agree with the gradient within some per cent."""
-    misfit, names = VideoMisfit(data, state, silhouette_weight=1.0), list(effect.parameters)
+    cost, names = ImageCost(data, state, silhouette_weight=1.0), list(effect.parameters)
     start = torch.tensor([effect.guess[name] for name in names])
     along = torch.tensor([effect.parameters[name].scale for name in names]) * start.sign()
     path = model().simulate(state, 3)
@@ -63,7 +63,7 @@ def test_misfit_gradient_equals_finite_differences(data, state, effect):
     def loss(step: torch.Tensor) -> torch.Tensor:
         observer = Observer([effect], dict(zip(names, start + step * along, strict=True)))
         seen = observer.seen(path, state.velocity, data.video.times[:3])
-        return misfit.loss(seen, state.density, state.features, [[0], [1], [2, 1]], observer=observer)
+        return cost.loss(seen, state.density, state.features, [[0], [1], [2, 1]], observer=observer)
 
     step = torch.zeros((), requires_grad=True)
     loss(step).backward()
@@ -107,7 +107,7 @@ def test_adam_moves_the_gain_towards_the_truth(faulty, state):
 
 @pytest.mark.parametrize("phase", [LPOModule(1), VelocityModule(HIT, max_iterations=1)], ids=["lpo", "velocity"])
 def test_other_phases_see_through_the_corrected_cameras(faulty, state, phase):
-    """At the truth the misfit vanishes, but only with the faults that were found before."""
+    """At the truth the cost vanishes, but only with the faults that were found before."""
     truth = {"shift_x_view1": SHIFT, "shift_y_view1": 0.5 * SHIFT, "gain_view2": GAIN}
     losses = []
     for values in ({}, truth):

@@ -8,8 +8,8 @@ import torch
 from pacnerf_lpo.evaluation import prediction
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.mpm import runtime
-from pacnerf_lpo.phases import misfit
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases import image_cost
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.ray_march import Rendering
 from tests.phases.conftest import SIZE
 
@@ -28,15 +28,15 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch) -> dict[str, set[str]]:
         seen["colour"] |= {parameter.device.type for parameter in colour.parameters()}
         return Rendering(torch.ones(len(rays.origins), 3), torch.ones(len(rays.origins)))
 
-    for module in (misfit, prediction):
+    for module in (image_cost, prediction):
         monkeypatch.setattr(module, "particles_to_grid", to_grid)
-    monkeypatch.setattr(misfit, "render_rays", render)
+    monkeypatch.setattr(image_cost, "render_rays", render)
     monkeypatch.setattr("pacnerf_lpo.render.image.render_rays", render)
     return seen
 
 
-def test_the_misfit_renders_there_and_compares_here(elsewhere: dict[str, set[str]], data, state):
-    residual = VideoMisfit(data, state, 1.0).residual(state.positions, state.density, state.features, 0, 0)
+def test_the_cost_renders_there_and_compares_here(elsewhere: dict[str, set[str]], data, state):
+    residual = ImageCost(data, state, 1.0).residual(state.positions, state.density, state.features, 0, 0)
     assert elsewhere == {"grid": {"meta"}, "rays": {"meta"}, "colour": {"meta"}}
     assert residual.device.type == "cpu" and residual.shape == (SIZE, SIZE, 4)
 

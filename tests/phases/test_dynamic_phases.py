@@ -18,7 +18,7 @@ from pacnerf_lpo.phases import (
     VelocityModule,
     identification_methods,
 )
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.scene.activation import optical_depth, sample_length, solid_fraction
 from tests.phases.conftest import DX, FRAMES, TRUTH, VELOCITY, physics
 
@@ -39,14 +39,14 @@ def run(phase, data, model, state):
 
 
 @pytest.mark.parametrize("silhouette_weight", [0.0, 1.0])
-def test_misfit_gradient_equals_finite_differences(data, state, silhouette_weight):
+def test_cost_gradient_equals_finite_differences(data, state, silhouette_weight):
     """Central differences of float32 images: truncation (step^2) and rounding (eps / step) meet near 1 %."""
-    misfit = VideoMisfit(data, state, silhouette_weight)
+    cost = ImageCost(data, state, silhouette_weight)
     direction = torch.randn(state.positions.shape, generator=torch.Generator().manual_seed(1))
     path = (state.positions + 0.01 * direction).expand(2, -1, -1)
 
     def loss(shift: torch.Tensor) -> torch.Tensor:
-        return misfit.loss((path + shift * direction)[None], state.density, state.features, [[0], [1, 2]])
+        return cost.loss((path + shift * direction)[None], state.density, state.features, [[0], [1, 2]])
 
     shift = torch.zeros((), requires_grad=True)
     loss(shift).backward()
@@ -56,18 +56,18 @@ def test_misfit_gradient_equals_finite_differences(data, state, silhouette_weigh
     assert abs(difference.item()) > 1e-4, "the direction must matter, or the comparison says nothing"
 
 
-def test_misfit_vanishes_at_the_truth_and_ignores_hidden_pixels(data, state):
-    misfit = VideoMisfit(data, state, silhouette_weight=1.0)
-    residual = misfit.residual(state.positions, state.density, state.features, 1, 0)
+def test_cost_vanishes_at_the_truth_and_ignores_hidden_pixels(data, state):
+    cost = ImageCost(data, state, silhouette_weight=1.0)
+    residual = cost.residual(state.positions, state.density, state.features, 1, 0)
     assert residual.abs().max() < 1e-5, "the film was drawn by the same renderer"
     hidden = SimpleNamespace(**{**vars(data), "video": data.video})
     hidden.video = type(data.video)(**{**vars(data.video), "valid": torch.zeros_like(data.video.valid)})
-    elsewhere = VideoMisfit(hidden, state).residual(state.positions + 0.1, state.density, state.features, 1, 0)
+    elsewhere = ImageCost(hidden, state).residual(state.positions + 0.1, state.density, state.features, 1, 0)
     assert (elsewhere == 0).all()
 
 
 def test_pooling_averages_blocks(data, state):
-    fine, coarse = VideoMisfit(data, state), VideoMisfit(data, state, pool=4)
+    fine, coarse = ImageCost(data, state), ImageCost(data, state, pool=4)
     moved = state.positions + 0.02
     whole, blocks = (m.residual(moved, state.density, state.features, 0, 0) for m in (fine, coarse))
     torch.testing.assert_close(blocks[2, 3], whole[8:12, 12:16].mean((0, 1)))
@@ -116,7 +116,7 @@ def test_steps_that_failed_on_early_frames_do_not_shorten_those_on_all(monkeypat
     """The damping that no coarse step could pass is not carried into the main stage."""
     method, seen = GaussNewton(scan_decades=0.0), []
     module = SimpleNamespace(
-        misfit=SimpleNamespace(pool=0), warm_up_end=2, frames_at=lambda step: FRAMES, fixed_views=lambda *_: []
+        image_cost=SimpleNamespace(pool=0), warm_up_end=2, frames_at=lambda step: FRAMES, fixed_views=lambda *_: []
     )
     optimiser = torch.optim.SGD([torch.zeros(1, requires_grad=True)], lr=1.0)
     optimiser.defaults["damping"] = 0.01
@@ -164,7 +164,7 @@ def test_adam_moves_the_stiffness_towards_the_truth(data, state):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("positions", "features"), [(True, True), (True, False), (False, True)])
-def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, features):
+def test_lpo_changes_what_it_may_and_lowers_the_cost(data, state, positions, features):
     noise = torch.randn(state.positions.shape, generator=torch.Generator().manual_seed(2))
     wrong = state.with_(positions=state.positions + 0.015 * noise, features=state.features + 0.5)
     model = physics()
@@ -173,10 +173,28 @@ def test_lpo_changes_what_it_may_and_lowers_the_misfit(data, state, positions, f
     assert (corrected.positions != wrong.positions).any() == positions
     assert (corrected.features != wrong.features).any() == features
     before, after = (
-        VideoMisfit(data, s).loss(model.simulate(s, FRAMES)[None], s.density, s.features, [[0, 1, 2]] * FRAMES).item()
+        ImageCost(data, s).loss(model.simulate(s, FRAMES)[None], s.density, s.features, [[0, 1, 2]] * FRAMES).item()
         for s in (wrong, corrected)
     )
     assert after < 0.9 * before
+
+
+def test_lpo_tells_how_well_the_test_views_are_shown(data, state, monkeypatch):
+    """Of images that it does not learn from: as good as the wrong place allows, and better later."""
+    split = SimpleNamespace(**{**vars(data), "train": [0, 1], "test": [2]})
+    wrong = state.with_(positions=state.positions + torch.tensor([0.03, 0.0, 0.0]))
+    phase, told = LPOModule(11, features=False), {}
+    monkeypatch.setattr(
+        phase, "log", lambda name, value: told.setdefault(name, []).append(float(torch.as_tensor(value).detach()))
+    )
+    run(phase, split, physics(), wrong)
+    found = told["correction/PSNR of test views [dB]"]
+    assert len(found) == 3 and found[-1] > found[0] + 1.0
+    cost, path = ImageCost(split, wrong), physics().simulate(wrong, FRAMES)
+    squares = [
+        cost.residual(path[frame], wrong.density, wrong.features, 2, frame).square().mean() for frame in range(FRAMES)
+    ]
+    assert found[0] == pytest.approx(-10 * math.log10(sum(squares) / FRAMES), abs=1e-3)
 
 
 def test_lpo_exports_what_fits_better_than_the_last_particles(data, state):

@@ -7,7 +7,7 @@ import torch
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases import GridOptimizationModule
-from pacnerf_lpo.phases.misfit import VideoMisfit
+from pacnerf_lpo.phases.image_cost import ImageCost
 from tests.phases.conftest import FRAMES, film, physics
 from tests.phases.test_dynamic_phases import run
 
@@ -20,20 +20,20 @@ def imported(data, state) -> GridOptimizationModule:
     return phase
 
 
-def test_it_lowers_the_misfit_of_wrong_colours_and_keeps_what_is_frozen(data, state):
+def test_it_lowers_the_cost_of_wrong_colours_and_keeps_what_is_frozen(data, state):
     """On a body that was sampled from a grid, filmed in strong colours; the wrong one has their opposites."""
     vivid = {name: 30 * value if name == "last.weight" else value for name, value in state.colour_network.items()}
     true = imported(data, state).export_state().with_(colour_network=vivid)
     path = physics().simulate(true, FRAMES)
     seen = film(true, path)
 
-    def misfit(found) -> float:
+    def cost(found) -> float:
         path = physics().simulate(found, FRAMES)[None]
-        return VideoMisfit(seen, found).loss(path, found.density, found.features, [[0, 1, 2]] * FRAMES).item()
+        return ImageCost(seen, found).loss(path, found.density, found.features, [[0, 1, 2]] * FRAMES).item()
 
     wrong = true.with_(features=-true.features)
     corrected = run(GridOptimizationModule(iterations=10), seen, physics(), wrong)
-    assert misfit(corrected) < 0.8 * misfit(wrong)
+    assert cost(corrected) < 0.8 * cost(wrong)
     assert corrected.physics == wrong.physics and (corrected.velocity == wrong.velocity[0]).all()
     assert len(corrected.positions) == len(corrected.density) == len(corrected.features)
 

@@ -14,7 +14,7 @@ from pacnerf_lpo.identification.multistart import Search, horizons, multistart
 from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
-from pacnerf_lpo.phases.outline_method import Misfit
+from pacnerf_lpo.phases.outline_method import OutlineCost
 from tests.phases.conftest import FRAMES, TRUTH, film, physics
 from tests.phases.test_dynamic_phases import HIT, run
 
@@ -58,7 +58,7 @@ def test_what_is_not_compared_is_not_simulated(solid):
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=TRUTH["E"]))
     module.import_state(state.with_(physics={}))
-    whole, part = Misfit(module, 800), Misfit(module, 800, frames=HIT)
+    whole, part = OutlineCost(module, 800), OutlineCost(module, 800, frames=HIT)
     free = whole.free(module)
     path, short = whole.model.path(free), part.model.path(free)
     assert path.shape == short.shape
@@ -75,13 +75,13 @@ def test_fits_that_grow_with_the_frames_find_the_modulus_from_a_single_point_two
     module = PhysicsIDModule(HIT, method())
     module.attach(data, Physics(NeoHookean(E=1e-2 * TRUTH["E"], nu=TRUTH["nu"], known=["nu"]), substep_rate=960.0))
     module.import_state(state.with_(physics={}))
-    misfit = Misfit(module, 900, 400)
-    start, index = misfit.free(module), misfit.model.names.index("E")
+    outline_cost = OutlineCost(module, 900, 400)
+    start, index = outline_cost.free(module), outline_cost.model.names.index("E")
     right = start.copy()
     right[index] = math.log10(TRUTH["E"])
-    rows = [misfit.rows(until) for until in horizons(HIT, FRAMES)]
-    found = multistart([misfit.stage(rows)], [start]).fits[0].free
-    before, after, at_truth = (np.sum(misfit.residual(free) ** 2) for free in (start, found, right))
+    rows = [outline_cost.rows(until) for until in horizons(HIT, FRAMES)]
+    found = multistart([outline_cost.stage(rows)], [start]).fits[0].free
+    before, after, at_truth = (np.sum(outline_cost.residual(free) ** 2) for free in (start, found, right))
     assert after < at_truth < before
     assert found[index] == pytest.approx(right[index], abs=0.5)  # bodies so coarse are too stiff
 
@@ -93,13 +93,13 @@ def test_fits_on_finer_bodies_decide_between_valleys(solid):
     module = PhysicsIDModule(HIT, method())
     module.attach(data, physics(E=TRUTH["E"]))
     module.import_state(state.with_(physics={}))
-    misfit = Misfit(module, 2000, 900)
-    index = misfit.model.names.index("E")
+    outline_cost = OutlineCost(module, 2000, 900)
+    index = outline_cost.model.names.index("E")
 
     def off_by(decades: float) -> Fit:
-        free = misfit.free(module)
+        free = outline_cost.free(module)
         free[index] += decades
-        return Fit(free, misfit.residual(free))
+        return Fit(free, outline_cost.residual(free))
 
     near, wrong = off_by(0.1), off_by(-1.5)
     assert near.cost > 1.1 * off_by(0.0).cost
@@ -118,12 +118,12 @@ def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decade
     module.import_state(state.with_(physics={}))
     monkeypatch.setattr("pacnerf_lpo.phases.outline_method.SEARCH_ITERATIONS", 1)
     monkeypatch.setattr("pacnerf_lpo.identification.least_squares.LONGEST_STEP", 1e-3)
-    starts = [Misfit(module, 2000).free(module)]
-    misfit, fits = module.method._fits(module, (2000, 900), starts)
+    starts = [OutlineCost(module, 2000).free(module)]
+    outline_cost, fits = module.method._fits(module, (2000, 900), starts)
     assert module.physics.halvings == halvings
-    assert not misfit.needs_shorter_step(fits[0].free)
-    assert misfit.model.physics.substep_rate == pytest.approx(
-        2**halvings * module.physics.substep_rate * state.spacing / misfit.model.body.spacing, rel=0.1
+    assert not outline_cost.needs_shorter_step(fits[0].free)
+    assert outline_cost.model.physics.substep_rate == pytest.approx(
+        2**halvings * module.physics.substep_rate * state.spacing / outline_cost.model.body.spacing, rel=0.1
     )
 
 
@@ -148,11 +148,11 @@ def test_a_neighbouring_minimum_is_taken_where_it_is_much_better_and_left_where_
         if not stage.offsets:
             return Search([best], 1, 0)
         free = best.free.copy()
-        free[misfit.model.names.index("E")] = 3.0
+        free[outline_cost.model.names.index("E")] = 3.0
         fits = [best, Fit(free, best.residual * factor)]
         return Search(sorted(fits, key=lambda fit: fit.cost), 1, 0)
 
-    misfit = Misfit(module, 2000)
+    outline_cost = OutlineCost(module, 2000)
     monkeypatch.setattr("pacnerf_lpo.phases.outline_method.multistart", search)
     module.method.prepare(module)
     found = module.free["E"].item()
@@ -180,8 +180,8 @@ def test_beside_the_outlines_counts_how_far_poissons_ratio_is_from_what_is_usual
         module.attach(data, Physics(material, substep_rate=960.0))
         module.import_state(state.with_(physics={}))
         for bodies in ((800,), (800, 300)):
-            misfit = Misfit(module, *bodies)
-            rows.append(misfit.residual(misfit.free(module)))
+            outline_cost = OutlineCost(module, *bodies)
+            rows.append(outline_cost.residual(outline_cost.free(module)))
     assert [row[-1] for row in rows[:4]] == pytest.approx([0.0, 0.0, -(10**0.5), -(10**0.5)], abs=1e-5)
     assert len(rows[4]) == len(rows[5]) == len(rows[0]) - 1
 
@@ -192,7 +192,7 @@ def test_a_flow_extrapolated_from_two_coarse_bodies_is_nearer_to_that_of_a_fine_
     module = PhysicsIDModule(HIT, method())
     module.attach(data, Physics(ViscoplasticVonMises(mu=1e4, kappa=1e5, tau_y=1e3), substep_rate=1920.0))
     module.import_state(state.with_(physics={}))
-    coarse, pair, fine = Misfit(module, 1300), Misfit(module, 1300, 500), Misfit(module, 8000)
+    coarse, pair, fine = OutlineCost(module, 1300), OutlineCost(module, 1300, 500), OutlineCost(module, 8000)
     free = fine.free(module)
     apart = [np.mean((body.residual(free) - fine.residual(free)) ** 2) for body in (coarse, pair)]
     assert apart[1] < apart[0] / 2
@@ -220,7 +220,7 @@ def corrected(data, state, **known: float) -> PhysicsIDModule:
 
 
 def test_what_is_usual_counts_as_much_as_one_image(data, state):
-    """Its slope is that of the misfit; after the first iteration its weight stays, in the optimiser's state, too."""
+    """Its slope is that of the cost; after the first iteration its weight stays, in the optimiser's state, too."""
     module = corrected(data, state, E=4e4, nu=0.1)
     optimiser, pixels = module.configure_optimizers(), corrected(data, state, E=4e4, nu=0.1)
     pixels.method = GaussNewton(coarse_iterations=0, pool=1)

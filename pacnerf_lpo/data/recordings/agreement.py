@@ -23,7 +23,7 @@ GAP = 0.03
 Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08.
 """
 ENOUGH = 4
-"""Views from which on one that is wrong can be told from the others."""
+"""Views from which on one that is wrong can be distinguished from the others."""
 
 
 def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> float:

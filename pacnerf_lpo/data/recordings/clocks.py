@@ -33,7 +33,7 @@ STEPS = 8
 EXACT = 1e-6
 """Times this near to a stamp, relative to a frame, are the stamp."""
 ENOUGH = 4
-"""Views from which on one that left out a frame can be told from the others."""
+"""Views from which on one that left out a frame can be distinguished from the others."""
 MISSING = 3
 """Frames in a row that a camera leaves out at most."""
 JUMP = 8.0
@@ -125,7 +125,7 @@ def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[in
     """Frames that cameras have left out without a gap in their stamps: camera, frame before which, and how many.
 
     Each frame of a camera is compared with the others' outlines at its own time and some frames earlier and later; the
-    cheapest sequence of lags that never decreases tells where time jumps (Viterbi 1967). That needs other views enough
+    cheapest sequence of lags that never decreases shows where time jumps (Viterbi 1967). That needs other views enough
     to outvote one, :data:`ENOUGH` in all.
     """
     found, pairs, lags = [], _pairs(sightings), np.arange(-MISSING, MISSING + 1)

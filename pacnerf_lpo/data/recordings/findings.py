@@ -29,7 +29,7 @@ AXIS_SNAP = 1.0
 UNIT_SNAP = 0.05
 """A scale this close to metres, centimetres or millimetres is that unit, even where the layout has any scale."""
 UP_ERROR, SCALE_ERROR = 3.0, 0.1
-"""Standard errors beyond which free fall tells too little [degrees, part of the scale]."""
+"""Standard errors beyond which free fall is too uncertain [degrees, part of the scale]."""
 PLAUSIBLE = (0.5, 2.0)
 """Accelerations, relative to gravity, that are no sign of a wrong unit or frame rate: drag and wind change it, too."""
 NO_CONTACT = "the body is not seen to fall onto a ground; use a longer video, which begins before the contact"

@@ -21,7 +21,7 @@ RATE = 300.0
 
 
 def write_scene_file(scene: Scene) -> Path:
-    """Write ``scene.yaml`` beside the images; returns its path.
+    """Write ``scene.yaml`` next to the images; returns its path.
 
     Lengths are those of the body: the box from the outlines of frame 0, the voxels a quarter of its longest edge, the
     substeps so many that an elastic wave crosses less than a voxel in each.
@@ -37,7 +37,7 @@ def write_scene_file(scene: Scene) -> Path:
     path.write_text(
         f"""\
 # Written by pacnerf-lpo init from {scene.recording.source}, layout {scene.recording.layout}.
-# Every value can be changed; the images and poses beside this file are in metres, y up, the ground at y = 0.
+# Every value can be changed; the images and poses next to this file are in metres, y up, the ground at y = 0.
 # cameras: {_cameras(scene)}
 # mattes: {_mattes(scene)}
 # clocks: {"".join(line + NEXT for line in (scene.clocks, *scene.mended)).removesuffix(NEXT)}

@@ -86,7 +86,7 @@ def _disagreement(look: Look) -> Iterator[SceneWarning]:
     wrong = odd_one_out(planes, gap, DISAGREES)
     if wrong is None:
         names = tuple(view.name for view in look.scene.views)
-        which = "which one is wrong cannot be told" + (f" from {len(names)} views" if len(names) < ENOUGH else "")
+        which = "which one is wrong cannot be determined" + (f" from {len(names)} views" if len(names) < ENOUGH else "")
         yield SceneWarning(
             "disagreement",
             f"the outlines of the cameras contradict each other by {share}; {which}",

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 SIDES = 8
-"""Directions of the outline's normal that are told apart."""
+"""Directions of the outline's normal that are distinguished."""
 LEAST_CONTRAST = 0.1
 """Differences of colour [0..1] below which noise decides where an edge is steepest."""
 FEWEST = 5

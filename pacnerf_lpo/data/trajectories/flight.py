@@ -71,8 +71,8 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
         raise UserInputError(
             f"{first.source}: not all of x, y and z were measured, so gravity does not show what is up; give --up"
         )
-    told = up or ("y" if first.upward else None)
-    tried = list(AXES) if told is None else [told]
+    axis = up or ("y" if first.upward else None)
+    tried = list(AXES) if axis is None else [axis]
     falls = {name: fall for name in tried if (fall := _fall(recordings, np.array(AXES[name], float), scale))}
     if not falls:
         raise UserInputError(

@@ -26,7 +26,7 @@ ORDER = 3
 LEAST_SIGMA = 1e-5
 """[m]"""
 LEAST_FREE = 3
-"""Samples more than smooth paths have coefficients: fewer tell no noise."""
+"""Samples more than smooth paths have coefficients: fewer show no noise."""
 MOST_SHARE = 0.99
 """Of the variance that may last: something is always new in a sample, its last digit if nothing else."""
 PLACES = 13
@@ -72,14 +72,14 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
 
     Args:
         tracks: times [s, (F,)] and values [m, (F,)] of each. A track with fewer samples than a smooth path has
-            coefficients tells nothing; where all are such, noise counts as a millimetre.
+            coefficients says nothing; where all are such, noise counts as a millimetre.
     """
-    told = [_Left.of(times, values) for times, values in tracks if len(times) > ORDER + 1]
-    free = sum(len(one.rest) for one in told)
+    usable = [_Left.of(times, values) for times, values in tracks if len(times) > ORDER + 1]
+    free = sum(len(one.rest) for one in usable)
     if free < LEAST_FREE:
         return Noise(1e-3, 0.0, 1.0)
-    shortest = float(np.median(np.concatenate([np.diff(one.times) for one in told])))
-    longest = float(np.median([one.times[-1] - one.times[0] for one in told])) / 2
+    shortest = float(np.median(np.concatenate([np.diff(one.times) for one in usable])))
+    longest = float(np.median([one.times[-1] - one.times[0] for one in usable])) / 2
 
     def lasting(place: float) -> float:
         return shortest * max(longest / shortest, 1.0) ** place
@@ -87,7 +87,7 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
     def square(share: float, place: float) -> tuple[float, float]:
         """Of what is left in units of a total of one, and the logarithm of the determinant."""
         made = Noise(np.sqrt(1 - share), np.sqrt(share), lasting(place))
-        found = [one.square(made) for one in told]
+        found = [one.square(made) for one in usable]
         return sum(size for size, _ in found), sum(logarithm for _, logarithm in found)
 
     def cost(share: float, place: float) -> float:

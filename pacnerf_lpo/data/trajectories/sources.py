@@ -18,7 +18,7 @@ from pacnerf_lpo.errors import UserInputError
 
 TABLES = (".csv", ".tsv")
 NOTES = ".txt"
-"""A table where it is the source itself; in a folder, what somebody has noted beside the tables."""
+"""A table where it is the source itself; in a folder, what somebody has noted next to the tables."""
 MARKERS = ".c3d"
 Result = TypeVar("Result")
 

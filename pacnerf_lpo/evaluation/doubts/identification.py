@@ -19,15 +19,15 @@ HALF_LATTICE = 0.25
 """Decades, half the distance of two points of the search: an optimum nearer to the end of the search was not
 enclosed."""
 UNUSUAL = 3.0
-"""Standard deviations from what is usual, or from the guess where nothing is: one value in 370 by chance."""
+"""Standard deviations from the prior mean, or from the guess where there is no prior: one value in 370 by chance."""
 SEEN_STEP = 1.0
 """Pixels by which a velocity that is still moving displaces the body at the contact: less is not seen in an image."""
 WINDOW = 0.1
-"""Part of the iterations whose mean misfit is compared, where single ones differ by the choice of views."""
+"""Part of the iterations whose mean cost is compared, where single ones differ by the choice of views."""
 CHANCE = 3.0
 """Standard errors by which two such means differ by chance, once in 370 runs."""
 VISIBLE_RISE = 0.1
-"""Part of the misfit: an end that is so much above the best iteration has left an explanation that a person would
+"""Part of the cost: an end that is so much above the best iteration has left an explanation that a person would
 see."""
 QUARTER = 4
 """The parameters still move if their mean over the last quarter of the iterations is a noticeable change
@@ -62,7 +62,7 @@ def doubts_about_velocity(course: Mapping[str, Any], state: ParticleState, pixel
 def doubts_about_parameters(
     physics: Physics, state: ParticleState, searched: Mapping[str, Sequence[float]]
 ) -> list[Doubt]:
-    """Identified parameters at a bound, far from what is usual, or physically odd.
+    """Identified parameters at a bound, far from the prior mean, or physically odd.
 
     Args:
         physics: the model.
@@ -122,7 +122,7 @@ def doubts_about_intervals(
 
 
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
-    """The misfit rose, or the iterations ended while parameters were still moving.
+    """The cost rose, or the iterations ended while parameters were still moving.
 
     Args:
         course: of the identification.
@@ -214,24 +214,24 @@ def _unusual(parameter: Parameter, value: float, guess: float) -> Doubt | None:
 
 
 def _risen(course: Mapping[str, Any]) -> list[Doubt]:
-    misfits = np.array(course.get("misfits", ()))
-    if len(misfits) < 2:
+    costs = np.array(course.get("costs", ()))
+    if len(costs) < 2:
         return []
-    width = max(1, round(WINDOW * len(misfits))) if course["draws_views"] else 1
-    means = np.convolve(misfits, np.full(width, 1 / width), "valid")
-    error = CHANCE * _scatter(misfits) * (2 / width) ** 0.5 if course["draws_views"] else 0.0
+    width = max(1, round(WINDOW * len(costs))) if course["draws_views"] else 1
+    means = np.convolve(costs, np.full(width, 1 / width), "valid")
+    error = CHANCE * _scatter(costs) * (2 / width) ** 0.5 if course["draws_views"] else 0.0
     first, last, best = means[0], means[-1], int(means.argmin())
     rose = last > first + max(error, 1e-9)
     if not rose and last <= means[best] * (1 + VISIBLE_RISE) + error:
         return []
     seen = (
-        f"the misfit rose from {first:.4g} to {last:.4g}"
+        f"the cost rose from {first:.4g} to {last:.4g}"
         if rose
-        else f"the misfit ended at {last:.4g}, after {means[best]:.4g} in iteration {best + 1} of {len(misfits)}"
+        else f"the cost ended at {last:.4g}, after {means[best]:.4g} in iteration {best + 1} of {len(costs)}"
     )
     return [
         Doubt(
-            "misfit_rose",
+            "cost_rose",
             "phases.physics",
             seen,
             "steps that are too long, or a guess in another local minimum",
@@ -240,12 +240,12 @@ def _risen(course: Mapping[str, Any]) -> list[Doubt]:
     ]
 
 
-def _scatter(misfits: np.ndarray) -> float:
-    """Standard deviation of a misfit from one iteration to the next, by second differences, which a trend leaves
+def _scatter(costs: np.ndarray) -> float:
+    """Standard deviation of a cost from one iteration to the next, by second differences, which a trend leaves
     out."""
-    if len(misfits) < 3:
+    if len(costs) < 3:
         return 0.0
-    return float(np.sqrt(np.mean(np.diff(misfits, 2) ** 2) / 6))
+    return float(np.sqrt(np.mean(np.diff(costs, 2) ** 2) / 6))
 
 
 def _still_moving(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:

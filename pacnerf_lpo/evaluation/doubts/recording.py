@@ -25,7 +25,7 @@ FEWEST_CELLS = 6.0
 """Two widths of the quadratic kernel of the grid: a body of fewer cells has no inside that its surface does not blur,
 and is too stiff."""
 FEWEST_CONTACT_FRAMES = 3
-"""One compressed, one largest compression, one after it: with fewer, stiffness and loss cannot be told apart."""
+"""One compressed, one largest compression, one after it: with fewer, stiffness and loss cannot be distinguished."""
 CONTACT_ERROR = 1
 """Frames by which the first contact may be wrong: it lies between two of them."""
 FEW_VIEWS_ERROR = 2.0
@@ -159,7 +159,7 @@ def doubts_about_contact(fall: Fall, hit_frame: int) -> list[Doubt]:
                 "video",
                 f"the outlines do not show that the body reaches the ground within {fall.frames} frames",
                 "the video ends before the impact",
-                "use a longer video; what happens in free fall tells of forces, not of the material",
+                "use a longer video; free fall shows forces, not the material",
             )
         ]
     left, found = fall.frames - fall.contact, []

@@ -1,4 +1,4 @@
-"""A camera that stands beside the place its calibration gives."""
+"""A camera that does not stand where its calibration says."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""COLMAP: a sparse model, binary or text, beside images in one folder per camera, or one video per camera."""
+"""COLMAP: a sparse model, binary or text, next to images in one folder per camera, or one video per camera."""
 
 from __future__ import annotations
 

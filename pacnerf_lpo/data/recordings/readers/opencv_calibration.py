@@ -13,7 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 
 ENDS = (".yml", ".yaml", ".json")
 NAMES = ("calibration", "calib", "cameras", "extrinsics")
-"""One file for all cameras; or each camera has its own, beside its video and named as it."""
+"""One file for all cameras; or each camera has its own, next to its video and named as it."""
 
 
 def read(folder: Path) -> Recording:

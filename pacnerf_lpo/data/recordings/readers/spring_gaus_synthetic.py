@@ -1,4 +1,4 @@
-"""Spring-Gaus, synthetic: ``camera.json`` [{camera, K, c2w}] beside one folder of transparent images per camera."""
+"""Spring-Gaus, synthetic: ``camera.json`` [{camera, K, c2w}] next to one folder of transparent images per camera."""
 
 from __future__ import annotations
 

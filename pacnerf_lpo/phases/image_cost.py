@@ -1,4 +1,4 @@
-"""Predicted against measured images of a moving particle set: the misfit that every dynamic phase minimises."""
+"""Predicted against measured images of a moving particle set: the cost that every dynamic phase minimises."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
 
 
-class VideoMisfit:
+class ImageCost:
     """Renders particles into the cameras of a video, on the device of the process, and compares.
 
     Everything it is given and returns is on the CPU.
@@ -28,7 +28,7 @@ class VideoMisfit:
     Args:
         data: the video with its cached rays.
         state: supplies the grid spacings and the frozen colour network.
-        silhouette_weight: weight of the squared error between opacity and matte beside that of the colours.
+        silhouette_weight: weight of the squared error between opacity and matte relative to that of the colours.
         pool: images are averaged over blocks of pool x pool pixels before they are compared (1: not at all).
     """
 

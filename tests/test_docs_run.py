@@ -1,0 +1,105 @@
+"""What the pages show is run where that takes seconds: commands on recordings and measurements, and code."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pacnerf_lpo.__main__ import main
+from pacnerf_lpo.cli import PhaseCLI
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.explore import Session
+from pacnerf_lpo.mpm import materials
+from pacnerf_lpo.mpm.physics import Physics
+from tests.data.recordings.layouts import opencv_shared
+from tests.data.trajectories.throws import write_throws
+from tests.test_docs import CONTRIBUTING, GUIDE, ROOT, blocks, gallery, guide_commands
+
+PAGES = [*GUIDE, CONTRIBUTING, *sorted((ROOT / "validation/results").glob("*.md"))]
+
+
+def commands(page: str, name: str) -> list[list[str]]:
+    """The commands of a page that begin with a word, as they stand there."""
+    lines = [line for block in blocks(ROOT / page, "sh") for line in block.splitlines()]
+    words = [shlex.split(line, comments=True)[1:] for line in lines if line.startswith(f"pacnerf-lpo {name} ")]
+    assert words, page
+    return words
+
+
+def test_a_recording_becomes_a_scene_as_readme_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """README and the page about recordings: ``init``, and the look at the scene."""
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "recordings" / "drop"
+    source.mkdir(parents=True)
+    opencv_shared(source)
+    (made,) = commands("README.md", "init")
+    assert commands("docs/own_recording.md", "init") == [made]
+    assert main(made) == 0
+    (tmp_path / "scenes/drop/scene.html").unlink()
+    assert main(["report", "scenes/drop"]) == 0
+    assert (tmp_path / "scenes/drop/scene.html").stat().st_size > 10_000
+
+
+def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    write_throws(tmp_path / "throws", 2, drag=0.15, magnus=4e-3)
+    (tmp_path / "throws/spins.csv").rename(tmp_path / "spins.csv")
+    (made,), (diagnosed,) = (commands("docs/measurements.md", name) for name in ("init", "diagnose"))
+    assert main(made) == 0 and main(diagnosed) == 0
+    assert list(tmp_path.glob("**/diagnosis.html"))
+
+
+@pytest.mark.parametrize("words", [words for words in guide_commands() if words[0] == "configs"], ids=" ".join)
+def test_configurations_are_listed(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([word for word in words if not word.startswith(">")][:2]) == 0
+    assert len(capsys.readouterr().out.splitlines()) > 5
+
+
+def test_every_named_configuration_exists():
+    made_by_hand = {"my_scene.yaml"}
+    named = set()
+    for words in guide_commands():
+        named |= {after for word, after in pairwise(words) if word in ("--config", "--overlay")}
+    named = {name for name in named if not name.startswith("runs/") and "/run/" not in name} - made_by_hand
+    assert {"fit", "cpu", "effects/ground_friction"} <= named
+    for name in named:
+        assert (ROOT / "configs" / f"{name.removesuffix('.yaml').removeprefix('configs/')}.yaml").is_file(), name
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_programs_and_their_options_exist(path: Path):
+    """``python -m MODULE`` and ``python FILE``, in blocks and in sentences."""
+    for line in re.findall(r"python ((?:-m validation\.|validation/|docs/)[^`\n#]*)", path.read_text()):
+        first, *words = line.removeprefix("-m ").split()
+        source = ROOT / first if first.endswith(".py") else ROOT / f"{first.replace('.', '/')}.py"
+        if not source.is_file():
+            source = source.with_suffix("") / "__init__.py"
+        text = source.read_text()
+        for option in (word for word in words if word.startswith("--")):
+            assert f'"{option}"' in text, f"{path.name}: {line}"
+
+
+def test_the_snippet_about_sessions_uses_what_there_is():
+    (snippet,) = blocks(ROOT / "docs/explore.md", "python")
+    tree = ast.parse(snippet)
+    for node in (node for node in tree.body if isinstance(node, ast.ImportFrom)):
+        exec(compile(ast.Module([node], []), "explore.md", "exec"), {})
+    used = {
+        node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "session"
+    }
+    assert used and all(hasattr(Session, name) for name in used)
+
+
+@pytest.mark.parametrize("name", sorted(set(materials.__all__) - {"Auto", "Material"}))
+def test_the_lines_of_a_material_are_a_configuration(name: str, tmp_path: Path):
+    (text,) = re.findall(r"```yaml\n(.*?)```", gallery.pages()[f"gallery/{name}.md"], re.DOTALL)
+    assert set(yaml.safe_load(text)) == {"physics"}
+    (tmp_path / "law.yaml").write_text(text)
+    words = [word for file in ("fit", "demo", str(tmp_path / "law.yaml")) for word in ("--config", file)]
+    assert type(PhaseCLI(words, VideoData, Physics).physics.material).__name__ == name
