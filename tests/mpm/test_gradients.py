@@ -93,6 +93,7 @@ EACH = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "dtype"), RUNS)
 def test_trajectory(name, dtype):
     moved = by_twin(name).trajectory - by_twin(name).trajectory[:1]
