@@ -32,6 +32,7 @@ def commands(page: str, name: str) -> list[list[str]]:
     return words
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_scene_as_readme_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """README and the page about recordings: ``init``, and the look at the scene."""
     monkeypatch.chdir(tmp_path)
@@ -46,6 +47,7 @@ def test_a_recording_becomes_a_scene_as_readme_says(tmp_path: Path, monkeypatch:
     assert (tmp_path / "scenes/drop/scene.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     write_throws(tmp_path / "throws", 2, drag=0.15, magnus=4e-3)
