@@ -8,14 +8,7 @@ from typing import TypeVar
 import torch
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.effects.base import (
-    BodyForce,
-    Effect,
-    GroundEffect,
-    InitialState,
-    LawEffect,
-    Softening,
-)
+from pacnerf_lpo.mpm.effects.base import BodyForce, Effect, GroundEffect, InitialState, LawEffect, Softening
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.point import LocalLaws

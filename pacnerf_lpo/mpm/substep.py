@@ -7,27 +7,8 @@ over the particles, so that a particle is read once per substep. The adjoint run
 from dataclasses import dataclass
 from typing import Any
 
-from pacnerf_lpo.mpm.arrays import (
-    CONSTANTS,
-    STATE,
-    C,
-    F,
-    V,
-    check_velocity,
-    matrix,
-    store,
-    store_matrix,
-    vector,
-)
-from pacnerf_lpo.mpm.operators import (
-    affine_momentum,
-    g2p,
-    g2p_adjoint,
-    local_laws,
-    p2g,
-    p2g_adjoint,
-    stress_impulse,
-)
+from pacnerf_lpo.mpm.arrays import CONSTANTS, STATE, C, F, V, check_velocity, matrix, store, store_matrix, vector
+from pacnerf_lpo.mpm.operators import affine_momentum, g2p, g2p_adjoint, local_laws, p2g, p2g_adjoint, stress_impulse
 from pacnerf_lpo.mpm.taichi_calls import Emitted, entries, ti
 from pacnerf_lpo.mpm.transfer import stencil
 
@@ -120,12 +101,7 @@ def adjoint_particle(a: ti.template(), s: ti.template(), sums: ti.template(), p,
     gx, gv = vector(a.gradient, o), vector(a.gradient, o + V)
     gC, gF = matrix(a.gradient, o + C), matrix(a.gradient, o + F)
     if a.begun == 1:
-        x, v, grad, deformation = (
-            vector(a.now, o),
-            vector(a.now, o + V),
-            matrix(a.now, o + C),
-            matrix(a.now, o + F),
-        )
+        x, v, grad, deformation = (vector(a.now, o), vector(a.now, o + V), matrix(a.now, o + C), matrix(a.now, o + F))
         mass = a.constants[constant]
         laws = local_laws(a, s, p, x, v, grad, deformation)
         u = ti.Vector(laws.velocity)
