@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import shlex
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -53,6 +55,38 @@ def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeyp
     (made,), (diagnosed,) = (commands("docs/measurements.md", name) for name in ("init", "diagnose"))
     assert main(made) == 0 and main(diagnosed) == 0
     assert list(tmp_path.glob("**/diagnosis.html"))
+
+
+def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The page from beginning to end: the class, throws that a script makes, and the diagnosis that names it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    page = ROOT / "docs/own_effect.md"
+    effect, script = blocks(page, "python")
+    candidates, overlay = blocks(page, "yaml")
+    assert len(effect.splitlines()) <= 40
+    (tmp_path / "magnetic.py").write_text(effect)
+    (tmp_path / "candidates.yaml").write_text(candidates)
+    (tmp_path / "own.yaml").write_text(overlay)
+    exec(compile(script, "own_effect.md", "exec"), {})
+    for name in ("init", "diagnose"):
+        (words,) = commands("docs/own_effect.md", name)
+        assert main(words) == 0
+    found = json.loads((tmp_path / "scenes/throws/diagnosis/diagnosis.json").read_text())
+    assert found["verdict"]["effects"] == ["Magnetic"]
+    (fitted,) = (one for one in found["rounds"][-1]["parameters"] if one["name"] == "gyration")
+    assert fitted["low"] < 0.8 < fitted["high"]  # the script's k; 90 % intervals, with its one seed
+    words = [word for file in ("fit", "demo", "own.yaml") for word in ("--config", file)]
+    assert [type(one).__name__ for one in PhaseCLI(words, VideoData, Physics).physics.effects] == ["Magnetic"]
+
+
+def test_keys_of_formats_are_written_by_the_package():
+    text = (ROOT / "docs/formats.md").read_text()
+    keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
+    names = {name.rpartition(".")[2].removesuffix("[]") for pair in keys for name in pair if name}
+    assert {"doubts", "verdict", "sentence", "alike"} - {"verdict"} <= names
+    source = "".join(path.read_text() for path in (ROOT / "pacnerf_lpo").glob("**/*.py"))
+    assert all(re.search(rf'"{name}"|\b{name}: ', source) for name in names)
 
 
 @pytest.mark.parametrize("words", [words for words in guide_commands() if words[0] == "configs"], ids=" ".join)
