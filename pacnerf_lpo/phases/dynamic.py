@@ -10,6 +10,7 @@ from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.image_cost import ImageCost
@@ -19,6 +20,9 @@ from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.types import ParticleState
 
 FRAME_RATE_TOLERANCE = 0.01
+TEST_EVERY = 5
+"""Steps of a correction between two looks at the test views: each renders as many images as a step, without gradients,
+so that they take less than a tenth of the time."""
 
 
 class DynamicPhase(AbstractPhase):
@@ -113,6 +117,27 @@ class DynamicPhase(AbstractPhase):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on with the time step that was reached."""
         self.physics.halvings = checkpoint["step_halvings"]
+
+    @torch.no_grad()
+    def log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
+        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
+
+        Args:
+            step: of the optimiser.
+            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
+            density, features: of the particles [(N,)], [(N, 12)]
+            observer: what is wrong with the cameras.
+        """
+        test, video = self.data.test, self.data.video
+        if not test or step % TEST_EVERY:
+            return
+        errors = []
+        for frame in range(seen.shape[1]):
+            view = test[frame % len(test)]
+            at = observer.clock(video.view_ids[view])
+            residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
+            errors.append(float(residual[..., :3].square().mean()))
+        self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
 
 
 def known_values(physics: Physics, state: ParticleState) -> dict[str, float]:

@@ -89,6 +89,7 @@ class GridOptimizationModule(DynamicPhase):
         )
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
+        self.log_test_psnr(step, seen, density, features, observer)
         self.log("correction/loss", loss)
         self.log("correction/particles", float(len(positions)))
         return loss

@@ -13,6 +13,7 @@ from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.phases.work import Work, compared
+from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -92,7 +93,10 @@ class LPOModule(DynamicPhase):
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames, one random training view for each."""
         particles = {name: getattr(self, name) for name in PARTICLES}
-        loss = self._loss(self.one_view_per_frame(step, self.image_cost.frames), **particles)
+        seen, observer = self._seen(self.positions, self.density)
+        views = self.one_view_per_frame(step, self.image_cost.frames)
+        loss = self.image_cost.loss(seen, self.density, self.features, views, observer=observer)
+        self.log_test_psnr(step, seen, self.density, self.features, observer)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
             for name, values in particles.items():
@@ -117,10 +121,14 @@ class LPOModule(DynamicPhase):
         return {"moved": f"{1000 * moved:.2f} mm"}
 
     def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
+        seen, observer = self._seen(positions, density)
+        return self.image_cost.loss(seen, density, features, views, observer=observer)
+
+    def _seen(self, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
+        """The motion of particles from frame 0 on as the cameras see it."""
         driving = density if self.density_drives_mass else density.detach()
         state, massive = self.state, self.state.massive(driving)
         trajectory = self.physics.rollout(
             positions, state.velocity, massive, self._values, state.spacings, self.image_cost.frames
         )
-        seen, observer = self.watch(trajectory, state.velocity, self._values)
-        return self.image_cost.loss(seen, density, features, views, observer=observer)
+        return self.watch(trajectory, state.velocity, self._values)

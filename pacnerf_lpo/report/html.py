@@ -57,7 +57,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
         found=sections.found_heading(results),
         grade=verdict.grade,
-        scale=f"good: at least {GOOD:.0%} explained, fair: at least {FAIR:.0%}",
+        scale=f"silhouettes overlap in the worst frame; good: by {GOOD:.0%} or more, fair: by {FAIR:.0%} or more",
         headline=html.escape(verdict.headline),
         doubts=sections.doubt_list(results),
         figures=sections.key_figures(results),

@@ -175,6 +175,24 @@ def test_lpo_changes_what_it_may_and_lowers_the_cost(data, state, positions, fea
     assert after < 0.9 * before
 
 
+def test_lpo_tells_how_well_the_test_views_are_shown(data, state, monkeypatch):
+    """Of images that it does not learn from: as good as the wrong place allows, and better later."""
+    split = SimpleNamespace(**{**vars(data), "train": [0, 1], "test": [2]})
+    wrong = state.with_(positions=state.positions + torch.tensor([0.03, 0.0, 0.0]))
+    phase, told = LPOModule(11, features=False), {}
+    monkeypatch.setattr(
+        phase, "log", lambda name, value: told.setdefault(name, []).append(float(torch.as_tensor(value).detach()))
+    )
+    run(phase, split, physics(), wrong)
+    found = told["correction/PSNR of test views [dB]"]
+    assert len(found) == 3 and found[-1] > found[0] + 1.0
+    cost, path = ImageCost(split, wrong), physics().simulate(wrong, FRAMES)
+    squares = [
+        cost.residual(path[frame], wrong.density, wrong.features, 2, frame).square().mean() for frame in range(FRAMES)
+    ]
+    assert found[0] == pytest.approx(-10 * math.log10(sum(squares) / FRAMES), abs=1e-3)
+
+
 def test_lpo_exports_what_fits_better_than_the_last_particles(data, state):
     """A step of 40 cm throws the particles apart; what was there before it is kept."""
     corrected = run(LPOModule(1, features=False, position_rate=0.4 / DX), data, physics(), state)

@@ -216,24 +216,24 @@ def test_atlas_and_quantisation():
     np.testing.assert_allclose(np.array(lower) + integers / 65535 * np.array(extent), points, atol=1e-4)
 
 
-def verdict_of(train: float, test: float, overlap: float = 0.95):
-    rms = np.array([[train] * 6, [train] * 6, [test] * 6])
+def verdict_of(test: float, worst: float):
+    rms = np.array([[0.02] * 6, [0.02] * 6, [test] * 6])
     phase = {
         "images": {
             "rms": rms.tolist(),
             "blank_rms": np.full((3, 6), 0.2).tolist(),
-            "silhouette_iou": np.full((3, 6), overlap).tolist(),
+            "silhouette_iou": [[0.1] * 6, [0.1] * 6, [0.9] * 5 + [worst]],
         }
     }
     return judge({"views": {"train": [0, 4], "test": [7]}}, phase)
 
 
-def test_verdict_grades_by_the_share_of_the_held_out_image():
-    assert verdict_of(0.02, 0.02).grade == "good"  # 1 - 0.01
-    assert verdict_of(0.02, 0.05).grade == "fair"  # 1 - 0.0625
-    assert verdict_of(0.02, 0.1).grade == "poor"
-    assert "99.0 % of the image in 1 views it never saw" in verdict_of(0.02, 0.02).headline
-    assert "farther from the video than an empty scene" in verdict_of(0.02, 0.3).headline
+def test_verdict_grades_by_the_worst_frame_of_the_held_out_views():
+    assert [verdict_of(0.02, worst).grade for worst in (0.8, 0.6, 0.4)] == ["good", "fair", "poor"]
+    said = verdict_of(0.02, 0.6).headline  # 1 - 0.01; (5 * 0.9 + 0.6) / 6
+    assert "99.0 % of the image in 1 views it never saw" in said and "by 85 %, in the worst frame by 60 %" in said
+    hopeless = verdict_of(0.3, 0.8)
+    assert hopeless.grade == "poor" and "farther from the video than an empty scene" in hopeless.headline
 
 
 def test_doubts_stand_under_the_verdict_with_cause_and_remedy(evaluated_run, page):
