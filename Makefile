@@ -9,7 +9,7 @@ INSTALLED := .venv/installed
 THREADS := OMP_NUM_THREADS=$(shell expr \( $$(getconf _NPROCESSORS_ONLN) + 1 \) / 2)
 JOBS := $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$((n < 8 ? n : 8)))
 
-.PHONY: demo bird torus test lint docs clean
+.PHONY: demo bird torus test quick coverage lint docs clean
 
 # two scenes at the same time, each going on where it was stopped: an elastic bird, whose progress is shown, and a torus
 # that falls under a hidden effect, whose progress is kept in a file
@@ -33,8 +33,19 @@ torus: $(READY)
 fit = if [ -f $(1)/manifest.json ]; then $(THREADS) $(BIN)/pacnerf-lpo fit --resume $(1); else \
 	$(THREADS) $(BIN)/pacnerf-lpo fit --config configs/fit.yaml --config $(2) --outer_loop.run_dir $(1); fi
 
+# fixtures of a module are made by one process, and whoever is done first takes over tests of the other
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q --numprocesses 2 --dist worksteal
+
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q --numprocesses 2
+	$(PYTEST)
+
+# what to run at every change
+quick: $(INSTALLED)
+	$(PYTEST) -m "not slow and not end_to_end"
+
+coverage: $(INSTALLED)
+	$(PYTEST) --cov --cov-report term:skip-covered --cov-report html:build/coverage
+	@echo "$(abspath build/coverage/index.html)"
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -71,6 +71,11 @@ def _dispatch(words: list[str]) -> int:
         near = get_close_matches(words[0], COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
         raise UserInputError(f"there is no command {words[0]}; {hint}")
+    if words[0] != "configs" and words[1:] in (["-h"], ["--help"]):
+        from pacnerf_lpo.commands.help import command_help
+
+        print(command_help(words[0], COMMANDS[words[0]][1]))
+        return 0
     with heartbeat("loading the program"):
         module = import_module(COMMANDS[words[0]][1])
         doing(f"at pacnerf-lpo {words[0]}")

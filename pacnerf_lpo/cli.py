@@ -32,6 +32,7 @@ from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.config_layers import flat, read_yaml, scene_changes
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.fit_options import DESCRIPTION, OPTIONS
 from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.laws import as_text
 from pacnerf_lpo.manifest import FILE_NAME as MANIFEST
@@ -50,22 +51,6 @@ NOT_CONFIGURABLE = {
     *("logger", "default_root_dir", "max_epochs", "min_epochs", "min_steps", "max_time", "fast_dev_run", "barebones"),
     *("enable_checkpointing", "enable_progress_bar", "enable_model_summary"),
 }
-DESCRIPTION = """Identify geometry and material from a multi-view video.
-
-usage: pacnerf-lpo fit SCENE [--out FOLDER] [--preset auto|quick|cpu|paper] [options]
-       pacnerf-lpo fit SCENE SCENE ... --out FOLDER [--preset ...] [options]
-       pacnerf-lpo fit --config FILE_OR_NAME [--config ...] [options]
-
-SCENE is a folder with scene.yaml, such as init writes. Its run goes into SCENE/run, or where --out says; the same
-command goes on with it.
-Several scenes of one object are reconstructed one by one and identified together.
-Of two options, and of two configurations, the later one counts.
-
-examples:
-  pacnerf-lpo fit scenes/drop
-  pacnerf-lpo fit scenes/drop --preset quick
-  pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo
-  pacnerf-lpo fit --resume runs/demo"""
 MAY_CHANGE = ("outer_loop.rounds", "outer_loop.checkpoint_seconds", "truth", "intervals", "trainer.")
 """What may differ where a run goes on: nothing that is done already depends on it."""
 FOLLOWS_LAW = ("physics.material", "phases.physics.init_args.method.init_args.learning_rates")
@@ -101,14 +86,11 @@ class PhaseCLI(LightningCLI):
 
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Declare the sections of the configuration."""
-        parser.add_argument("--resume", metavar="RUN_DIR", help="Go on with this run; takes no other option.")
-        parser.add_argument(
-            "--preset", type=str | None, help="Of fit SCENE: quick (minutes), cpu, paper, or auto: by the machine."
-        )
-        parser.add_argument(
-            "--intervals", type=bool, default=False, help="Add 90 %% intervals of the parameters at the end (minutes)."
-        )
-        parser.add_argument("--truth", type=str | None, help="A truth.json to compare with at the end, or demo.")
+        said = {name: text.replace("%", "%%") for name, text in OPTIONS.items()}
+        parser.add_argument("--resume", metavar="RUN_DIR", help=said["resume"])
+        parser.add_argument("--preset", type=str | None, help=said["preset"])
+        parser.add_argument("--intervals", type=bool, default=False, help=said["intervals"])
+        parser.add_argument("--truth", type=str | None, help=said["truth"])
         parser.add_class_arguments(self._datamodule_class, "data")
         parser.add_class_arguments(self.physics_class, "physics")
         for role in ("static", "velocity", "physics"):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
 from pacnerf_lpo.__main__ import COMMANDS, main
+from pacnerf_lpo.commands.help import SECTIONS, command_help
 from pacnerf_lpo.errors import UserInputError
 from tests import fake_run
 
@@ -125,7 +129,41 @@ def test_unknown_command(capsys: pytest.CaptureFixture[str]):
     assert capsys.readouterr().err.strip() == "pacnerf-lpo: there is no command evalaute; did you mean evaluate?"
 
 
-def test_help_names_every_command_without_loading_torch():
-    code = "import sys; from pacnerf_lpo.__main__ import main; main(['--help']); sys.exit('torch' in sys.modules)"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+HEAVY = ("torch", "numpy", "scipy", "matplotlib", "taichi", "pytorch_lightning", "jsonargparse", "PIL")
+
+
+def test_help_loads_nothing_but_what_it_shows():
+    """Of the program and of every command; ``configs`` alone is small enough to be loaded."""
+    code = f"""import sys
+from pacnerf_lpo.__main__ import COMMANDS, main
+from pacnerf_lpo.commands.help import SECTIONS, command_help
+for words in [["--help"], *([command, "--help"] for command in COMMANDS if command != "configs")]:
+    assert main(words) == 0
+    assert not (loaded := [name for name in {HEAVY} if name in sys.modules]), (words, loaded)
+"""
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert shown.returncode == 0, shown.stderr
     assert all(name in shown.stdout for name in COMMANDS)
+
+
+@pytest.mark.parametrize("command", sorted({*COMMANDS} - {"fit", "configs"}))
+def test_help_describes_every_argument(command: str):
+    shown = command_help(command, COMMANDS[command][1])
+    for name in signature(import_module(COMMANDS[command][1]).run).parameters:
+        assert re.search(rf"^  (--{name}|{name.upper()})\s+\w", shown, re.MULTILINE), name
+
+
+def test_help_of_fit_describes_every_key_of_its_own_sections():
+    shown = command_help("fit", COMMANDS["fit"][1])
+    for section, path in SECTIONS.items():
+        module, _, name = path.rpartition(".")
+        kind = getattr(import_module(f"pacnerf_lpo.{module}"), name)
+        for key in signature(kind).parameters:
+            assert re.search(rf"^  --{section}\.{key}\s+\S", shown, re.MULTILINE), key
+
+
+def test_help_all_of_fit_lists_the_trainers_options(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", "--help", "all"])
+    assert ended.value.code == 0
+    assert "--trainer.accelerator" in capsys.readouterr().out

@@ -74,6 +74,7 @@ def recipes(tmp_path_factory: pytest.TempPathFactory):
     sys.path.remove(str(folder))
 
 
+@pytest.mark.slow
 def test_a_file_in_the_working_folder_is_found_by_the_command(tmp_path: Path):
     """By the installed command, which starts in no folder of the user's."""
     (tmp_path / "my_material.py").write_text("from pacnerf_lpo.mpm.materials import NeoHookean as Mine\n")
@@ -141,6 +142,7 @@ def test_links_and_paths_exist(path: Path):
         assert (path.parent / name).exists() or (ROOT / name).exists(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
 def test_commands_on_real_measurements_run(number: int, tmp_path: Path):
     """With positions in the form of theirs."""
@@ -160,6 +162,7 @@ def test_commands_on_real_measurements_run(number: int, tmp_path: Path):
     assert list(tmp_path.glob("**/diagnosis.html"))
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_real_measurements_has_its_command():
     (line,) = blocks(REAL, "sh")[0].splitlines()
     words = shlex.split(line)
@@ -181,6 +184,7 @@ def test_pictures_of_pages_are_small():
     assert 0 < (ROOT / film).stat().st_size <= LARGEST_FILM
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
@@ -283,6 +287,7 @@ def landing(recipes: Path):
     return height
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["E", "nu", "eta", "gyration"])
 def test_recipe_gradients(landing, name: str, small_threads: None):
     start = {"E": 3e4, "nu": 0.3, "eta": 20.0, "gyration": 0.1}

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pacnerf_lpo.mpm.runtime import keep, ti
+from pacnerf_lpo.mpm.taichi_calls import keep, ti
 
 Pullback = Callable[[list], Sequence]
 

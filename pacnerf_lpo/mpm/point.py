@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, plain
+from pacnerf_lpo.mpm.taichi_calls import Emitted
 from pacnerf_lpo.mpm.tensors import Tensor3
 
 
@@ -89,24 +90,26 @@ class LocalLaws:
         return F, tau, new
 
 
-class Evaluation:
+class Evaluation(Emitted):
     """All local laws at one particle, emitted into the kernel that is being compiled.
+
+    Args:
+        laws: the laws.
+        point: what they see, as expressions.
+        coefficients: of the laws, in the order of their names, as expressions.
 
     F_new, tau: new deformation gradient and Kirchhoff stress [Pa], nested lists of expressions
     velocity: velocity after dt of body acceleration [m/s]
     history: new history
     """
 
-    _data_oriented = True
-
-    def __init__(
-        self, laws: LocalLaws, F, C, x, X, v, t, dt, mass, volume, stiffness, coefficients: Sequence, history=()
-    ):
+    def __init__(self, laws: LocalLaws, point: Point, coefficients: Sequence):
         self._record = Record()
         row = self._record.variables
-        time, step, m, V, factor = row([t, dt, mass, volume, stiffness])
-        F, C = [row(r) for r in F], [row(r) for r in C]
-        self._point = Point(F, C, row(x), row(X), row(v), time, step, m, V, factor, row(history))
+        t, dt, mass, volume, stiffness = row([point.t, point.dt, point.mass, point.volume, point.stiffness])
+        F, C = [row(r) for r in point.F], [row(r) for r in point.C]
+        x, X, v = row(point.x), row(point.X), row(point.v)
+        self._point = Point(F, C, x, X, v, t, dt, mass, volume, stiffness, row(point.history))
         self._coefficients = row(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._F_new, self._tau, self._history = laws.stress(self._point, named)
@@ -133,10 +136,8 @@ class Evaluation:
         return Adjoint(self._record.pull_back(seeds, [*inputs, *p.history, *self._coefficients]), len(p.history))
 
 
-class Adjoint:
+class Adjoint(Emitted):
     """Adjoints of what a law saw, as nested lists of expressions."""
-
-    _data_oriented = True
 
     def __init__(self, g: list, history: int):
         self.F, self.C = [g[0:3], g[3:6], g[6:9]], [g[9:12], g[12:15], g[15:18]]
@@ -145,10 +146,8 @@ class Adjoint:
         self.history, self.coefficients = g[29 : 29 + history], g[29 + history :]
 
 
-class GroundEvaluation:
+class GroundEvaluation(Emitted):
     """The ground law at one node, emitted into the kernel that is being compiled."""
-
-    _data_oriented = True
 
     def __init__(self, laws: LocalLaws, velocity: list, coefficients: Sequence):
         self._record = Record()

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
-from pacnerf_lpo.mpm.runtime import compiling_double, keep, ti
+from pacnerf_lpo.mpm.taichi_calls import compiling_double, keep, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 LOG_SMALLEST_STRETCH = -2.995732273553991

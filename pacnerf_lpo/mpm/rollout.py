@@ -5,14 +5,17 @@ Memory: one state per frame, and all substeps of as many of the last frames as f
     backward pass recomputes the substeps of every other frame from its checkpoint.
 """
 
+from dataclasses import astuple
+
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
-from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET
+from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET, START, Numbers
 from pacnerf_lpo.mpm.point import LocalLaws
-from pacnerf_lpo.mpm.runtime import LAUNCHING, Launcher, heed
+from pacnerf_lpo.mpm.runtime import LAUNCHING, heed
+from pacnerf_lpo.mpm.taichi_calls import Launcher
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
 MOST_NODES = 1 << 25
@@ -59,8 +62,9 @@ class Engine:
         """Pack the inputs of one rollout; see :class:`Rollout`."""
         dt = self.frame_dt / self.substeps
         lightest = MASS_FLOOR * float(constants[:, 0].mean())
-        head = [self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, *self.gravity, lightest, 0.0]
-        numbers = torch.cat([state.new_tensor(head), coefficients.to(state)])
+        x, y, z = self.gravity
+        head = Numbers(self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, x, y, z, lightest, 0.0)
+        numbers = torch.cat([state.new_tensor(astuple(head)), coefficients.to(state)])
         return Run(self, state.contiguous(), constants.contiguous(), numbers, len(coefficients))
 
     def slices(self, particles: int) -> int:
@@ -198,7 +202,7 @@ class Run:
         wanted = grid.nodes * self._rows
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
-        self._numbers[8] = index * self._engine.frame_dt
+        self._numbers[START] = index * self._engine.frame_dt
         self._dims = torch.tensor(
             [self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device
         )
@@ -223,7 +227,7 @@ class Rollout(torch.autograd.Function):
         """Roll out.
 
         Args:
-            state: particle states at frame 0 [(N, 24 and the history)], see :mod:`~pacnerf_lpo.mpm.kernels`.
+            state: particle states at frame 0 [(N, 24 and the history)], see :mod:`~pacnerf_lpo.mpm.arrays`.
             constants: mass, stiffness factor and position at time 0 [(N, 5)].
             coefficients: of the local laws [(P,)].
         """

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.mpm import runtime, taichi_calls
 from pacnerf_lpo.mpm.effects.base import Effect, InitialState, LawEffect
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
@@ -77,11 +77,11 @@ class Simulator:
         for name, value in (("dx", dx), ("substeps", substeps), ("frame_dt", frame_dt)):
             if not value > 0:
                 raise UserInputError(f"Simulator: {name} = {value}; give a positive number")
-        if dtype not in runtime.REAL:
-            raise UserInputError(f"Simulator: dtype {dtype!r}; choose from {', '.join(runtime.REAL)}")
+        if dtype not in taichi_calls.REAL:
+            raise UserInputError(f"Simulator: dtype {dtype!r}; choose from {', '.join(taichi_calls.REAL)}")
         self.material, self.ground, self.effects = material, ground or Sticky(), tuple(effects)
         self._device = runtime.device() if device is None else torch.device(device)
-        self._real = runtime.TORCH_REAL[dtype]
+        self._real = taichi_calls.TORCH_REAL[dtype]
         check_model("Simulator", material, self.ground, self.effects)
         laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
         moving = [effect for effect in self.effects if effect.acts_on_motion]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.runtime import Array
+from pacnerf_lpo.mpm.taichi_calls import Array
 
 
 @dataclass(frozen=True)

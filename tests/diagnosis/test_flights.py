@@ -16,6 +16,8 @@ from pacnerf_lpo.mpm.materials.rigid import Rigid
 from pacnerf_lpo.mpm.rigid_body import fly
 from tests.data.trajectories.throws import BALL, flight, write, write_drops, write_throws
 
+pytestmark = pytest.mark.slow
+
 
 def diagnosed(source: Path, *options: str) -> dict:
     """What init and diagnose say of a source of positions."""

@@ -23,6 +23,8 @@ from pacnerf_lpo.report.plan import page, sentences
 from validation.hidden_effects.known_shape import KnownShape
 from validation.hidden_effects.setting import Size, draw_setting
 
+pytestmark = pytest.mark.slow
+
 SIZE = Size(particles=200, views=3, frames=8, image_size=48)
 SAME, HIGHER = RECIPES[0], next(recipe for recipe in RECIPES if recipe.higher == 3)
 

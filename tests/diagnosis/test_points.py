@@ -95,6 +95,7 @@ def points(tracks: TrackedPoints | None, measured_clouds: PointClouds | None) ->
     return Points(tracks, measured_clouds, TIMES, PIXEL, lattice(SPACING))
 
 
+@pytest.mark.slow
 def test_tracks_alone_name_the_drag_and_give_its_coefficient(small_threads):
     problem = Ball(points(tracked(), None))
     comparison = compare(problem, (), problem.first_guess, (5, 1), False, lambda _: None)

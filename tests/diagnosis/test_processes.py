@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from pacnerf_lpo.diagnosis import comparison as comparison_module
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
@@ -10,6 +11,8 @@ from pacnerf_lpo.diagnosis.comparison import compare
 from pacnerf_lpo.identification.processes import processes
 from tests.diagnosis.examples import screened
 from tests.diagnosis.test_points import GUESS, Ball, points, tracked
+
+pytestmark = pytest.mark.slow
 
 FORCES = ("LinearDrag", "UniformForce", "GravityMagnitude")
 

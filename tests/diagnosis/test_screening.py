@@ -20,6 +20,8 @@ from pacnerf_lpo.render.camera_faults import CameraShift
 from tests.diagnosis import falling
 from tests.diagnosis.examples import score, screened
 
+pytestmark = pytest.mark.slow
+
 DRAG = 2.0
 BOTH = [falling.candidate(name) for name in ("LinearDrag", "UniformForce")]
 HELD = Candidate("CameraShift@2", CameraShift(view=2))

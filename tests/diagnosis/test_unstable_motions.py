@@ -43,6 +43,7 @@ def by_point(share: float, seed: int):
     return unstable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("kind", "share"), [(by_call, 0.05), (by_call, 0.15), (by_point, 0.1)])
 def test_a_diagnosis_ends_with_a_verdict_or_one_clear_error(kind, share, seed, tmp_path, monkeypatch, small_threads):
@@ -89,6 +90,7 @@ def test_an_effect_whose_model_cannot_be_examined_is_left_out_and_said_to_be(tmp
     assert (verdict(again), again[0].left_out) == (verdict(rounds), rounds[0].left_out)
 
 
+@pytest.mark.slow
 def test_what_fell_behind_is_tried_once_the_best_is_left_out(tmp_path, monkeypatch, small_threads):
     """Beside strong drag, wind is not worth a fit; where drag cannot be examined, it is."""
     falling.install(monkeypatch)

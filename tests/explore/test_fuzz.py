@@ -65,6 +65,7 @@ def drawn(found: object) -> list[np.ndarray]:
     return [*arrays, np.array(numbers), np.array(list(values.get("values", {}).values()), float)]
 
 
+@pytest.mark.slow
 def test_an_hour_of_random_clicks_in_a_minute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None):
     install(monkeypatch, lambda model, free: model.physical(free).get("drag", 0.0) > 50)
     session, random = session_of(tmp_path), np.random.default_rng(0)

@@ -162,6 +162,7 @@ def test_an_address_that_cannot_be_listened_on_is_one_line(host: str, port: int,
         open_page(None, host, port)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_page_to_share_opens_without_a_server(dropped: Path, tmp_path: Path):
     with Session.open(dropped, jobs=1) as session:
         session.set("drag", 3.0)

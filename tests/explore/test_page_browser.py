@@ -22,6 +22,8 @@ from tests.explore.falling import study_of
 from tests.explore.hand import Hand, browser
 from tests.test_effects_overlay import ROOT, configured
 
+pytestmark = pytest.mark.slow
+
 FUZZ = 40.0
 """Seconds of random hands: some dozens of changes."""
 GROWTH = 150e6

@@ -141,6 +141,7 @@ def test_a_session_is_closed_and_opened_again(asked, monkeypatch: pytest.MonkeyP
         Session.open(session.folder)
 
 
+@pytest.mark.slow
 def test_the_whole_diagnosis_is_a_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None):
     install(monkeypatch)
     source = source_of(seen({"drag": DRAG}), tmp_path)

@@ -190,6 +190,7 @@ def test_stop_without_a_question_does_no_harm(falling: Session):
     assert not falling.busy
 
 
+@pytest.mark.slow
 def test_measured_flights_have_no_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Balls that fall with a drag that grows with the square of the speed, made by another integrator."""
     scenes = tmp_path / "scenes"

@@ -26,6 +26,7 @@ def test_without_contact_the_last_frame_has_to_do():
     assert first_touch(np.array([0.5, 0.4, 0.3]), spacing=0.05) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trained", "said", "held"),
     [((0, 2, 4), "3 views", [1, 3]), ((0, 1, 2, 3, 4), "all views", [1, 2, 4])],
@@ -38,6 +39,7 @@ def test_a_video_is_judged_by_the_views_that_its_diagnosis_holds_out(tmp_path, t
     assert len(list((scene / "video").rglob("*.png"))) >= 5 * 8
 
 
+@pytest.mark.slow
 def test_a_video_shows_the_body_as_large_as_it_is(tmp_path):
     scene = generate.generate(tmp_path, NULL, Size(**TINY, trained=(0, 2, 4)))
     setting = Setting(**json.loads((scene / "setting.json").read_text()))

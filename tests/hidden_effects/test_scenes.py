@@ -13,6 +13,8 @@ from validation.hidden_effects.outcomes import outcome
 from validation.hidden_effects.score import page
 from validation.hidden_effects.setting import Size
 
+pytestmark = pytest.mark.slow
+
 TINY = Size(particles=300, views=4, held=2, frames=8, image_size=48)
 CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n"
 NULL, DRAG = 2, 1  # seeds of development scenes

@@ -13,6 +13,8 @@ from tests.diagnosis import falling
 from tests.diagnosis.examples import refit
 from validation.hidden_effects.simpler import RULES, verdicts
 
+pytestmark = pytest.mark.slow
+
 CANDIDATES = [falling.candidate(name) for name in ("LinearDrag", "UniformForce")]
 
 

@@ -10,6 +10,8 @@ from validation.hidden_effects.outside import Gust
 from validation.hidden_effects.setting import Size, draw_setting
 from validation.hidden_effects.strength import Ruler, course_of
 
+pytestmark = pytest.mark.slow
+
 TINY = Size(particles=300, views=3, held=1, frames=6, image_size=48)
 KNOWN = [Candidate("QuadraticDrag", QuadraticDrag()), Candidate("UniformForce", UniformForce())]
 

@@ -103,6 +103,7 @@ def finished(one: Competition) -> Competition:
     return one
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "true", [NeoHookean(E=6e4), Newtonian(mu=8.0, kappa=6e4), VonMises(E=6e4, tau_y=600.0)], ids=lambda law: law.family
 )
@@ -149,6 +150,7 @@ def test_without_a_stable_law_it_ends_with_one_error(unstable):
         finished(Competition(Dropped(NeoHookean(E=6e4))))
 
 
+@pytest.mark.slow
 def test_a_competition_goes_on_where_it_was_interrupted(unstable):
     """Before and after the noise is known; what is kept survives a file."""
     whole = finished(Competition(Dropped(NeoHookean(E=6e4))))

@@ -14,6 +14,7 @@ def doubled(number: int) -> tuple[int, int]:
     return 2 * number, os.getpid()
 
 
+@pytest.mark.slow
 def test_order_is_kept_and_other_processes_do_the_work():
     """Without a context everything happens here."""
     given = [(number,) for number in range(5)]

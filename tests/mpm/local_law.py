@@ -9,8 +9,9 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.ground import Sticky
-from pacnerf_lpo.mpm.point import Evaluation, LocalLaws
-from pacnerf_lpo.mpm.runtime import Launcher, start, ti
+from pacnerf_lpo.mpm.point import Evaluation, LocalLaws, Point
+from pacnerf_lpo.mpm.runtime import start
+from pacnerf_lpo.mpm.taichi_calls import Launcher, ti
 from tests.mpm.scenes import BY_NAME
 from tests.mpm.twin import EYE, LAWS
 
@@ -55,7 +56,9 @@ def _launcher(law: str) -> Launcher:
             coefficients = [numbers[2 + c] for c in ti.static(range(len(names)))]
             rows = [[trial[3 * i + j] for j in ti.static(range(3))] for i in ti.static(range(3))]
             gradient = [[C[3 * i + j] for j in ti.static(range(3))] for i in ti.static(range(3))]
-            e = Evaluation(laws, rows, gradient, here, here, here, 0.0, numbers[0], 1.0, 1.0, numbers[1], coefficients)
+            e = Evaluation(
+                laws, Point(rows, gradient, here, here, here, 0.0, numbers[0], 1.0, 1.0, numbers[1]), coefficients
+            )
             for i, j in ti.static(ti.ndrange(3, 3)):
                 out[3 * i + j] = e.F_new[i][j]
                 out[9 + 3 * i + j] = e.tau[i][j]

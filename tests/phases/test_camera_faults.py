@@ -72,6 +72,7 @@ def test_cost_gradient_equals_finite_differences(data, state, effect):
     assert abs(difference.item()) > 1e-6, "the fault must matter, or the comparison says nothing"
 
 
+@pytest.mark.slow
 def test_gauss_newton_finds_shift_and_gain_with_the_velocity(faulty, state):
     """Filmed by the model that is fitted, so what stays is the tolerance of the last step."""
     method = GaussNewton(coarse_iterations=0, iterations=6, scan_decades=0, pool=1)

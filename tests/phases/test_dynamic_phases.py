@@ -73,6 +73,7 @@ def test_pooling_averages_blocks(data, state):
     torch.testing.assert_close(blocks[2, 3], whole[8:12, 12:16].mean((0, 1)))
 
 
+@pytest.mark.slow
 def test_velocity_is_found_before_contact(data, state):
     start = state.with_(velocity=torch.zeros_like(state.velocity), physics={})
     found = run(VelocityModule(HIT, max_iterations=24, silhouette_weight=1.0), data, physics(), start).velocity[0]
@@ -80,6 +81,7 @@ def test_velocity_is_found_before_contact(data, state):
     torch.testing.assert_close(found, torch.tensor(VELOCITY), rtol=0, atol=0.05)
 
 
+@pytest.mark.slow
 def test_velocity_search_turns_back_from_unstable_motions(data, state, monkeypatch):
     phase = VelocityModule(HIT, max_iterations=24, guess=(0.0, -0.8, 0.0), silhouette_weight=1.0)
     rollout, refused = phase.rollout, []
@@ -101,6 +103,7 @@ def test_velocity_search_turns_back_from_unstable_motions(data, state, monkeypat
         run(wild, data, physics(), start)
 
 
+@pytest.mark.slow
 def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
     method = GaussNewton(coarse_iterations=2, iterations=6, scan_decades=2.0, coarse_pool=2, pool=1)
     phase = PhysicsIDModule(HIT, method, silhouette_weight=1.0)
@@ -159,6 +162,7 @@ def test_adam_moves_the_stiffness_towards_the_truth(data, state):
     assert found.physics["nu"] == pytest.approx(TRUTH["nu"], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("positions", "features"), [(True, True), (True, False), (False, True)])
 def test_lpo_changes_what_it_may_and_lowers_the_cost(data, state, positions, features):
     noise = torch.randn(state.positions.shape, generator=torch.Generator().manual_seed(2))

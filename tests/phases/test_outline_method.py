@@ -41,6 +41,7 @@ def solid(state):
     return full, film(full, path.unflatten(1, (-1, 8)).mean(2))
 
 
+@pytest.mark.slow
 def test_modulus_is_found_from_a_guess_that_is_off_by_a_factor_of_a_hundred(solid):
     """A picture of 24 x 24 pixels, and a body that is sampled otherwise: E is known to some ten per cent."""
     state, data = solid
@@ -68,6 +69,7 @@ def test_what_is_not_compared_is_not_simulated(solid):
     assert np.array_equal(part.residual(free), compared)
 
 
+@pytest.mark.slow
 def test_fits_that_grow_with_the_frames_find_the_modulus_from_a_single_point_two_decades_away(solid):
     state, data = solid
     module = PhysicsIDModule(HIT, method())
@@ -84,6 +86,7 @@ def test_fits_that_grow_with_the_frames_find_the_modulus_from_a_single_point_two
     assert found[index] == pytest.approx(right[index], abs=0.5)  # bodies so coarse are too stiff
 
 
+@pytest.mark.slow
 def test_fits_on_finer_bodies_decide_between_valleys(solid):
     """A modulus that is wrong by a decade and a half, and one that a short fit corrects."""
     state, data = solid
@@ -105,6 +108,7 @@ def test_fits_on_finer_bodies_decide_between_valleys(solid):
         assert found[index] == pytest.approx(math.log10(TRUTH["E"]), abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("decades", "halvings"), [(0.0, 0), (2.25, 1)])
 def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decades, halvings):
     """The run's own step is too long for a body that is two decades stiffer, and then it is for all."""
@@ -182,6 +186,7 @@ def test_beside_the_outlines_counts_how_far_poissons_ratio_is_from_what_is_usual
     assert len(rows[4]) == len(rows[5]) == len(rows[0]) - 1
 
 
+@pytest.mark.slow
 def test_a_flow_extrapolated_from_two_coarse_bodies_is_nearer_to_that_of_a_fine_one(solid):
     state, data = solid
     module = PhysicsIDModule(HIT, method())

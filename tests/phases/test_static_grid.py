@@ -97,6 +97,7 @@ def view_error(phase: StaticGridModule, state: ParticleState, data: BallData, vi
     return float(-10 * error.log10()), float((seen & true).sum() / (seen | true).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_threads")
 def test_fits_a_ball_from_five_views():
     data = BallData()
@@ -131,6 +132,7 @@ class Interrupt(pl.Callback):
             trainer.should_stop = True
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_threads")
 @pytest.mark.parametrize("stop", [16, 21], ids=["just before a scaling", "after a scaling"])
 def test_resumed_run_gives_the_same_particles(tmp_path, stop):

@@ -1,7 +1,9 @@
 """Every layout written once, and the scene that ``init`` makes of it."""
 
+import functools
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +23,8 @@ OPTIONS["colmap_text"] = ["--fps", FPS]
 class Made:
     """A layout's folder and world, and the scene made of it: ``entries`` of all_data.json, ``config`` of scene.yaml."""
 
-    def __init__(self, name: str, folder: Path):
-        self.source, self.scene = folder / name, folder / f"{name}_scene"
-        self.source.mkdir()
-        self.world: World = WRITERS[name](self.source)
+    def __init__(self, name: str, source: Path, world: World):
+        self.source, self.world, self.scene = source, world, source.with_name(f"{name}_scene")
         words = ["init", self.source, self.scene, *OPTIONS.get(name, [])]
         assert main([str(word) for word in words]) == 0
         self.entries = json.loads((self.scene / "all_data.json").read_text())
@@ -49,29 +49,28 @@ class Made:
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    """The layouts, made once each when first asked for."""
-    folder, kept = tmp_path_factory.mktemp("recordings"), {}
+def written(tmp_path_factory):
+    """The folder of a layout and its world, written once when first asked for, since that takes seconds."""
+    folder = tmp_path_factory.mktemp("recordings")
 
-    def make(name: str) -> Made:
-        if name not in kept:
-            kept[name] = Made(name, folder)
-        return kept[name]
+    @functools.cache
+    def make(name: str) -> tuple[Path, World]:
+        (folder / name).mkdir()
+        return folder / name, WRITERS[name](folder / name)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def made(written):
+    """The layouts, made once each when first asked for."""
+    return functools.cache(lambda name: Made(name, *written(name)))
 
 
 @pytest.fixture
-def write(tmp_path):
+def write(tmp_path, written):
     """A fresh copy of a layout that a test may spoil."""
-
-    def make(name: str) -> Path:
-        folder = tmp_path / "case" / name
-        folder.mkdir(parents=True)
-        WRITERS[name](folder)
-        return folder
-
-    return make
+    return lambda name: Path(shutil.copytree(written(name)[0], tmp_path / "case" / name))
 
 
 def _place(name: str) -> int:

@@ -14,6 +14,8 @@ from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import FRAMES, NAMES, SIZE, background, raw, save
 
+pytestmark = pytest.mark.slow
+
 
 def refused(capsys, source: Path, *options) -> str:
     """The one line of ``init``; nothing is left behind."""

@@ -34,6 +34,8 @@ from tests.data.recordings.studio import (
     save_video,
 )
 
+pytestmark = pytest.mark.slow
+
 LATE = (0.1, -0.4, 0.25, 0.0, 0.3, 0.0)
 TENTH = 0.1
 """Of a frame: what was asked for."""

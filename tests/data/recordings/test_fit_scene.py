@@ -18,6 +18,8 @@ from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.outer_loop import OuterLoop
 from tests.data.recordings.studio import CONTACT
 
+pytestmark = pytest.mark.slow
+
 SMOKE = Path(__file__).parents[2] / "smoke.yaml"
 ELASTIC = ("--physics.material=NeoHookean", "--physics.material.E=1e5", "--physics.material.nu=0.3")
 TINY = ("--config", str(SMOKE), "--phases.correction=null", *ELASTIC)

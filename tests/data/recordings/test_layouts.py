@@ -28,6 +28,8 @@ from tests.data.recordings.studio import (
     rig,
 )
 
+pytestmark = pytest.mark.slow
+
 CENTRED = ("spring_gaus_real", "d_nerf", "dynerf")
 """Layouts that can only say a centred principal point."""
 UNIT_KNOWN = ("pac_nerf", "gic", "phystwin", "opencv_shared", "opencv_each", "anipose", "caliscope")

@@ -22,6 +22,8 @@ from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.studio import CONTACT, FRAMES, RADIUS, SIZE, VIEWS, body
 from tests.data.recordings.test_clocks import LATE, record
 
+pytestmark = pytest.mark.slow
+
 TRUE_OF_THE_STUDIO = {"contact", "pixels"}
 """Four frames from contact on, and a ball of 30 pixels."""
 

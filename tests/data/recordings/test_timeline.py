@@ -72,6 +72,7 @@ def test_no_overlap_and_no_times():
         schedule(times, times[:2])
 
 
+@pytest.mark.slow
 def test_cameras_of_different_size(tmp_path):
     """Images of one camera end eight rows and five columns earlier; there nothing is known, and no more changes."""
     source, scene = tmp_path / "source", tmp_path / "scene"

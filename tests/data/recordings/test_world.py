@@ -35,6 +35,8 @@ from tests.data.recordings.studio import (
     save,
 )
 
+pytestmark = pytest.mark.slow
+
 SLOPE = np.radians(20.0)
 OPTIONS = ("--fps", str(FPS))
 

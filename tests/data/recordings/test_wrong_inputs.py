@@ -27,6 +27,8 @@ from tests.data.recordings.studio import (
     save_video,
 )
 
+pytestmark = pytest.mark.slow
+
 
 class Wrong(NamedTuple):
     """A layout, what is done to its folder, words of the line that has to come, the options of ``init``, and whether

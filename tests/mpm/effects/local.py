@@ -10,8 +10,9 @@ from pacnerf_lpo.mpm.effects import Effect
 from pacnerf_lpo.mpm.ground import Sticky
 from pacnerf_lpo.mpm.materials import Material
 from pacnerf_lpo.mpm.model import local_laws
-from pacnerf_lpo.mpm.point import Evaluation
-from pacnerf_lpo.mpm.runtime import Launcher, start, ti
+from pacnerf_lpo.mpm.point import Evaluation, Point
+from pacnerf_lpo.mpm.runtime import start
+from pacnerf_lpo.mpm.taichi_calls import Launcher, ti
 
 FIXED = {"F": 9, "C": 9, "x": 3, "X": 3, "v": 3, "mass": 1, "stiffness": 1}
 
@@ -38,7 +39,7 @@ class Local:
                 x, X, v = [[given[18 + 3 * k + a] for a in ti.static(range(3))] for k in ti.static(range(3))]
                 history = [given[29 + h] for h in ti.static(range(H))]
                 coefficients = [given[29 + H + c] for c in ti.static(range(len(names)))]
-                e = Evaluation(laws, F, C, x, X, v, t, dt, given[27], 1.0, given[28], coefficients, history)
+                e = Evaluation(laws, Point(F, C, x, X, v, t, dt, given[27], 1.0, given[28], history), coefficients)
                 gF = [[seeds[3 * i + j] for j in ti.static(range(3))] for i in ti.static(range(3))]
                 gtau = [[seeds[9 + 3 * i + j] for j in ti.static(range(3))] for i in ti.static(range(3))]
                 gv, gh = (

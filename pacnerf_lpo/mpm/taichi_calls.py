@@ -1,0 +1,135 @@
+"""Taichi's private calls, here and nowhere else, with the version that they were tried with.
+
+A law emits expressions while a kernel is compiled, and a rollout launches one kernel hundreds of times with a few
+arguments changed; for neither has Taichi a public call.
+"""
+
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import torch
+from torch import Tensor
+
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+import taichi as ti
+from taichi.lang import impl
+
+TRIED_WITH = (1, 7, 4)
+"""Version of Taichi that every call of this module was tried with."""
+REAL = {"f32": ti.f32, "f64": ti.f64}
+TORCH_REAL = {"f32": torch.float32, "f64": torch.float64}
+
+
+def keep(value: Any) -> Any:
+    """While a kernel is compiled: store an expression in a local variable, so that using it twice computes it once."""
+    return impl.expr_init(value)
+
+
+def entry(array: Any, *indices: Any) -> Any:
+    """While a kernel is compiled: an entry of an array, a vector or a matrix."""
+    return keep(impl.subscript(impl.get_runtime().compiling_callable.ast_builder(), array, *indices))
+
+
+def components(vector: Any) -> list[Any]:
+    """While a kernel is compiled: the three expressions of a 3-vector."""
+    return [entry(vector, i) for i in range(3)]
+
+
+def entries(matrix: Any) -> list[list[Any]]:
+    """While a kernel is compiled: the nine expressions of a 3x3 matrix."""
+    return [[entry(matrix, i, j) for j in range(3)] for i in range(3)]
+
+
+def compiling_double() -> bool:
+    """While a kernel is compiled: whether its real numbers are float64."""
+    return impl.get_runtime().default_fp == ti.f64
+
+
+class Emitted:
+    """A record of expressions and arrays, which exists while a kernel is compiled; functions of a kernel take it whole.
+
+    It compiles to nothing: a field stands for the expression that was put into it.
+    """
+
+    _data_oriented = True
+
+    @classmethod
+    def read(cls, array: Any) -> Any:
+        """The record whose fields are the first numbers of an array, in order."""
+        return cls(*(entry(array, i) for i in range(len(fields(cls)))))  # type: ignore[arg-type]
+
+
+class Array:
+    """A contiguous tensor as launches take it, made once where many of them use it.
+
+    tensor: it.
+    described: its address, bytes, length, and that it has no gradient.
+    """
+
+    __slots__ = ("described", "tensor")
+
+    def __init__(self, tensor: Tensor):
+        self.tensor = tensor
+        self.described = tensor.data_ptr(), tensor.element_size() * tensor.numel(), (len(tensor),), 0
+
+
+class Launcher:
+    """A kernel with its arguments bound: a launch sets only those that change (Taichi's own call costs 10 times more).
+
+    Args:
+        kernel: a ``ti.kernel`` whose parameters are 1-D arrays of numbers or vectors (contiguous torch tensors), and
+            numbers. An array may be given as :class:`Array`, too.
+        dtype: ``"f32"`` or ``"f64"``, the type of decimal constants inside the kernel.
+    """
+
+    def __init__(self, kernel: Callable, dtype: str):
+        self._kernel = kernel._primal  # type: ignore[attr-defined]
+        self._position = {argument.name: (i,) for i, argument in enumerate(self._kernel.arguments)}
+        self._dtype = dtype
+        self._compiled: Any = None
+        self._context: Any = None
+        self._bound: dict[str, Any] = {}
+
+    def bind(self, **arguments: Any) -> None:
+        """Set every argument for the launches to come; the first call compiles the kernel. The caller keeps arrays
+        alive.
+        """
+        if self._compiled is None:
+            self._compile([arguments[name] for name in self._position])
+        for name, value in arguments.items():
+            self._set(name, value)
+
+    def __call__(self, **changed: Any) -> None:
+        """Launch with some arguments changed."""
+        for name, value in changed.items():
+            self._set(name, value)
+        impl.get_runtime().prog.launch_kernel(self._compiled, self._context)
+
+    def _compile(self, arguments: list) -> None:
+        runtime = impl.get_runtime()
+        runtime.set_default_fp(REAL[self._dtype])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            shown = [value.tensor if isinstance(value, Array) else value for value in arguments]
+            handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*shown)]
+        self._compiled = runtime.prog.compile_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), handle)
+        self._context = handle.make_launch_context()
+        runtime.set_default_fp(ti.f32)
+
+    def _set(self, name: str, value: Any) -> None:
+        if isinstance(value, Tensor):
+            value = Array(value)
+        if isinstance(value, Array):
+            value = value.described
+        if self._bound.get(name) == value:
+            return
+        self._bound[name], index = value, self._position[name]
+        if isinstance(value, tuple):
+            self._context.set_arg_external_array_with_shape(index, *value)
+        elif isinstance(value, int):
+            self._context.set_arg_int(index, value)
+        else:
+            self._context.set_arg_float(index, value)

@@ -1,0 +1,27 @@
+"""Taichi's private calls: a newer version says so here, before anything is wrong."""
+
+import ast
+from pathlib import Path
+
+import taichi
+
+import pacnerf_lpo.mpm
+from pacnerf_lpo.mpm.taichi_calls import TRIED_WITH
+
+MPM = Path(pacnerf_lpo.mpm.__file__).parent
+
+
+def test_the_version_is_the_one_that_they_were_tried_with():
+    """With another one: run tests/mpm and the engine's benchmark, then write the new version down."""
+    assert taichi.__version__ == TRIED_WITH
+
+
+def test_no_other_module_imports_taichi():
+    importing = set()
+    for path in MPM.parent.glob("**/*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if any(name.partition(".")[0] == "taichi" for name in names):
+                importing.add(path.relative_to(MPM).as_posix())
+    assert importing == {"taichi_calls.py"}
