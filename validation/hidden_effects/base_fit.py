@@ -39,7 +39,7 @@ STRONG = (40.0, 160.0)
 AIMED_AT = 70.0
 LONGEST_STEP = 8.0
 FRAMES = (8, 9, 10)
-BESIDE = (-0.3, 0.3)
+NEARBY = (-0.3, 0.3)
 """Decades: from there fits begin that look for a better optimum than those known."""
 REFERENCE_ITERATIONS = 25
 NEAR = 0.1
@@ -150,7 +150,7 @@ def score(folder: Path) -> dict:
     true = problem.model([effect], {**problem.first_guess, **truth["values"]}).start
     settings = model.scales, model.bounds
     reference = Stage(objective, *settings, keep=2, iterations=REFERENCE_ITERATIONS, confirm=True)
-    nearby = replace(reference, spans={index: (-np.inf, np.inf)}, offsets=BESIDE)
+    nearby = replace(reference, spans={index: (-np.inf, np.inf)}, offsets=NEARBY)
     best_known = min(*fits, *multistart([reference, nearby], [true, found.free]).fits, key=lambda other: other.cost)
     return {
         "scene": folder.name,
