@@ -127,6 +127,7 @@ def helped(command: str) -> str:
 @pytest.mark.parametrize("words", [words for words in guide_commands() if "--data.root" in words], ids=" ".join)
 def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "my_scene.yaml").write_text((ROOT / "configs/scenes/torus.yaml").read_text())
+    (tmp_path / "rubber.yaml").write_text("physics: {material: {class_path: NeoHookean}}\n")
     monkeypatch.chdir(tmp_path)
     assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import json
 import re
 import shlex
@@ -80,6 +81,23 @@ def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeyp
     assert [type(one).__name__ for one in PhaseCLI(words, VideoData, Physics).physics.effects] == ["Magnetic"]
 
 
+def test_a_material_of_ones_own_works_as_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    page = ROOT / "docs/own_material.md"
+    law, tried = blocks(page, "python")
+    (overlay,) = blocks(page, "yaml")
+    (tmp_path / "stiffening.py").write_text(law)
+    (tmp_path / "rubber.yaml").write_text(overlay)
+    test = doctest.DocTestParser().get_doctest(tried, {}, page.name, str(page), 0)
+    assert doctest.DocTestRunner().run(test).failed == 0
+    (words,) = commands("docs/own_material.md", "fit")
+    physics = PhaseCLI(words[1:], VideoData, Physics).physics
+    assert type(physics.material).__name__ == "Stiffening" and {"E", "nu", "s"} <= set(physics.free_names)
+
+
 def test_keys_of_formats_are_written_by_the_package():
     text = (ROOT / "docs/formats.md").read_text()
     keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
@@ -96,7 +114,7 @@ def test_configurations_are_listed(words: list[str], tmp_path: Path, capsys: pyt
 
 
 def test_every_named_configuration_exists():
-    made_by_hand = {"my_scene.yaml"}
+    made_by_hand = {"my_scene.yaml", "rubber.yaml"}
     named = set()
     for words in guide_commands():
         named |= {after for word, after in pairwise(words) if word in ("--config", "--overlay")}
