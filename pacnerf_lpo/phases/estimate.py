@@ -18,6 +18,7 @@ from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.static_grid import StaticGridModule
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.ray_march import render_rays
+from pacnerf_lpo.scene.activation import EMPTY_DENSITY
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import FEATURES, Rays
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 SAMPLE = 4000
 """Particles of the timed simulation at most, and rays of the timed image; larger bodies cost in proportion."""
 PER_CELL = 8
+SOLID_DENSITY = 10.0
+"""Raw density that a ray does not get through."""
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
@@ -57,9 +60,9 @@ def estimate(
     """
     if not isinstance(static, StaticGridModule):
         return []
-    spacing = static.base_spacing / 2**static.length.halvings
+    spacing = _finest(static)
     volume, word = _volume(data)
-    particles = max(1, round(PER_CELL * volume / spacing**3))
+    particles = _particles(volume, spacing)
     line = f"{word} {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
     work = Work()
     for phase in todo:
@@ -69,10 +72,20 @@ def estimate(
         smaller = (INTERVAL_PARTICLES / particles) ** (4 / 3)  # half the spacing is half the time step
         work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
     try:
-        seconds = _seconds(work, data, physics, spacing, static.base_spacing, particles)
+        seconds = _seconds(work, data, physics, static, volume)
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
+
+
+def _finest(static: StaticGridModule) -> float:
+    """Voxels of the field in the end [m]."""
+    return static.base_spacing / 2**static.length.halvings
+
+
+def _particles(volume: float, spacing: float) -> int:
+    """Of a body of a volume [m^3]."""
+    return max(1, round(PER_CELL * volume / spacing**3))
 
 
 def _volume(data: VideoData) -> tuple[float, str]:
@@ -95,17 +108,16 @@ def memory(data: VideoData, spacing: float, particles: int) -> float:
     return now + BYTES * (rays + grids + rollout)
 
 
-def _seconds(
-    work: Work, data: VideoData, physics: Physics, spacing: float, base_spacing: float, particles: int
-) -> float:
-    """The work by the clock."""
-    found = 0.0
+def _seconds(work: Work, data: VideoData, physics: Physics, static: StaticGridModule, volume: float) -> float:
+    """The work by the clock, of a body of a volume [m^3]."""
+    spacing, found = _finest(static), 0.0
+    particles = _particles(volume, spacing)
     if work.frames:
         count = min(particles, SAMPLE)
         found += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
     rays = work.rays + work.images * _rays_per_image(data)
     if rays:
-        found += rays * _timed(_image(data, spacing, base_spacing)) / SAMPLE
+        found += rays * _timed(_image(data, static, volume)) / SAMPLE
     return found
 
 
@@ -118,20 +130,25 @@ def _simulation(physics: Physics, spacing: float, count: int) -> Callable[[], ob
     return lambda: physics.motion(positions, torch.zeros_like(positions), full, full, values, spacing, 2)
 
 
-def _image(data: VideoData, spacing: float, base_spacing: float) -> Callable[[], object]:
-    """Rays through a field of the finest voxels, with gradients."""
+def _image(data: VideoData, static: StaticGridModule, volume: float) -> Callable[[], object]:
+    """Rays through a field of the finest voxels, with gradients: nothing but a ball of that volume [m^3]."""
     view = data.train[0]
     rays = data.rays(view)
     hit = hits_box(rays, data.box).nonzero().squeeze(1)
     pixels = hit[torch.linspace(0, len(hit) - 1, SAMPLE).long()]
-    field, colour = VoxelField.create(data.box, spacing), ColourNetwork()
+    field, colour = VoxelField.create(data.box, _finest(static)), ColourNetwork()
+    with torch.no_grad():
+        nodes = torch.cartesian_prod(*(torch.arange(count) * field.dx for count in field.density.shape))
+        middle = (torch.tensor(data.box.upper) - torch.tensor(data.box.lower)) / 2
+        outside = (nodes - middle).norm(dim=1) > (3 * volume / (4 * torch.pi)) ** (1 / 3)
+        field.density.copy_(torch.where(outside, EMPTY_DENSITY, SOLID_DENSITY).reshape(field.density.shape))
     where = runtime.device()
     field.to(where)
     colour.to(where)
     through = Rays(rays.origins[pixels], rays.directions[pixels]).to(where)
 
     def draw() -> None:
-        seen = render_rays(field.grid(), colour, through, base_spacing)
+        seen = render_rays(field.grid(), colour, through, static.base_spacing, min_weight=static.min_weight)
         mse_loss(seen.colour, torch.zeros_like(seen.colour)).backward()
 
     return draw
