@@ -4,7 +4,8 @@
 
 A slider of the page is set again and again; the time runs in the browser, from the event to the page with the new
 history and picture: on the coarse body, and refined when the hand rests. Playing counts pictures that the page shows.
-Without a graphics card the browser draws by software, which takes cores from the simulation. Prints one JSON line.
+Without a graphics card the browser draws by software, which takes cores from the simulation. Prints one
+JSON line; :mod:`validation.explore` keeps it.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def measure(run: str | Path, count: int = 30) -> dict[str, Any]:
     coarse, refined = np.median(found, axis=0)
     return {
         "changes": count,
-        "coarse_s": round(float(coarse), 3),
-        "refined_after_rest_s": round(float(refined) - REST, 3),
+        "coarse": round(float(coarse), 3),
+        "refined": round(float(refined) - REST, 3),
         "frames_per_second": round(float(shown), 1),
     }
 

@@ -38,9 +38,8 @@ class Hand:
         self.dismiss()
 
     def dismiss(self) -> None:
-        """Close what the page has said."""
-        for button in self.page.locator(".mantine-Notification-closeButton").all():
-            button.click(force=True)
+        """Close what the page has said; some of it closes by itself meanwhile."""
+        self.page.locator(".mantine-Notification-closeButton").evaluate_all("all => all.forEach(one => one.click())")
 
     def tab(self, name: str) -> None:
         """Go to a tab."""
