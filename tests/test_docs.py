@@ -212,6 +212,7 @@ def messages() -> list[str]:
     return [text(node) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant | ast.JoinedStr)]
 
 
+@pytest.mark.slow
 def test_every_message_of_the_troubleshooting_is_one_of_the_package():
     quoted = re.findall(r'\*\*"([^"]+)"\*\*', (ROOT / "docs/troubleshooting.md").read_text())
     assert len(quoted) > 10
@@ -233,6 +234,7 @@ def test_table_of_effects_is_complete():
         assert f"| [`{name}`]({name}.md) | {listed} | {kind.signature} |" in page, name
 
 
+@pytest.mark.slow
 def test_the_recipe_of_a_layout_reads_a_recording(recipes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The studio's scene, written in its form."""
     import rig_json

@@ -35,6 +35,7 @@ def commands(page: str, name: str) -> list[list[str]]:
     return words
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_scene_as_readme_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """README and the page about recordings: ``init``, and the look at the scene."""
     monkeypatch.chdir(tmp_path)
@@ -49,6 +50,7 @@ def test_a_recording_becomes_a_scene_as_readme_says(tmp_path: Path, monkeypatch:
     assert (tmp_path / "scenes/drop/scene.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     write_throws(tmp_path / "throws", 2, drag=0.15, magnus=4e-3)
@@ -58,6 +60,7 @@ def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeyp
     assert list(tmp_path.glob("**/diagnosis.html"))
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The page from beginning to end: the class, throws that a script makes, and the diagnosis that names it."""
     monkeypatch.chdir(tmp_path)
@@ -81,6 +84,7 @@ def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeyp
     assert [type(one).__name__ for one in PhaseCLI(words, VideoData, Physics).physics.effects] == ["Magnetic"]
 
 
+@pytest.mark.slow
 def test_a_material_of_ones_own_works_as_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None
 ):
