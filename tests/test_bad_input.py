@@ -14,6 +14,8 @@ from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.assets import demo_scene
 from pacnerf_lpo.outer_loop import OuterLoop
 
+pytestmark = pytest.mark.slow
+
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 
 

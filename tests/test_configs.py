@@ -14,6 +14,8 @@ from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm.physics import Physics
 
+pytestmark = pytest.mark.slow
+
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 SMOKE = Path(__file__).with_name("smoke.yaml")
 ABLATIONS = ("3v_dagger_no_surface_schedule", "3v_dagger_no_view_invariant", "3v_dagger_full_length")

@@ -87,6 +87,7 @@ def test_a_file_in_the_working_folder_is_found_by_the_command(tmp_path: Path):
     assert ended.returncode == 0, ended.stderr
 
 
+@pytest.mark.slow
 def test_the_engines_snippet(small_threads: None):
     (snippet,) = blocks(ROOT / "docs/engine.md", "python")
     test = doctest.DocTestParser().get_doctest(snippet, {}, "engine.md", "docs/engine.md", 0)

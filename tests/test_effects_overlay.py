@@ -122,6 +122,7 @@ def test_an_effect_that_forgets_an_argument_is_one_clear_error():
         as_config(Forgetful(), {"drag": 1.0})
 
 
+@pytest.mark.slow
 def test_drag_and_stiffness_are_identified_together_and_lpo_goes_on():
     """Filmed by the model that is fitted, so what stays is a few times the longest last step: a hundredth of five
     scales, 0.005 for both.
@@ -142,6 +143,7 @@ def test_drag_and_stiffness_are_identified_together_and_lpo_goes_on():
     assert corrected.physics == found.physics and not corrected.positions.equal(found.positions)
 
 
+@pytest.mark.slow
 def test_fit_runs_with_it_to_its_results(before: Path, tmp_path: Path, small_threads: None):
     model = configured(before).physics
     effects = found_overlay(model, [LinearDrag()], {"E": MODULUS, "drag": DRAG}, tmp_path / "effects.yaml")

@@ -74,6 +74,7 @@ def test_the_run_goes_on_with_the_law_that_was_chosen_and_says_which(tmp_path, c
     assert json.loads((tmp_path / "run/states/02_law.json").read_text())["chosen"] == "VonMises"
 
 
+@pytest.mark.slow
 def test_a_run_that_stopped_after_the_choice_goes_on_with_it(tmp_path):
     """Killed before the configuration was rewritten, and after."""
     whole, cut = tmp_path / "whole", tmp_path / "cut"
@@ -129,6 +130,7 @@ def test_a_third_of_the_training_views_and_the_last_frames_are_held_out(data):  
     assert held_back(data).views.tolist() == [True, False, True]
 
 
+@pytest.mark.slow
 def test_the_phase_gives_the_state_the_parameters_of_the_law(data, state, monkeypatch):  # noqa: F811
     """Real cameras and shape errors; a body that falls freely, whatever its law."""
 

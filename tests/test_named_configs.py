@@ -107,6 +107,7 @@ def test_configs_are_listed_and_shown(elsewhere: Path, capsys: pytest.CaptureFix
     assert capsys.readouterr().err.startswith("pacnerf-lpo: pacnerf-lpo configs scene: no such file, and no shipped")
 
 
+@pytest.mark.slow
 def test_benchmark_takes_names(elsewhere: Path, capsys: pytest.CaptureFixture[str]):
     words = ["benchmark", "--suite", "quick", "--output", "out", "--dry-run"]
     (elsewhere / "mine.yaml").write_text((CONFIGS / "cpu_coarse.yaml").read_text())

@@ -70,6 +70,7 @@ def test_grids_are_fitted_again_between_rounds_only():
     assert algorithm_1(2, correction=True, refit=True)[4].template == "static"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("run_all", "rounds_run"), [(False, 3), (True, 4)])
 def test_rounds_stop_when_the_held_out_error_does_not_fall(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_all: bool, rounds_run: int
@@ -120,6 +121,7 @@ def test_each_phase_receives_what_the_last_one_gave(tmp_path: Path, monkeypatch:
         assert state.physics == ({} if restarts else saved.physics)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("start", "searches"), [("warm", [True, False]), ("restart", [True, True])])
 def test_a_warm_identification_is_not_preceded_by_another_search(
     start: str, searches: list[bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -134,6 +136,7 @@ def test_a_warm_identification_is_not_preceded_by_another_search(
     assert [seen[2], seen[4]] == searches  # static, velocity, physics, correction, physics, correction
 
 
+@pytest.mark.slow
 def test_correction_can_be_switched_off(tmp_path: Path):
     words = [*fake_run.arguments(tmp_path / "run"), "--phases.correction=null", "--outer_loop.rounds=2"]
     assert fake_run.main(words) == 0
@@ -148,6 +151,7 @@ def test_a_run_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGKILL, -9)])
 def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, number: int, status: int):
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
@@ -171,6 +175,7 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_been_stopped(tmp_path: Path, num
     assert [phase["steps"] for phase in read_manifest(stopped)["phases"]] == [6, 40, 6, 6]
 
 
+@pytest.mark.slow
 def test_a_long_step_is_given_up_within_five_seconds(tmp_path: Path):
     """The last checkpoint is that of the step before, and the run goes on from there."""
     run = tmp_path / "run"
@@ -187,6 +192,7 @@ def test_a_long_step_is_given_up_within_five_seconds(tmp_path: Path):
     assert read_manifest(run)["status"] == "interrupted"
 
 
+@pytest.mark.slow
 def test_code_that_does_not_hear_of_signals_is_ended(tmp_path: Path):
     """A computation outside Python, here an eigenvalue problem, keeps Python's handlers waiting."""
     program = """

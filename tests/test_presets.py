@@ -46,6 +46,7 @@ def parsed(folder: Path, *words: str):
     return PhaseCLI(stack(folder, words).words, VideoData, Physics).config
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_sizes_follow_body_and_images(scene, preset: str):
     config = parsed(scene(), "--preset", preset)
@@ -83,6 +84,7 @@ def test_another_method_in_the_scene_is_replaced_and_said(scene, preset: str):
         assert found.init_args.samples == 32
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("memory", "chosen"), [(LEAST_GPU_MEMORY, "paper"), (LEAST_GPU_MEMORY - 1, "cpu")])
 def test_auto_goes_by_the_machine(scene, monkeypatch: pytest.MonkeyPatch, memory: int, chosen: str):
     assert parsed(scene()).preset == "cpu" or torch.cuda.is_available()

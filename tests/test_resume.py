@@ -13,6 +13,8 @@ from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.commands import fit as fit_command
 from pacnerf_lpo.types import ParticleState
 
+pytestmark = pytest.mark.slow
+
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 SMOKE = Path(__file__).with_name("smoke.yaml")
 TINY = (

@@ -8,6 +8,8 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.types import Box
 
+pytestmark = pytest.mark.slow
+
 LARGE = ([-1.0, 0.0, -1.0], [1.0, 2.0, 1.0])
 
 

@@ -68,6 +68,7 @@ def test_raw_scene_is_matted_when_read(scene):
     assert (video.images[1, 2][:2] == 1.0).all()
 
 
+@pytest.mark.slow
 def test_path_traced_torus_is_cut_out(shared_data):
     """Noise, contact shadows, light thrown back by the floor; the given silhouettes leave out mixed rim pixels."""
     folder, scores = shared_data / "torus" / "data", []

@@ -194,6 +194,7 @@ def hull_coverage(video: Video, shift: float) -> float:
     return float(((covered & silhouettes).sum((1, 2)) / silhouettes.sum((1, 2))).min())
 
 
+@pytest.mark.slow
 def test_visual_hull_of_the_shipped_scene_fills_its_silhouettes():
     """Poses, axes and pixel centres fit the images: the hull fills every silhouette, and half a pixel off less well."""
     video = VideoData("asset:bird", **BIRD).prepare().video

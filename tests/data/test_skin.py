@@ -44,6 +44,7 @@ def test_a_few_particles_in_a_line_still_carry_points():
     np.testing.assert_allclose(found[1] - found[0], 0.5, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [Ball(0.15), Torus(0.18, 0.05)])
 def test_a_body_is_drawn_as_large_as_it_is(shape):
     spacing, rig, size = 0.044, hemisphere_rig(3, 128, target=(0.0, 0.0, 0.0)), 128

@@ -14,6 +14,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from validation.hidden_effects.known_shape import KnownShape
 from validation.hidden_effects.setting import Size, draw_setting
 
+pytestmark = pytest.mark.slow
+
 SIZE = Size(particles=200, views=3, held=1, frames=4, image_size=48)
 
 

@@ -133,6 +133,7 @@ def test_a_damaged_file_is_made_again_and_a_pickle_never_loaded(what: str, tmp_p
     assert read(path)["result"] == [2.0] and not evil.exists()
 
 
+@pytest.mark.slow
 def test_no_single_wrong_byte_is_a_traceback(tmp_path: Path):
     """At 150 places: the archive tells, or what is read has the same keys; either way a result comes back."""
     made, expected = Store(tmp_path, b"run", {}), {"a": np.arange(40.0), "b": [1.0, "x"]}

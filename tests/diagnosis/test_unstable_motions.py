@@ -63,6 +63,7 @@ def test_a_diagnosis_ends_with_a_verdict_or_one_clear_error(kind, share, seed, t
     assert found is None or found.kind in KINDS
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_what_is_stable_names_the_drag(tmp_path, monkeypatch, small_threads):
     falling.install(monkeypatch)
     rounds = diagnosed(tmp_path)
@@ -72,6 +73,7 @@ def test_a_diagnosis_of_what_is_stable_names_the_drag(tmp_path, monkeypatch, sma
     assert drag.low < 2.0 < drag.high
 
 
+@pytest.mark.slow
 def test_a_hypothesis_that_is_never_stable_is_left_out(tmp_path, monkeypatch, small_threads):
     """Drag cannot be simulated: the diagnosis ends without it."""
     falling.install(monkeypatch, lambda model, _: "drag" in model.names)

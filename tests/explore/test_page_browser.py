@@ -24,8 +24,8 @@ from tests.test_effects_overlay import ROOT, configured
 
 pytestmark = pytest.mark.slow
 
-FUZZ = 40.0
-"""Seconds of random hands: some dozens of changes."""
+ACTS, LONGEST = 60, 40.0
+"""Acts of random hands, and the seconds after which a slow machine has done enough of them."""
 GROWTH = 150e6
 """Bytes that random hands may cost: six remembered rollouts and the pictures of a step; a leak costs more."""
 PRESSED = ("play", "pause", "look through", "undo", "redo", "compare", "Add", "Set", "Save session", "Save overlay")
@@ -137,9 +137,9 @@ def test_whatever_hands_press_is_explained_and_costs_no_memory(falling: Session)
         hand = pages()
         hand.open(page.url)
         hand.page.set_default_timeout(20000)
-        end, grown, acts = time.monotonic() + FUZZ, 0.0, 0
+        end, grown, acts = time.monotonic() + LONGEST, 0.0, 0
         start = math.nan
-        while time.monotonic() < end:
+        while acts < ACTS and time.monotonic() < end:
             hand.dismiss()
             random_act(hand, dice)
             acts += 1

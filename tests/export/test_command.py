@@ -182,6 +182,7 @@ def test_a_missing_library(
     assert line == f"pacnerf-lpo: --format {name} needs {packages}: pip install 'pacnerf-lpo[export]'"
 
 
+@pytest.mark.slow
 def test_nothing_else_needs_the_extra(finished_run: Path, tmp_path: Path):
     """In a process of its own, where no test has imported them before."""
     words = ["export", str(finished_run), "--phase", "00_static", "--format", "ply", "--output", str(tmp_path / "ply")]

@@ -10,8 +10,9 @@ from pacnerf_lpo.inference.decision import LEVEL
 from validation.hidden_effects import generate, run
 from validation.hidden_effects.known_shape import KnownShape
 from validation.hidden_effects.outcomes import outcome
-from validation.hidden_effects.score import page
+from validation.hidden_effects.score import compact, page
 from validation.hidden_effects.setting import Size
+from validation.record import made
 
 pytestmark = pytest.mark.slow
 
@@ -67,4 +68,4 @@ def test_a_scene_is_diagnosed_scored_and_not_done_again(scenes, tmp_path, small_
     assert set(found.covered) >= {"drag", "E", "nu", "v_x", "v_y", "v_z"}
     assert outcome(scenes[NULL]) is None
     assert run.diagnose_scene(scenes[DRAG], options) == "0001: done before"
-    assert "### Single effects at 20 sigma: 1" in page([found], "command", "")
+    assert "### Single effects at 20 sigma: 1" in page({**made(), "note": "", "outcomes": compact([found])})

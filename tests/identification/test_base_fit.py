@@ -68,6 +68,7 @@ def test_estimates_at_a_bound_or_far_from_the_guess_are_reported(scene):
     assert "Poisson's ratio" in poisson and "bound" in poisson
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_rollouts_that_fail_at_random_are_steps_back_and_no_crash(scene, monkeypatch, share):
     """Only where no motion at all is stable there is no fit, and an error that says so."""

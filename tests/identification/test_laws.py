@@ -123,6 +123,7 @@ def test_the_right_law_is_named(true, unstable):
         assert found.chosen.held_out == pytest.approx(1.0, abs=0.6)
 
 
+@pytest.mark.slow
 def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstable):
     """A body that yields at a stress which it never meets is an elastic one."""
     found = finished(Competition(Dropped(VonMises(E=6e4, tau_y=NEVER)))).summary()

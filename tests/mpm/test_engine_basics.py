@@ -44,11 +44,13 @@ def test_documented_example_runs():
     assert result.failed == 0
 
 
+@pytest.mark.slow
 def test_recomputed_frames_give_the_very_same_gradient():
     """With memory for one frame the others are recomputed from checkpoints: the same operations, the same bits."""
     assert torch.equal(gradient_of(1.0), gradient_of(1e9))
 
 
+@pytest.mark.slow
 def test_one_slice_and_several_agree(monkeypatch):
     """In the calling thread or in two others: the same sums in another order."""
     several = gradient_of(1e9)
@@ -70,6 +72,7 @@ def test_friction_cone_on_floats():
     assert Separate.velocity([2.0, 1.0, 0.3], c) == pytest.approx([2.0, 1.0, 0.3])
 
 
+@pytest.mark.slow
 def test_a_drag_of_zero_changes_nothing():
     """The null value of the effect reproduces the simulation without it, bit for bit."""
     x, ones = positions(), torch.ones(64, dtype=torch.float64)

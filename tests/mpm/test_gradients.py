@@ -21,7 +21,7 @@ from torch import Tensor
 from tests.mpm.engine import Setup, run_engine
 from tests.mpm.scenes import BY_NAME, CASES, STIFF, block, probe, run_twin, twin_of
 
-pytestmark = pytest.mark.usefixtures("small_threads")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_threads")]
 
 SETUPS = {
     **{case.law: Setup(case.law) for case in CASES},

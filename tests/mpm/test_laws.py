@@ -169,6 +169,7 @@ def test_von_mises_yields_at_the_analytic_shear_strain(evaluate):
         torch.testing.assert_close(new, stretch(math.exp(kept), math.exp(-kept), 1.0), rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eta", [0.0, 5.0, 50.0])
 def test_overstress_grows_with_plastic_viscosity(evaluate, eta):
     """Steady pure shear at rate r: each step adds ||2 mu de|| = 2 sqrt(2) mu r dt to ||s||, and the return map removes

@@ -40,6 +40,7 @@ def grown(frames: int, substeps: int, cells: tuple[int, int, int], backward: boo
     return peak() - before, len(particles.mass)
 
 
+@pytest.mark.slow
 def test_backward_memory_grows_with_frames_plus_substeps():
     """8 frames of 16 substeps: at most twice frames + substeps states for all of states, grids, inputs and gradients;
     storing

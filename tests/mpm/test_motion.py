@@ -235,6 +235,7 @@ def test_steep_cone_of_sand_comes_to_rest_at_its_friction_angle(theta):
     assert (end - before).norm(dim=1).mean() < 0.1 * dx, "it rests"
 
 
+@pytest.mark.slow
 def test_flat_cone_of_sand_holds():
     """Twenty degrees under a friction angle of thirty: nothing but the elastic settling, of rho g h^2 / E = 6 mm at
     most.

@@ -42,6 +42,7 @@ def test_floored_logarithm_has_exact_gradients_across_the_floor():
     assert torch.autograd.gradcheck(lambda F: twin.floored_log_symmetric(F @ F.mT), (F,), eps=1e-7, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["distinct", "two equal", "nearly equal"])
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c.law)
 def test_laws_have_exact_gradients(case: Case, name: str):
@@ -85,6 +86,7 @@ def test_twin_conserves_momentum_and_angular_momentum(case: Case):
     torch.testing.assert_close(momenta(end), before, rtol=0, atol=1e-8 * float(before.norm()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c.law)
 def test_twin_gradient_equals_finite_differences(case: Case):
     """Through a contact, along a random direction of all inputs; central differences of step h: error of order h^2."""

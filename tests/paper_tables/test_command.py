@@ -57,6 +57,7 @@ def test_a_failed_run_is_in_the_tables_and_in_the_exit_status(
     assert "failed" not in (tmp_path / "tables" / "quick_images.md").read_text()
 
 
+@pytest.mark.slow
 def test_real_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Both runs of the suite `quick`, each phase for one moment, with one thread as tiny tensors like it."""
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})

@@ -149,6 +149,7 @@ def test_no_scenes(tmp_path: Path, folder: str):
         find_scenes(tmp_path / folder, NINE, CONFIGS, tmp_path)
 
 
+@pytest.mark.slow
 def test_plan_of_real_configurations(tmp_path: Path):
     """One beginning for all corrections, which an overlay cannot switch on again, and none where it would differ."""
     digest.file_digest.cache_clear()

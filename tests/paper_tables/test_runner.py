@@ -83,6 +83,7 @@ def test_results_of_another_key_are_left_alone(tmp_path: Path, plan: Planner):
     assert len(list((tmp_path / "runs").iterdir())) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_stops_and_the_same_call_goes_on(tmp_path: Path, plan: Planner, jobs: int):
     runs = plan({BASE: 1, OTHER: 1, LPO: 1})

@@ -1,5 +1,6 @@
 """Sampling particles from a field, and reading the field at particles."""
 
+import pytest
 import torch
 
 from pacnerf_lpo.particles.sampling import interpolate, particle_alpha, sample_particles
@@ -44,6 +45,7 @@ def test_seed_decides_the_particles():
     assert first.shape != other.shape or not torch.equal(first, other)
 
 
+@pytest.mark.slow
 def test_particle_alpha_is_the_alpha_of_the_interpolated_density():
     grid = half_full_grid()
     positions, opacity = particle_alpha(grid, seeded())

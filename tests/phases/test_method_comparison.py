@@ -18,7 +18,7 @@ from pacnerf_lpo.phases.method_comparison import compare_methods, reduced
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from tests.phases.conftest import FRAMES, TRUTH, film
 
-pytestmark = pytest.mark.usefixtures("small_threads")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_threads")]
 
 
 @pytest.fixture

@@ -127,6 +127,7 @@ def test_finalists_are_compared_at_the_same_time_step(solid, monkeypatch, decade
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "decided"), [(0.5, "beside"), (0.98, "finer"), (2.0, "best")])
 def test_a_neighbouring_minimum_is_taken_where_it_is_much_better_and_left_where_it_is_worse(
     solid, monkeypatch, factor, decided

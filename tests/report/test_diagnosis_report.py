@@ -267,6 +267,7 @@ setTimeout(() => {
 </script></body>"""
 
 
+@pytest.mark.slow
 def test_sliders_and_heat_maps_work_in_a_browser(tmp_path):
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:

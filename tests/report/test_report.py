@@ -159,6 +159,7 @@ setTimeout(() => {
 </script></body>"""
 
 
+@pytest.mark.slow
 def test_sliders_heat_map_and_viewer_work_in_a_browser(page, tmp_path):
     seen = re.search(r'data-seen="([^"]*)"', dom(page, PROBE, tmp_path)).group(1)
     errors, first, second = json.loads(html.unescape(seen))

@@ -24,6 +24,8 @@ from tests.data.recordings.studio import CONTACT, FRAMES, NAMES, SIZE, VIEWS
 from tests.report.browser import dom
 from tests.report.test_report import Balance
 
+pytestmark = pytest.mark.slow
+
 LARGEST = 8e6
 """Bytes of a page."""
 

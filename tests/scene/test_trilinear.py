@@ -53,6 +53,7 @@ def test_scatter_is_the_adjoint_of_gather():
     torch.testing.assert_close(left, right, rtol=0, atol=1000 * EPS64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("operation", "rows"), [(gather, NODES), (scatter, 10)])
 def test_derivatives_in_both_modes(operation, rows):
     """Reverse and forward mode against float64 central differences, in the values and through the positions."""

@@ -12,7 +12,6 @@ from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times, stated_times
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS
 from tests.data.recordings.studio import CONTACT, NAMES, SIZE
 
 
@@ -73,11 +72,9 @@ def test_no_overlap_and_no_times():
 
 
 @pytest.mark.slow
-def test_cameras_of_different_size(tmp_path):
+def test_cameras_of_different_size(tmp_path, write):
     """Images of one camera end eight rows and five columns earlier; there nothing is known, and no more changes."""
-    source, scene = tmp_path / "source", tmp_path / "scene"
-    source.mkdir()
-    WRITERS["opencv_each"](source)
+    source, scene = write("opencv_each"), tmp_path / "scene"
     for path in [*(source / NAMES[1]).iterdir(), *(source / "masks" / NAMES[1]).iterdir()]:
         with Image.open(path) as image:
             cut = image.crop((0, 0, SIZE - 5, SIZE - 8))

@@ -14,7 +14,7 @@ from pacnerf_lpo.data.recordings.findings import check_slope
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.scene_file import MARGIN
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS, write_json
+from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import (
     CONTACT,
     FPS,
@@ -87,11 +87,9 @@ def test_a_slope(tmp_path, known):
     np.testing.assert_allclose(gravity / 9.81, turn @ down, atol=0.01)
 
 
-def test_a_ball_on_another_planet(tmp_path):
+def test_a_ball_on_another_planet(write, written):
     """The same videos at 1.62 m/s^2 show a larger or a smaller world; what is stated is in the scene."""
-    source = tmp_path / "case" / "colmap_binary"
-    source.mkdir(parents=True)
-    world = WRITERS["colmap_binary"](source)
+    source, (_, world) = write("colmap_binary"), written("colmap_binary")
     _, config = imported(source, "--gravity", "1.62")
     assert np.linalg.norm(config["physics"]["gravity"]) == pytest.approx(1.62, rel=1e-3)
     size = np.subtract(config["data"]["box_upper"], config["data"]["box_lower"]).mean()
@@ -126,11 +124,9 @@ class Terminal(io.StringIO):
 
 
 @pytest.mark.parametrize(("answers", "fps"), [("24\n", 24.0), ("fast\n\n", 30.0)])
-def test_what_cannot_be_measured_is_asked(tmp_path, monkeypatch, answers, fps):
+def test_what_cannot_be_measured_is_asked(write, monkeypatch, answers, fps):
     """Frames per second, by answer and by default; a wrong answer is asked again."""
-    source = tmp_path / "case" / "opencv_each"
-    source.mkdir(parents=True)
-    WRITERS["opencv_each"](source)
+    source = write("opencv_each")
     shown = Terminal()
     monkeypatch.setattr(sys, "stdin", Terminal(answers))
     monkeypatch.setattr(sys, "stderr", shown)
@@ -140,10 +136,8 @@ def test_what_cannot_be_measured_is_asked(tmp_path, monkeypatch, answers, fps):
     assert shown.getvalue().count("is no answer") == answers.count("fast")
 
 
-def test_scale_without_gravity_is_asked_and_given(tmp_path, monkeypatch, capsys):
-    source = tmp_path / "case" / "opencv_each"
-    source.mkdir(parents=True)
-    WRITERS["opencv_each"](source)
+def test_scale_without_gravity_is_asked_and_given(tmp_path, write, monkeypatch, capsys):
+    source = write("opencv_each")
     words = ["init", str(source), str(tmp_path / "scene"), *OPTIONS, "--gravity", "0", "--up=-x"]
     assert main(words) == 2
     assert "the scale cannot be measured" in capsys.readouterr().err

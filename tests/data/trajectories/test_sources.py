@@ -11,6 +11,8 @@ from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.trajectories.scene import read_scene, scenes_in
 from tests.data.trajectories.throws import BALL, flight, write, write_drops, write_throws
 
+pytestmark = pytest.mark.slow
+
 TIMES = np.arange(0.0, 0.4, 0.01)
 PATH = flight(TIMES, (0.1, 1.5, -0.2), (1.0, 2.0, 3.0))
 

@@ -139,6 +139,7 @@ def test_area_of_a_sphere_is_the_sum_of_its_particles_gradients():
     assert float(along.sum() / g.norm(dim=1).sum()) > 0.98
 
 
+@pytest.mark.slow
 def test_gradient_factors_leave_the_mass_and_move_its_centre():
     x = torch.rand(200, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64) * 0.2 + 1.0
     mass, ones, v = 1 + x[:, 0], torch.ones(200, dtype=torch.float64), torch.zeros(200, 3, dtype=torch.float64)
@@ -195,6 +196,7 @@ def thinning() -> Local:
     return Local(Newtonian(mu=50.0, kappa=1e4), [effects.ShearThinning(onset_rate=10.0), effects.SurfaceTension()])
 
 
+@pytest.mark.slow
 def test_yield_and_hardening_in_pure_shear():
     """F = diag(e^a, e^-a, 1): ||dev e|| = sqrt(2) a stays elastic up to sqrt(2/3) tau_y / (2 mu); beyond, with the
     hardening of the plastic part, (2 mu + 2 H / 3) ||e|| = sqrt(2/3) tau_y + 2 H / 3 ||total||; radial return is exact

@@ -68,6 +68,7 @@ def test_a_body_that_turns_is_deflected_by_its_own_spin(cells):
     assert way[1] > 0.04 and way[2].abs() < 1e-8
 
 
+@pytest.mark.slow
 def test_a_body_without_spin_is_left_alone():
     """In float32 its velocity gradient is rounding, 4 v / dx eps = 2e-5 / s."""
     body = uniform(block(bottom=2.0), (3.0, 0.0, 0.0))

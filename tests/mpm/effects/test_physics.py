@@ -65,6 +65,7 @@ def test_an_effect_must_not_take_the_name_of_a_coefficient():
         Physics(NeoHookean(), effects=[Named()])
 
 
+@pytest.mark.slow
 def test_initial_state_effects_act_in_a_rollout_of_physics():
     """omega x r for half a frame's worth of substeps; r is measured from the centre of mass, in a lattice the mean."""
     axis = torch.arange(4) * 0.05

@@ -86,6 +86,7 @@ def centre(path: Tensor, body: Particles) -> Tensor:
     return (path * body.mass[:, None]).sum(1) / body.mass.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_changes_at_the_null(model):
     """All effects of a model at once: equal to the last bit, through a contact."""
@@ -254,6 +255,7 @@ def gradients(model: str) -> dict[str, Tensor]:
     return dict(zip(leaves, values, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "name"), [(m, n) for m, values in START.items() for n in values if n != "detachment_speed"]
 )
