@@ -46,7 +46,7 @@ class PhaseRecord:
     steps: optimiser steps, which place the next phase on TensorBoard's time line.
     error: one line, when it failed.
     copied_from: the run that computed it, when this one started from a copy of its phases.
-    held_out_error: after a correction that some training images were kept back from, the error in these.
+    held_out_error: after a correction that some training images were held out of, the error in these.
     course: how the phase went, as its :meth:`AbstractPhase.course` says.
     methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
     """

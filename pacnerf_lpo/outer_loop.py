@@ -72,7 +72,7 @@ class OuterLoop(pl.Callback):
         carry: what goes into the next round. ``particles``: the corrected ones; ``refit_grid``: the static phase runs
             again, with the frame-0 images of the corrected particles in the training views as targets in addition to
             the measured ones, and particles are sampled from its grid.
-        stop_when: ``never``: all rounds are run; ``held_out``: some training images are kept back from the corrections,
+        stop_when: ``never``: all rounds are run; ``held_out``: some training images are held out of the corrections,
             and the rounds end when the error in them stops falling. The round before that is the one chosen.
         run_all_rounds: with ``held_out``, choose a round but run the others too, to show what they give.
         compare_methods: after the identification, ask on a coarse body whether images and outlines agree on its answer

@@ -38,8 +38,6 @@ README, CONTRIBUTING, REAL, EXPLORE = (
     ROOT / n for n in ("README.md", "CONTRIBUTING.md", "docs/real_measurements.md", "docs/explore.md")
 )
 GUIDE = [README, *sorted(path for path in (ROOT / "docs").glob("*.md") if path != REAL)]
-GENERATED = (*gallery.pages(), *config_keys.pages(), *packages.pages())
-"""Pages that are made when the site is built."""
 LARGEST_PICTURES = 200_000
 """Of the pictures of real measurements together [bytes]."""
 LARGEST_PICTURE, LARGEST_FILM = 150_000, 2_000_000
@@ -55,6 +53,12 @@ def guide_commands() -> list[list[str]]:
     """Of README.md and the documentation, each once."""
     lines = dict.fromkeys(line for path in GUIDE for block in blocks(path, "sh") for line in block.splitlines())
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("pacnerf-lpo ")]
+
+
+@lru_cache
+def generated() -> tuple[str, ...]:
+    """Pages that are made when the site is built."""
+    return (*gallery.pages(), *config_keys.pages(), *packages.pages())
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +128,7 @@ def helped(command: str) -> str:
 @pytest.mark.parametrize("words", [words for words in guide_commands() if "--data.root" in words], ids=" ".join)
 def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "my_scene.yaml").write_text((ROOT / "configs/scenes/torus.yaml").read_text())
+    (tmp_path / "rubber.yaml").write_text("physics: {material: {class_path: NeoHookean}}\n")
     monkeypatch.chdir(tmp_path)
     assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
 
@@ -132,7 +137,7 @@ def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.Monkey
 def test_links_and_paths_exist(path: Path):
     text = path.read_text()
     links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
-    links = [link for link in links if not link.endswith(GENERATED)]  # the site is built with them, and checks them
+    links = [link for link in links if not link.endswith(generated())]  # the site is built with them, and checks them
     shown = re.findall(r"`((?:configs|notebooks|validation|tests)/[\w/.]+)`", text)
     inside = re.findall(r"`((?:mpm|phases|data|render|diagnosis|identification|inference)/[\w/.]+)`", text)
     for name in [*links, *shown, *(f"pacnerf_lpo/{name}" for name in inside)]:
@@ -208,6 +213,7 @@ def messages() -> list[str]:
     return [text(node) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant | ast.JoinedStr)]
 
 
+@pytest.mark.slow
 def test_every_message_of_the_troubleshooting_is_one_of_the_package():
     quoted = re.findall(r'\*\*"([^"]+)"\*\*', (ROOT / "docs/troubleshooting.md").read_text())
     assert len(quoted) > 10
@@ -229,6 +235,7 @@ def test_table_of_effects_is_complete():
         assert f"| [`{name}`]({name}.md) | {listed} | {kind.signature} |" in page, name
 
 
+@pytest.mark.slow
 def test_the_recipe_of_a_layout_reads_a_recording(recipes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The studio's scene, written in its form."""
     import rig_json

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import doctest
+import json
 import re
 import shlex
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -57,6 +60,57 @@ def test_measured_flights_are_diagnosed_as_the_page_says(tmp_path: Path, monkeyp
     assert list(tmp_path.glob("**/diagnosis.html"))
 
 
+@pytest.mark.slow
+def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The page from beginning to end: the class, throws that a script makes, and the diagnosis that names it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    page = ROOT / "docs/own_effect.md"
+    effect, script = blocks(page, "python")
+    candidates, overlay = blocks(page, "yaml")
+    assert len(effect.splitlines()) <= 40
+    (tmp_path / "magnetic.py").write_text(effect)
+    (tmp_path / "candidates.yaml").write_text(candidates)
+    (tmp_path / "own.yaml").write_text(overlay)
+    exec(compile(script, "own_effect.md", "exec"), {})
+    for name in ("init", "diagnose"):
+        (words,) = commands("docs/own_effect.md", name)
+        assert main(words) == 0
+    found = json.loads((tmp_path / "scenes/throws/diagnosis/diagnosis.json").read_text())
+    assert found["verdict"]["effects"] == ["Magnetic"]
+    (fitted,) = (one for one in found["rounds"][-1]["parameters"] if one["name"] == "gyration")
+    assert fitted["low"] < 0.8 < fitted["high"]  # the script's k; 90 % intervals, with its one seed
+    words = [word for file in ("fit", "demo", "own.yaml") for word in ("--config", file)]
+    assert [type(one).__name__ for one in PhaseCLI(words, VideoData, Physics).physics.effects] == ["Magnetic"]
+
+
+@pytest.mark.slow
+def test_a_material_of_ones_own_works_as_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_threads: None
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    page = ROOT / "docs/own_material.md"
+    law, tried = blocks(page, "python")
+    (overlay,) = blocks(page, "yaml")
+    (tmp_path / "stiffening.py").write_text(law)
+    (tmp_path / "rubber.yaml").write_text(overlay)
+    test = doctest.DocTestParser().get_doctest(tried, {}, page.name, str(page), 0)
+    assert doctest.DocTestRunner().run(test).failed == 0
+    (words,) = commands("docs/own_material.md", "fit")
+    physics = PhaseCLI(words[1:], VideoData, Physics).physics
+    assert type(physics.material).__name__ == "Stiffening" and {"E", "nu", "s"} <= set(physics.free_names)
+
+
+def test_keys_of_formats_are_written_by_the_package():
+    text = (ROOT / "docs/formats.md").read_text()
+    keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
+    names = {name.rpartition(".")[2].removesuffix("[]") for pair in keys for name in pair if name}
+    assert {"doubts", "verdict", "sentence", "alike"} - {"verdict"} <= names
+    source = "".join(path.read_text() for path in (ROOT / "pacnerf_lpo").glob("**/*.py"))
+    assert all(re.search(rf'"{name}"|\b{name}: ', source) for name in names)
+
+
 @pytest.mark.parametrize("words", [words for words in guide_commands() if words[0] == "configs"], ids=" ".join)
 def test_configurations_are_listed(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main([word for word in words if not word.startswith(">")][:2]) == 0
@@ -64,7 +118,7 @@ def test_configurations_are_listed(words: list[str], tmp_path: Path, capsys: pyt
 
 
 def test_every_named_configuration_exists():
-    made_by_hand = {"my_scene.yaml"}
+    made_by_hand = {"my_scene.yaml", "rubber.yaml"}
     named = set()
     for words in guide_commands():
         named |= {after for word, after in pairwise(words) if word in ("--config", "--overlay")}

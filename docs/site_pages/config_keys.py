@@ -118,7 +118,7 @@ def _meanings(kind: type) -> dict[str, str]:
 def _plain(words: str) -> str:
     """Words of a docstring as Markdown."""
     words = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", words.replace("``", "`"))
-    return re.sub(r"<(\w+)>", r"&lt;\1&gt;", words)
+    return re.sub(r"<(\w+)>", r"&lt;\1&gt;", re.sub(r"\bNone\b", "`null`", words))
 
 
 def reached(kind: type) -> list[type]:

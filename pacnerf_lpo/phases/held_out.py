@@ -1,4 +1,4 @@
-"""Training images kept back from the correction, to decide whether another round of Algorithm 1 still helps."""
+"""Training images held out of the correction, to decide whether another round of Algorithm 1 still helps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Images = frozenset[tuple[int, int]]
 
 
 def held_out_images(data: VideoData) -> Images:
-    """View and frame index of the images kept back: in every second frame that of one training view, in turn.
+    """View and frame index of the held-out images: in every second frame that of one training view, in turn.
 
     Frame 0 is not among them, because the static phase has seen it in all training views.
     """

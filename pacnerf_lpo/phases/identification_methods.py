@@ -27,7 +27,7 @@ VELOCITY_SCALE = 0.1  # m/s
 TRIALS = 2.5
 """Simulations of an iteration that are no sensitivity: where it stands, and the steps that it tries."""
 UNSEEN = 1e-5
-"""No image shows that particles lie so little elsewhere [m]: a fall before contact, with another stiffness."""
+"""Smallest visible displacement [m]: a fall before contact with another stiffness changes less, and is not rendered."""
 
 
 class IdentificationMethod(ABC):

@@ -37,7 +37,7 @@ HALVINGS = 1
 FINALISTS = 3
 """Optima of a coarse body that are followed on a finer one: its error moves them and changes their order."""
 COMPETING = 2.0
-"""Of the best cost: an optimum above it is not followed."""
+"""Of the best cost: an optimum above it is discarded."""
 APART = 0.2
 """Of its span in one of the coordinates: so far apart lie the points of a sample that are followed."""
 SAME = 0.5

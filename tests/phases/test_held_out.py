@@ -1,4 +1,4 @@
-"""Images kept back from the correction."""
+"""Images held out of the correction."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ STRONG = (40.0, 160.0)
 AIMED_AT = 70.0
 LONGEST_STEP = 8.0
 FRAMES = (8, 9, 10)
-BESIDE = (-0.3, 0.3)
+NEARBY = (-0.3, 0.3)
 """Decades: from there fits begin that look for a better optimum than those known."""
 REFERENCE_ITERATIONS = 25
 NEAR = 0.1
@@ -135,7 +135,7 @@ def draw(folder: Path, seed: int) -> Path:
 
 def score(folder: Path) -> dict:
     """How a base fit of a scene compares with the best optimum known, of that fit and of fits from the truth and from
-    moduli beside the best one.
+    moduli next to the best one.
     """
     truth = json.loads((folder / TRUTH).read_text())
     problem = KnownShape.read(folder)
@@ -150,8 +150,8 @@ def score(folder: Path) -> dict:
     true = problem.model([effect], {**problem.first_guess, **truth["values"]}).start
     settings = model.scales, model.bounds
     reference = Stage(objective, *settings, keep=2, iterations=REFERENCE_ITERATIONS, confirm=True)
-    beside = replace(reference, spans={index: (-np.inf, np.inf)}, offsets=BESIDE)
-    best_known = min(*fits, *multistart([reference, beside], [true, found.free]).fits, key=lambda other: other.cost)
+    nearby = replace(reference, spans={index: (-np.inf, np.inf)}, offsets=NEARBY)
+    best_known = min(*fits, *multistart([reference, nearby], [true, found.free]).fits, key=lambda other: other.cost)
     return {
         "scene": folder.name,
         "effect": truth["effect"],

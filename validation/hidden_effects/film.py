@@ -18,7 +18,7 @@ from pacnerf_lpo.mpm.physics import Physics
 from validation.hidden_effects.setting import FRAME_RATE, Setting
 
 FASTER, FASTER_AT = 1.6, 0.75
-"""Steps per second beside those of the diagnosis' model, for a node spacing of so much of the model's."""
+"""Steps per second relative to those of the diagnosis' model, for a node spacing of so much of the model's."""
 SUPERSAMPLING = 2
 OPEN, SOLID = 0.25, 0.75
 """Optical thickness ends more abruptly than in the model's own outlines: opacity from 0.25 to 0.75 becomes 0 to 1."""
@@ -32,7 +32,7 @@ class Film:
     """What the cameras recorded.
 
     silhouettes: opacity [0..1, (V, F, H, W)]
-    brightness: logarithm of the mean brightness beside what is believed [(V, F)]
+    brightness: logarithm of the mean brightness relative to what is believed [(V, F)]
     path: of the particles [m, (F, N, 3)];  model: that moved.
     """
 
@@ -61,7 +61,7 @@ def film(
         true: every value, of velocity and effects too [SI]
         effects: that act.
         random: of particles and noise.
-        finer: node spacing beside the setting's; the time step follows it.
+        finer: node spacing relative to the setting's; the time step follows it.
 
     Raises:
         SimulationError: the motion is unstable.

@@ -31,7 +31,7 @@ CAMERA_NOISE = 0.01
 MARGIN = 0.08
 """Of the box that the object is said to be in at frame 0, around it [m]."""
 SEEN = 0.02
-"""A body touches the ground when it looks as if it were so near [m], beside half a cell by which a grid lifts it."""
+"""A body touches the ground when its image is so near to it [m], plus half a cell by which a grid lifts it."""
 
 
 def write(folder: Path, setting: Setting, trained: Sequence[int], recorded: Film, random: np.random.Generator) -> None:

@@ -31,7 +31,7 @@ FAST = Options(effects=2)
 
 
 def diagnose_scene(scene: Path, options: Options = FAST) -> str:
-    """Diagnose one scene, unless that is done; a sentence about it. A failure is kept beside the scene, and counted.
+    """Diagnose one scene, unless that is done; a sentence about it. A failure is kept with the scene, and counted.
 
     Args:
         scene: folder of the scene.

@@ -152,14 +152,14 @@ def tables(outcomes: Sequence[Outcome]) -> list[str]:
     return lines + table("Covered by 90 % intervals", parts)
 
 
-def beside(outcomes: Sequence[Outcome]) -> list[str]:
-    """The diagnosis beside simpler rules, on the scenes that have both."""
+def compared(outcomes: Sequence[Outcome]) -> list[str]:
+    """The diagnosis compared with simpler rules, on the scenes that have both."""
     both = [o for o in outcomes if o.simpler]
     if not both:
         return []
     rules = [None, *both[0].simpler]
     lines = [
-        "### Beside simpler rules",
+        "### Compared with simpler rules",
         "",
         "Exact names only, for no other rule has classes. The other rules are in validation/hidden_effects/simpler.py.",
         "",
@@ -212,7 +212,7 @@ def page(record: Record) -> str:
     ):
         part = [o for o in outcomes if o.views == views]
         if part:
-            lines += ["", f"## {title}: {len(part)} scenes", "", *tables(part), *beside(part)]
+            lines += ["", f"## {title}: {len(part)} scenes", "", *tables(part), *compared(part)]
             lines += ["<details><summary>Every scene</summary>", "", *scene_table(part), "", "</details>"]
     return "\n".join(lines) + "\n"
 

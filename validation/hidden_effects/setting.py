@@ -32,8 +32,8 @@ class Size:
     views: cameras.
     held: how many of them are held out where the shape is known; from a video, those that the diagnosis holds out.
     trained: cameras that the shape of a video is reconstructed from; None: outlines of a known shape.
-    finer: node spacing of the truth beside that of a model with so many particles; the diagnosis of a video has more
-        particles than that, and its truth must still be finer.
+    finer: node spacing of the truth relative to that of a model with so many particles; the diagnosis of a video has
+        more particles than that, and its truth must still be finer.
     """
 
     particles: int = 1000
@@ -55,7 +55,7 @@ FULL = {
 
 @dataclass(frozen=True)
 class Setting:
-    """All that a user knows of a scene beside its video, as plain numbers.
+    """All that a user knows of a scene in addition to its video, as plain numbers.
 
     shape, arguments: a class of ``data.shapes`` and its arguments.
     rotation, centre: how the shape stands [vector of its turn, radian; m]

@@ -8,8 +8,8 @@ Two rules, each in place of priors, discrepancies, calibration and threshold:
 
 RSS is what a linear fit of parameters and effect leaves of the whitened residual; BIC takes that of a refit where the
 diagnosis has made one. A rule that chooses what the diagnosis has chosen goes on with its next model; one that chooses
-something else ends there. Where a rule chooses nothing, the size of the residual beside that of left-out replicates
-says whether the cause is unknown.
+something else ends there. Where a rule chooses nothing, the size of the residual relative to that of left-out
+replicates says whether the cause is unknown.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def split_test(problem: Problem, found: Round, family: Sequence[Hypothesis], mas
 
 
 def _f_test(linear: Linear, change: np.ndarray, one_sided: bool) -> float:
-    """p-value of an effect with changes (D, m) beside the parameters."""
+    """p-value of an effect with changes (D, m) in addition to the parameters."""
     count = change.shape[1]
     before, after, dof = linear.left(), linear.left(change, one_sided), linear.dof - count
     if not np.isfinite(after):

@@ -88,7 +88,7 @@ def generate(folder: Path, seed: int) -> Path:
 
 
 def diagnose(study: Path) -> dict[str, Any]:
-    """Diagnose both drops alone and together, and plan after the first one; what was said, beside the truth."""
+    """Diagnose both drops alone and together, and plan after the first one; what was said, compared with the truth."""
     outcome = study / OUTCOME
     if outcome.is_file():
         return json.loads(outcome.read_text())
