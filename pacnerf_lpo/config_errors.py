@@ -95,6 +95,13 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
         nearest = _nearest(found[1], names)
         known = f"; known are {listing}" if names and not (nearest and len(names) > LISTED) else ""
         return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{nearest}"
+    if found := re.search(r"Import path (\S+) does not correspond to a subclass of (\w+)", text):
+        own = f"a class of your own has to inherit from {found[2]}"
+        return f"{_place(found[1], files)}{where}: {found[1]} is no {found[2]}; known are {listing}, and {own}"
+    absent = r"No module named [^\n]+|module [^\n]+ has no attribute [^\n]+"
+    if found := re.search(rf"Problem with given class_path\s+'([^']+)':\s+({absent})", text):
+        looked = "modules are looked for among the installed packages and in the folder where you run the command"
+        return f"{_place(found[1], files)}{where}: {found[1]} cannot be had: {found[2].strip()}; {looked}"
     return None
 
 

@@ -54,6 +54,18 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
             MATERIAL.format("FakeMaterail", "nu: 0.1"),
             "no FakeMaterail; known are FakeMaterial; did you mean",
         ),
+        (
+            "physics:\n  material:\n    class_path: pathlib.Path\n",
+            "line 3: physics.material: pathlib.Path is no FakeMaterial; known",
+        ),
+        (
+            "physics:\n  material:\n    class_path: pathlib.Pfad\n",
+            "line 3: physics.material: pathlib.Pfad cannot be had: ",
+        ),
+        (
+            "physics:\n  material:\n    class_path: nowhere.Rubber\n",
+            "nowhere.Rubber cannot be had: No module named 'nowhere'; modules",
+        ),
         (MATERIAL.format("FakeMaterial", "E: stiff"), "line 5: physics.material.E: expected float, got stiff"),
         (MATERIAL.format("FakeMaterial", "E: -1e5"), "E = -100000 Pa is not a possible Young's modulus"),
         ("data: [a: {\n", "mine.yaml, line 2: not valid YAML"),
