@@ -113,7 +113,7 @@ ADAM = "--phases.physics.method=PaperAdam"
         (["--data.train_views=[0,0,4]"], "view 0 is named twice"),
         (
             ["--physics.material.nu=0.6"],
-            "nu = 0.6 is not a possible Poisson's ratio; give a value between -0.45 and 0.45",
+            "nu = 0.6 is not a possible Poisson's ratio; give a value above -0.45 and below 0.45",
         ),
         (["--physics.material.known=[e]"], "NeoHookean.known: 'e' is no parameter of it; choose from E, nu"),
         (["--physics.effects+=LinearDrg"], "did you mean LinearDrag?"),

@@ -11,8 +11,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.taichi_calls import keep, ti
 
+FUNCTIONS = "where, maximum, minimum, sqrt, log and exp of pacnerf_lpo.mpm.differentiation"
 Pullback = Callable[[list], Sequence]
 
 
@@ -88,30 +90,62 @@ class Scalar:
         ratio = keep(other / self.value)
         return self._unary(ratio, lambda: -ratio / self.value)
 
-    def __pow__(self, power: int) -> "Scalar":
+    def __pow__(self, power: Any) -> "Scalar":
+        if not isinstance(power, int) or power == 0:  # of a positive number only, as in every language
+            return exp(power * log(self))
         result = self
         for _ in range(abs(power) - 1):
             result = result * self
         return result if power > 0 else 1.0 / result
 
+    def __rpow__(self, base: float) -> "Scalar":
+        return exp(self * math.log(base))
+
+    def __abs__(self) -> "Scalar":
+        return maximum(self, -self)
+
+    def __float__(self) -> float:
+        raise UserInputError(f"a law computes with numbers of a kernel, which {FUNCTIONS} take, and math's do not")
+
     __radd__, __rmul__ = __add__, __mul__
 
-    def __gt__(self, other: Any) -> Any:
-        return keep(self.value > plain(other))
+    def __gt__(self, other: Any) -> "Condition":
+        return Condition(self.value > plain(other))
 
-    def __lt__(self, other: Any) -> Any:
-        return keep(self.value < plain(other))
+    def __lt__(self, other: Any) -> "Condition":
+        return Condition(self.value < plain(other))
 
-    def __ge__(self, other: Any) -> Any:
-        return keep(self.value >= plain(other))
+    def __ge__(self, other: Any) -> "Condition":
+        return Condition(self.value >= plain(other))
 
-    def __le__(self, other: Any) -> Any:
-        return keep(self.value <= plain(other))
+    def __le__(self, other: Any) -> "Condition":
+        return Condition(self.value <= plain(other))
+
+
+class Condition:
+    """Whether something holds for a particle, for :func:`where`. It is known only when the kernel runs, so that
+    Python's ``if``, ``and``, ``max`` and ``min``, which ask while it is compiled, are refused.
+    """
+
+    def __init__(self, value: Any):
+        self.value = keep(value)
+
+    def __and__(self, other: "Condition") -> "Condition":
+        return Condition(self.value & other.value)
+
+    def __or__(self, other: "Condition") -> "Condition":
+        return Condition(self.value | other.value)
+
+    def __bool__(self) -> bool:
+        raise UserInputError(
+            "a law is compiled once for all particles, so Python's if, and, or, not, max and min cannot depend on "
+            f"them; use {FUNCTIONS}, and & or | between conditions"
+        )
 
 
 def plain(value: Any) -> Any:
-    """The expression of a Scalar; anything else unchanged."""
-    return value.value if isinstance(value, Scalar) else value
+    """The expression of a Scalar or a Condition; anything else unchanged."""
+    return value.value if isinstance(value, (Scalar, Condition)) else value
 
 
 def sqrt(x: Any) -> Any:
@@ -140,6 +174,7 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     record = next((x.record for x in (yes, no) if isinstance(x, Scalar)), None)
     if isinstance(condition, bool):
         return yes if condition else no
+    condition = plain(condition)
     value = ti.select(condition, plain(yes), plain(no))
     if record is None:
         return keep(value)

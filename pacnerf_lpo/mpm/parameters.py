@@ -142,7 +142,7 @@ class Parameter:
             unit = "" if self.unit == "1" else f" {self.unit}"
             raise UserInputError(
                 f"{where}: {self.name} = {value:g}{unit} is not a possible {self.label}; "
-                f"give a value between {low:g} and {high:g}{unit}"
+                f"give a value above {low:g} and below {high:g}{unit}"
             )
         return value
 

@@ -5,18 +5,24 @@ arguments changed; for neither has Taichi a public call.
 """
 
 import os
+import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.errors import UserInputError
+
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 import taichi as ti
 from taichi.lang import impl
 
+OURS = Path(__file__).parents[1].as_posix() + "/"
+"""Files of this package."""
 TRIED_WITH = (1, 7, 4)
 """Version of Taichi that every call of this module was tried with."""
 REAL = {"f32": ti.f32, "f64": ti.f64}
@@ -46,6 +52,22 @@ def entries(matrix: Any) -> list[list[Any]]:
 def compiling_double() -> bool:
     """While a kernel is compiled: whether its real numbers are float64."""
     return impl.get_runtime().default_fp == ti.f64
+
+
+def _mistake_in_a_law(error: BaseException) -> UserInputError | None:
+    """What a law of somebody's own did wrong while it was compiled, with its file and line; None: it was another."""
+    chain = [error]
+    while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
+        chain.append(before)
+    for link in reversed(chain):
+        files = [
+            (frame.filename.replace(os.sep, "/"), frame.lineno) for frame in traceback.extract_tb(link.__traceback__)
+        ]
+        own = [(name, line) for name, line in files if not name.startswith(OURS) and "/taichi/" not in name]
+        said = str(link) if isinstance(link, UserInputError) else f"{type(link).__name__}: {link}"
+        if own:
+            return UserInputError(f"{own[-1][0]}, line {own[-1][1]}: {said}")
+    return chain[-1] if isinstance(chain[-1], UserInputError) else None
 
 
 class Emitted:
@@ -111,13 +133,19 @@ class Launcher:
     def _compile(self, arguments: list) -> None:
         runtime = impl.get_runtime()
         runtime.set_default_fp(REAL[self._dtype])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)
-            shown = [value.tensor if isinstance(value, Array) else value for value in arguments]
-            handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*shown)]
-        self._compiled = runtime.prog.compile_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), handle)
-        self._context = handle.make_launch_context()
-        runtime.set_default_fp(ti.f32)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SyntaxWarning)
+                shown = [value.tensor if isinstance(value, Array) else value for value in arguments]
+                handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*shown)]
+            self._compiled = runtime.prog.compile_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), handle)
+            self._context = handle.make_launch_context()
+        except Exception as error:
+            if (mistake := _mistake_in_a_law(error)) is None:
+                raise
+            raise mistake from None
+        finally:
+            runtime.set_default_fp(ti.f32)
 
     def _set(self, name: str, value: Any) -> None:
         if isinstance(value, Tensor):
