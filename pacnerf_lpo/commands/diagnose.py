@@ -13,6 +13,7 @@ from pacnerf_lpo.commands import fit
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
+from pacnerf_lpo.errors import Interrupted
 from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import processes
@@ -100,11 +101,11 @@ def run(
 
     for sentence in without_contact(problem):
         tell(sentence)
-    with (
-        StopRequest(),
-        processes(jobs if problem.deforms else jobs or 1),
-    ):  # SIGTERM, too, ends the processes that simulate
-        rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
+    try:
+        with StopRequest(), processes(jobs if problem.deforms else jobs or 1):  # SIGTERM, too, ends the processes
+            rounds = investigate(problem, store, options, tell, partial(write, problem, folder))
+    except Interrupted:
+        raise Interrupted(f"interrupted; the same command goes on after the steps that are in {folder}") from None
     doing("writing the page")
     write_pictures(problem, rounds, folder)
     write_page(folder)

@@ -1,6 +1,8 @@
 """Diagnosis of measured flights, by the commands: recordings made by another integrator, with noise."""
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +56,26 @@ def test_a_spin_that_was_stated_for_the_effect_counts_as_that_of_the_body():
     own = fly([Magnus()], {"magnus": 5e-3}, g, start, spin, times)
     given = fly([Magnus(spin=spin)], {"magnus": 5e-3}, g, start, still, times)
     np.testing.assert_allclose(own, given, atol=1e-9)
+
+
+def test_an_interrupted_diagnosis_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    """Ctrl-C after the first round, and the same command again: what was done is read, not computed."""
+    scene = tmp_path / "scene"
+    assert main(["init", str(write_drops(tmp_path / "ball.csv", 0.02)), str(scene), *BALL]) == 0
+    command = ["diagnose", str(scene), "--replicates", "8", "--jobs", "1", "--until", "screen"]
+
+    def interrupted(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with monkeypatch.context() as pressed:
+        pressed.setattr("pacnerf_lpo.commands.diagnose.write", interrupted)
+        assert main(command) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "interrupted; the same command goes on after the steps" in said and str(scene / "diagnosis") in said
+    assert list((scene / "diagnosis" / "steps").iterdir())
+    again = lambda *_: pytest.fail("the comparison was done twice")  # noqa: E731
+    monkeypatch.setattr("pacnerf_lpo.diagnosis.diagnose.compare", again)
+    assert main(command) == 0
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.02])
