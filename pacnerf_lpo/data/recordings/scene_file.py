@@ -49,8 +49,8 @@ data:
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
 {_velocity(scene)}physics:
-  gravity: {_corner(found.gravity)} # m/s^2; its strength is stated (--gravity), its direction is that of up
-  material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; or the law that you know, such as
+  gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
+  material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; if you know the law, name it:
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
   #   init_args: {{E: 1.0e+5, nu: 0.3}} # where identification starts, SI units; a factor of ten off is fine
   frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {_clock(scene)}
