@@ -55,12 +55,12 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
             "no FakeMaterail; known are FakeMaterial; did you mean",
         ),
         (
-            "physics:\n  material:\n    class_path: pathlib.Path\n",
-            "line 3: physics.material: pathlib.Path is no FakeMaterial; known",
+            "physics:\n  material:\n    class_path: fractions.Fraction\n",
+            "line 3: physics.material: fractions.Fraction is no FakeMaterial; known",
         ),
         (
-            "physics:\n  material:\n    class_path: pathlib.Pfad\n",
-            "line 3: physics.material: pathlib.Pfad cannot be had: ",
+            "physics:\n  material:\n    class_path: fractions.Bruch\n",
+            "line 3: physics.material: fractions.Bruch cannot be had: ",
         ),
         (
             "physics:\n  material:\n    class_path: nowhere.Rubber\n",

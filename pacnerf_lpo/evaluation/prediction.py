@@ -24,12 +24,13 @@ from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
-from pacnerf_lpo.scene.activation import alpha
+from pacnerf_lpo.scene.activation import solid_fraction
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import ParticleState, Rays
 
 FOLDER = "predictions"
-VISIBLE = 0.3
+INSIDE = 0.5
+"""Part of a particle that is matter, at the surface that is seen."""
 CONTACT_CELLS = 1.5
 
 
@@ -185,9 +186,11 @@ def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> in
 
 
 def visible_particles(state: ParticleState) -> np.ndarray:
-    """Indices of the particles at least 0.3 times as opaque as the most opaque one; the others are next to massless."""
-    opacity = alpha(state.density, 1.0)
-    return torch.nonzero(opacity >= VISIBLE * opacity.max()).flatten().numpy()
+    """Indices of the particles inside the visible surface, see :func:`solid_fraction`, all of a body without one: the
+    others are a rim of a voxel that hardly anything is seen of.
+    """
+    inside = solid_fraction(state.density, *state.spacings) >= INSIDE
+    return torch.nonzero(inside | ~inside.any()).flatten().numpy()
 
 
 def to_bytes(image: Tensor) -> np.ndarray:

@@ -48,7 +48,7 @@ def plan(session: Session, progress: Callable[[str], None]) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
     found = [one for one in _rounds(session, progress) if len(one.alike) > 1]
     if not found:
-        raise UserInputError("plan: nothing is left to tell apart: the diagnosis names one cause, or none")
+        raise UserInputError("plan: nothing is left to separate: the diagnosis names one cause, or none")
     return propose(session.problem, found[-1], progress)
 
 
