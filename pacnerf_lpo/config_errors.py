@@ -101,7 +101,7 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
     absent = r"No module named [^\n]+|module [^\n]+ has no attribute [^\n]+"
     if found := re.search(rf"Problem with given class_path\s+'([^']+)':\s+({absent})", text):
         looked = "modules are looked for among the installed packages and in the folder where you run the command"
-        return f"{_place(found[1], files)}{where}: {found[1]} cannot be had: {found[2].strip()}; {looked}"
+        return f"{_place(found[1], files)}{where}: {found[1]} cannot be imported: {found[2].strip()}; {looked}"
     return None
 
 

@@ -60,11 +60,11 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         ),
         (
             "physics:\n  material:\n    class_path: fractions.Bruch\n",
-            "line 3: physics.material: fractions.Bruch cannot be had: ",
+            "line 3: physics.material: fractions.Bruch cannot be imported: ",
         ),
         (
             "physics:\n  material:\n    class_path: nowhere.Rubber\n",
-            "nowhere.Rubber cannot be had: No module named 'nowhere'; modules",
+            "nowhere.Rubber cannot be imported: No module named 'nowhere'; modules",
         ),
         (MATERIAL.format("FakeMaterial", "E: stiff"), "line 5: physics.material.E: expected float, got stiff"),
         (MATERIAL.format("FakeMaterial", "E: -1e5"), "E = -100000 Pa is not a possible Young's modulus"),

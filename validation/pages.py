@@ -16,6 +16,7 @@ SUBJECTS = {
     "hidden_effects": "validation.hidden_effects.score",
     "identification": "validation.identification",
     "own_recording": "validation.own_recording",
+    "random_hands": "validation.random_hands",
     "real_measurements": "validation.real_measurements",
     "simulated_drops": "validation.simulated_drops",
 }

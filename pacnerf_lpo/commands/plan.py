@@ -7,10 +7,9 @@ from pathlib import Path
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.diagnosis.diagnose import investigate, prepare
-from pacnerf_lpo.diagnosis.plan import propose
+from pacnerf_lpo.diagnosis.plan import last_open, propose
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.diagnosis.store import FOLDER
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.report.diagnosis import PICTURES_FILE, write_page
 from pacnerf_lpo.report.diagnosis_result import write
@@ -36,10 +35,7 @@ def run(run_dir: str, jobs: int | None = None) -> None:
     tell = partial(print, flush=True)
     with StopRequest(), processes(jobs):
         rounds = investigate(problem, store, settings.options, tell)
-        open_rounds = [found for found in rounds if len(found.alike) > 1]
-        if not open_rounds:
-            raise UserInputError(f"{folder}: nothing is left to separate: the diagnosis names one cause, or none")
-        last = open_rounds[-1]
+        last = last_open(rounds)
         last.proposals = propose(problem, last, tell)
     write(problem, folder, rounds)
     if (folder / PICTURES_FILE).is_file():

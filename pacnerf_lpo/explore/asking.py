@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.diagnose import investigate
-from pacnerf_lpo.diagnosis.plan import Proposal, propose
+from pacnerf_lpo.diagnosis.plan import Proposal, last_open, propose
 from pacnerf_lpo.diagnosis.rounds import Round, accepted_names
 from pacnerf_lpo.diagnosis.settings import Settings
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
@@ -46,10 +45,7 @@ def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, l
 
 def plan(session: Session, progress: Callable[[str], None]) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
-    found = [one for one in _rounds(session, progress) if len(one.alike) > 1]
-    if not found:
-        raise UserInputError("plan: nothing is left to separate: the diagnosis names one cause, or none")
-    return propose(session.problem, found[-1], progress)
+    return propose(session.problem, last_open(_rounds(session, progress)), progress)
 
 
 def _rounds(session: Session, progress: Callable[[str], None]) -> list[Round]:

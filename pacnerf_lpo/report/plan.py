@@ -14,7 +14,7 @@ from pacnerf_lpo.diagnosis.plan import ENOUGH, Proposal
 from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis_words import odds
-from pacnerf_lpo.report.wording import either, readable
+from pacnerf_lpo.report.wording import listed, readable
 
 RESULT, PAGE = "plan.json", "plan.html"
 BAR, ROW, WIDTH = 18, 46, 720
@@ -40,9 +40,13 @@ def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequen
     return folder / PAGE
 
 
+def _together(names: Sequence[str]) -> str:
+    return listed([readable(name) for name in names], "and")
+
+
 def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
     """What to do, best first, and what is expected of it."""
-    found = [f"To separate {either(names)}, with the expected odds for the one that is true:"]
+    found = [f"To separate {_together(names)}, with the expected odds for the one that is true:"]
     found += [f"{rank}. {one.words}: {odds(one.score)}" for rank, one in enumerate(proposals, 1)]
     best = max((one.score for one in proposals), default=0.0)
     if best < DECISIVE:
@@ -52,7 +56,7 @@ def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
 
 def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str:
     """The page as text."""
-    title = f"{scene}: which recording would separate {either(names)}"
+    title = f"{scene}: which recording would separate {_together(names)}"
     rows = "".join(
         f"<tr><td>{html.escape(one.words)}</td><td>{html.escape(readable(pair.true))}</td>"
         f"<td>{html.escape(readable(pair.against))}</td><td>{odds(pair.log_bayes_factor)}</td></tr>"

@@ -147,7 +147,7 @@ def test_recipes_in_numbers(problem: KnownShape, small_threads: None):
 def test_words_and_page():
     plan = [Proposal("drop it from 2 m instead of 1 m", 2.0, 9.0, ()), Proposal("the same", 1.0, 0.5, ())]
     text = sentences(["LinearDrag", "GravityMagnitude"], plan)
-    assert text[0].startswith("To separate linear drag or gravity magnitude")
+    assert text[0].startswith("To separate linear drag and gravity magnitude")
     assert text[1] == "1. drop it from 2 m instead of 1 m: 8 100 to 1"
     assert text[2] == "2. the same: 1.6 to 1"
     assert "None of these" in sentences(["LinearDrag", "GravityMagnitude"], plan[1:])[-1]

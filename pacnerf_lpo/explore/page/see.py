@@ -171,11 +171,10 @@ class See:
     def _centres(self, name: str) -> np.ndarray | None:
         """Measured centres of a rigid body in flight [m, (F, 3)]; None where another thing was measured."""
         session = self.page.session
-        found = [session.measured(0, name).centre]
-        if found[0] is None:
+        if session.cameras(name):  # whose hulls would be found for this
             return None
-        found += [session.measured(frame, name).centre for frame in range(1, len(session.times(name)))]
-        return np.array(found)
+        found = [session.measured(frame, name).centre for frame in range(len(session.times(name)))]
+        return None if found[0] is None else np.array(found)
 
     def draw(self) -> None:
         """The frame and camera that are looked at."""
