@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import tempfile
@@ -18,9 +19,15 @@ from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.questions import asked, timed
 from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.data.recordings.refinement import refined
 from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
 from pacnerf_lpo.errors import UserInputError
+
+log = logging.getLogger(__name__)
+
+DOUBTFUL = 0.9
+"""Expected overlap below which a matte is reported as doubtful: of a body of forty pixels, its rim of one pixel."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,7 @@ class Scene:
 
     folder: where it is. recording: as used. times: [s, (F,)]. findings: what was measured.
     mattes: how each camera was matted
+    overlaps: intersection over union that each camera's mattes are expected to have with the truth, 1 for given ones
     offsets: how much later than these times each camera's frames were taken [s, (V,)]
     clocks: the same in words
     mended: repeated, missing, filled-in and cut-off frames, a line each
@@ -39,6 +47,7 @@ class Scene:
     times: np.ndarray
     findings: Findings
     mattes: tuple[str, ...]
+    overlaps: tuple[float, ...]
     offsets: np.ndarray
     clocks: str
     mended: tuple[str, ...]
@@ -67,7 +76,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
         if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
             check_different([shot.images for shot in shots], recording)
         check_in_front([shot.sighting for shot in shots], recording)
-        shots, clocks = synchronised(shots)
+        shots, clocks = refined(images, mattes, stamps, size, *synchronised(shots))
         corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
         timeline = common_times(recording, corrected)
         for view, matted in enumerate(mattes):
@@ -81,8 +90,19 @@ def convert(recording: Recording, folder: Path) -> Scene:
             shutil.move(os.path.join(work, name), folder / name)
     names = [camera.name for camera in recording.cameras]
     mended = tuple(_mended(names, shots, timeline))
-    ways = tuple(m.way for m in mattes)
-    return Scene(folder, recording, timeline.times, findings, ways, timeline.offsets, clocks.said(names), mended)
+    ways, overlaps = tuple(m.described for m in mattes), tuple(float(m.overlaps.mean()) for m in mattes)
+    for name, overlap in zip(names, overlaps, strict=True):
+        if overlap < DOUBTFUL:
+            log.warning(
+                "camera %s: object and background are hard to tell apart (expected overlap with the truth %.2f); give "
+                "masks, or an image of the empty background as backgrounds/%s.png",
+                name,
+                overlap,
+                name,
+            )
+    return Scene(
+        folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended
+    )
 
 
 def _write_camera(
