@@ -8,7 +8,6 @@ become background where it rests, as in a median of the video.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,23 +15,18 @@ from scipy import ndimage
 
 from pacnerf_lpo.data.matting import SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
+from pacnerf_lpo.data.recordings.footage import Footage
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.recordings.other_views import Expectation
+from pacnerf_lpo.data.recordings.resolution import factor_of
+from pacnerf_lpo.data.recordings.total_variation import denoised
 
-KEYFRAMES = 16
-"""Frames from which the background is found, spaced by how much moves between them: a rest is few, a fall is many."""
-COARSE = 160
-"""Pixels along an image in which one of them is chosen; the background itself has all pixels."""
 ROUNDS = 2
 """How often background, object and its colours are found from each other."""
 MOVED = 9.0
 """Half the squared change, in standard deviations, from which on a pixel has changed: once in a million of noise."""
 LINK = 0.05
 """Gaps in what moves that are closed, relative to the image's width: an even body changes at its rim alone."""
-STILL = 4.0
-"""Changes of a frame count as motion from so many times their median on: most of the image stands still."""
-RESTING = 0.01
-"""What a frame without motion counts, relative to that with the most."""
 FAR = 0.3
 """How far from all motion a pixel must be to show background, relative to the size of what moves."""
 NEAR = 0.05
@@ -51,6 +45,8 @@ STRONGEST = 6.0
 """Log odds up to which one pixel counts, so that a wrong one is outvoted by its neighbours."""
 SMOOTH = 3.0
 """Log odds of a pixel for each pixel of outline: what a straight outline through noise saves."""
+ROOM = 8
+"""Pixels around everything that may be the object, within which outlines are made short."""
 PIECE = 0.02
 """Pieces smaller than this part of the largest one are no part of the object."""
 AROUND = 0.06
@@ -65,6 +61,7 @@ class Background:
     noise: standard deviation of a smoothed image's difference from it [0..1, (H, W)]
     known: where it was seen [(H, W), bool]; elsewhere it is continued from around, and ``noise`` says how surely
     colours: of the object
+    shows: in which of the chosen frames each pixel shows it, lit [(K, h, w), bool, reduced]
     brightest: how much lighter than the plate the background may be
     """
 
@@ -72,7 +69,12 @@ class Background:
     noise: np.ndarray
     known: np.ndarray
     colours: Colours
+    shows: np.ndarray
     brightest: float = SHADE_RANGE[1]
+
+    def at_full_size(self, footage: Footage) -> Background:
+        """The same at all pixels of the frames."""
+        return _composed(footage.full_size(), self.shows, self.colours)
 
     def log_odds(self, image: np.ndarray) -> np.ndarray:
         """Log odds of the object in each pixel of an image [0..1, (H, W, 3)], by its colour alone [(H, W)]."""
@@ -83,14 +85,18 @@ class Background:
     def denoised_odds(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
         """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
 
-        Where they are positive is the object: that outline minimises the log odds inside and its own length together
-        (level sets of total-variation denoising: Chambolle 2004; Chan, Esedoglu, Nikolova 2006).
+        Where they are positive is the object, as its outline is short, see :func:`denoised`.
 
         Args:
             expected: log odds before the colours are looked at [(H, W)].
         """
-        denoise = library("skimage.restoration", "mattes from a video without plates").denoise_tv_chambolle
-        return denoise(self.log_odds(image) + expected, weight=SMOOTH)
+        odds = self.log_odds(image) + expected
+        around = smoothed(odds, SMOOTH)
+        rows, columns = (np.flatnonzero((around > 0.0).any(axis=axis)) for axis in (1, 0))
+        if len(rows):
+            window = tuple(slice(max(at[0] - ROOM, 0), at[-1] + ROOM + 1) for at in (rows, columns))
+            around[window] = denoised(odds[window], SMOOTH)
+        return around
 
 
 def solid_part(odds: np.ndarray) -> np.ndarray:
@@ -111,93 +117,54 @@ def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
     return float(chance[solid].sum() / max(solid.sum() + chance[near].sum(), 1.0))
 
 
-def still_background(pictures: Callable[[], Iterator[np.ndarray]]) -> Background | None:
-    """What lies behind an object that moves before a camera that stands still; None where nothing moves.
-
-    Args:
-        pictures: all frames of the camera, each time it is called [0..1, (H, W, 3)].
-    """
-    frames = _chosen(pictures)[1]
-    coarse = np.stack([_reduced(frame / np.float32(255.0)) for frame in frames])
-    views = np.stack([smoothed(frame) for frame in coarse])
+def still_background(footage: Footage) -> Background | None:
+    """What lies behind an object that moves before a camera that stands still, reduced; None where nothing moves."""
+    frames = footage.decisive()
+    views = np.stack([smoothed(frame) for frame in frames])
     noise = np.sqrt(2.0) * noise_of(views)
     seen = np.stack([[log_of_background(now, plate, noise, DARKENED) for now in views] for plate in views])
-    factor = -(-max(frames.shape[1:3]) // COARSE)
     far = _far_from_motion(seen, noise)
     if far is None:
         return None
     colours = Colours.unknown()
     for _ in range(ROUNDS):
         plate = _most_probable(views, seen, noise, far, colours)
-        background = Background(plate, noise, np.ones(noise.shape, bool), colours, DARKENED)
+        background = Background(plate, noise, np.ones(noise.shape, bool), colours, far, DARKENED)
         for _ in range(ROUNDS):
-            solid = np.stack([solid_part(background.denoised_odds(image)) for image in coarse])
+            solid = np.stack([solid_part(background.denoised_odds(image)) for image in frames])
             colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in solid])])
-            shows = _lit(views, _outside(solid), noise)
-            background = replace(_composed(coarse, shows, colours), brightest=DARKENED)
-    fine = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, : frames.shape[1], : frames.shape[2]]
-    return _composed(frames, fine, colours)
+            found = _composed(frames, _lit(views, _outside(solid), noise), colours)
+            background = replace(found, brightest=DARKENED)
+    return found
 
 
-def background_by_views(
-    pictures: Callable[[], Iterator[np.ndarray]], expected: Expectation, masks: np.ndarray
-) -> Background:
-    """The same, where other views say which frames show background; first where they are sure, then wherever these
+def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
+    """The colours of the object where the other views see it, too.
+
+    Args:
+        expected: what the other views say. masks: where this camera held the object to be [(F, h, w), bool, reduced].
+    """
+    inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
+    views = np.stack([smoothed(frame) for frame in footage.decisive()])
+    return Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in inside])])
+
+
+def background_by_views(footage: Footage, expected: Expectation, masks: np.ndarray, colours: Colours) -> Background:
+    """The background where other views say which frames show it; first where they are sure, then wherever these
     backgrounds, perhaps in a shadow then, say so too.
 
     Args:
-        pictures: as for :func:`still_background`. expected: what the other views say.
-        masks: where this camera held the object to be [(F, H, W), bool].
+        expected, masks: as for :func:`colours_by_views`. colours: of the object.
     """
-    chosen, frames = _chosen(pictures)
-    views = np.stack([smoothed(frame / np.float32(255.0)) for frame in frames])
+    frames, chosen = footage.decisive(), footage.chosen
+    views = np.stack([smoothed(frame) for frame in frames])
     noise = np.sqrt(2.0) * noise_of(views)
     free = np.stack([expected.free(number) for number in chosen])
-    inside = masks[chosen] & (expected.depth[chosen] > 1.0)
-    colours = Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in inside])])
     shows = np.where(free.any(axis=0), free, _outside(masks[chosen]))
     found = replace(_composed(frames, _lit(views, shows, noise), colours), brightest=DARKENED)
-    odds = [
-        found.denoised_odds(frame / np.float32(255.0), expected.log_odds(number))
-        for number, frame in zip(chosen, frames, strict=True)
-    ]
+    odds = [found.denoised_odds(*pair) for pair in zip(frames, map(expected.log_odds, chosen), strict=True)]
     shows = free | _outside(np.stack([solid_part(one) for one in odds]))
     return _composed(frames, _lit(views, shows, noise), colours)
-
-
-def _chosen(pictures: Callable[[], Iterator[np.ndarray]]) -> tuple[list[int], np.ndarray]:
-    """Numbers of the frames that decide, and these frames [bytes, (F, H, W, 3)]."""
-    chosen = _keyframes(pictures)
-    return chosen, np.stack([_bytes(pixels) for number, pixels in enumerate(pictures()) if number in chosen])
-
-
-def _keyframes(pictures: Callable[[], Iterator[np.ndarray]]) -> list[int]:
-    """Numbers of frames of which each shows about as much motion since the one before; all where there are few."""
-    before, moved = None, []
-    for pixels in pictures():
-        now = smoothed(_reduced(pixels))
-        change = np.zeros(1) if before is None else np.linalg.norm(now - before, axis=-1)
-        moved.append(float((change > max(STILL * float(np.median(change)), FINEST)).mean()))
-        before = now
-    if len(moved) <= KEYFRAMES:
-        return list(range(len(moved)))
-    course = np.cumsum(np.array(moved) + RESTING * max(moved))
-    wanted = np.linspace(course[0], course[-1], KEYFRAMES)
-    return sorted(set(np.abs(course[:, None] - wanted).argmin(axis=0).tolist()))
-
-
-def _bytes(pixels: np.ndarray) -> np.ndarray:
-    return np.round(255.0 * pixels).astype(np.uint8)
-
-
-def _reduced(image: np.ndarray) -> np.ndarray:
-    """The image [(H, W, C)] averaged over squares of pixels, so that its longer edge has at most COARSE of them."""
-    factor = -(-max(image.shape[:2]) // COARSE)
-    if factor == 1:
-        return image
-    padded = np.pad(image, [(0, -image.shape[0] % factor), (0, -image.shape[1] % factor), (0, 0)], mode="edge")
-    rows, columns = padded.shape[0] // factor, padded.shape[1] // factor
-    return padded.reshape(rows, factor, columns, factor, image.shape[2]).mean(axis=(1, 3))
 
 
 def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
@@ -216,7 +183,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
     enough = steps[-max(1, count // 4)]
     if not max(areas.values()):
         return None
-    convex_hull_object = library("skimage.morphology", "x").convex_hull_object
+    convex_hull_object = library("skimage.morphology", "mattes from a video without plates").convex_hull_object
     reach = max(2, round(LINK * width))
     disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     moving = np.zeros((count, *noise.shape), bool)
@@ -267,8 +234,10 @@ def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Backgr
     """The background from the frames in which each pixel shows it; around pixels that never do, it is continued.
 
     Args:
-        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W). colours: of the object.
+        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W), or reduced. colours: of the object.
     """
+    factor, (height, width), reduced = factor_of(frames.shape[1:]), frames.shape[1:3], shows
+    shows = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, :height, :width]
     scale = np.float32(255.0 if frames.dtype == np.uint8 else 1.0)
     count, known = shows.sum(axis=0), np.asarray(shows.any(axis=0))
     total, squares = np.zeros(frames.shape[1:], np.float32), np.zeros(known.shape)
@@ -283,7 +252,7 @@ def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Backgr
     variance = _continued((squares / np.maximum(count, 1))[..., None], known, around)[..., 0]
     guessed = _continued(((mean - _continued(mean, known, around)) ** 2).mean(-1, keepdims=True), known, around)[..., 0]
     noise = np.sqrt(np.where(known, variance, variance + guessed))
-    return Background(plate, np.maximum(noise, FINEST), known, colours)
+    return Background(plate, np.maximum(noise, FINEST), known, colours, reduced)
 
 
 def _continued(values: np.ndarray, known: np.ndarray, width: float) -> np.ndarray:

@@ -5,6 +5,7 @@ Densities are per unit volume of the colour cube [0..1]^3, so that 1 is that of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +89,12 @@ class Colours:
         counts = np.histogramdd(pixels, bins=BINS, range=[(0.0, 1.0)] * 3)[0]
         share = ndimage.gaussian_filter(counts / len(pixels), BLURRED)
         return Colours((1.0 - ANY) * BINS**3 * share + ANY)
+
+    def shared_with(self, others: Sequence[Colours]) -> Colours:
+        """Those colours that one of the other views holds for the object's, too: what only one view does may be a
+        piece of its background, and a side of the object that nobody else sees is found as nothing of the background.
+        """
+        return Colours(np.minimum(self.density, np.max([other.density for other in others], axis=0)))
 
     def log_of(self, image: np.ndarray) -> np.ndarray:
         """Log density of the colours of an image [0..1, (..., 3)]."""

@@ -8,6 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +58,8 @@ def convert(recording: Recording, folder: Path) -> Scene:
     """Write ``folder/all_data.json`` and ``folder/data``: undistorted, matted, in metres, y up, the ground at y = 0.
 
     Images smaller than the largest are extended to the right and below; what no camera pixel shows is marked by an
-    occluder (frame -2). Backgrounds, given or found, are frame -1. Nothing is left behind where something is wrong.
+    occluder (frame -2). Backgrounds, given or found, are frame -1. Where something is wrong, no scene is left, but the
+    mattes made so far, in a folder beside it that the message names.
 
     Raises:
         UserInputError: something in the recording is wrong or missing, or ``folder`` is in use.
@@ -70,20 +72,21 @@ def convert(recording: Recording, folder: Path) -> Scene:
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as work:
         images = Path(work, "data")
         images.mkdir()
-        mattes = [Mattes(camera) for camera in recording.cameras]
-        size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
-        shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
-        if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
-            check_different([shot.images for shot in shots], recording)
-        check_in_front([shot.sighting for shot in shots], recording)
-        shots, clocks = refined(images, mattes, stamps, size, *synchronised(shots))
-        corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
-        timeline = common_times(recording, corrected)
-        for view, matted in enumerate(mattes):
-            _write_camera(images, view, matted, size, shots[view], timeline.places[view])
-        now = timeline.start + timeline.times
-        views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
-        recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
+        with _kept_to_look_at(images, [camera.name for camera in recording.cameras], folder):
+            mattes = [Mattes(camera) for camera in recording.cameras]
+            size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
+            shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
+            if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
+                check_different([shot.images for shot in shots], recording)
+            check_in_front([shot.sighting for shot in shots], recording)
+            shots, clocks = refined(images, mattes, stamps, size, *synchronised(shots))
+            corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
+            timeline = common_times(recording, corrected)
+            for view, matted in enumerate(mattes):
+                _write_camera(images, view, matted, size, shots[view], timeline.places[view])
+            now = timeline.start + timeline.times
+            views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
+            recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
         Path(work, NAME).write_text(json.dumps(_entries(recording, timeline, findings)))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
@@ -103,6 +106,24 @@ def convert(recording: Recording, folder: Path) -> Scene:
     return Scene(
         folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended
     )
+
+
+@contextmanager
+def _kept_to_look_at(images: Path, names: Sequence[str], folder: Path) -> Iterator[None]:
+    """Where the recording is refused, keep its mattes beside the folder of the scene, and say where."""
+    try:
+        yield
+    except UserInputError as error:
+        beside, made = folder.with_name(f"{folder.name}_mattes"), [*images.glob("own_*.png"), *images.glob("m_*.png")]
+        if not made:
+            raise
+        beside.mkdir(exist_ok=True)
+        for old in beside.glob("*_[0-9][0-9][0-9][0-9].png"):
+            old.unlink()
+        for path in made:
+            _, view, frame = path.stem.split("_")
+            shutil.move(path, beside / f"{names[int(view)]}_{int(frame):04}.png")
+        raise UserInputError(f"{error}; {beside} has its mattes, to look at") from None
 
 
 def _write_camera(

@@ -15,9 +15,12 @@ from pacnerf_lpo.data.recordings.background import (
     solid_part,
     still_background,
 )
+from pacnerf_lpo.data.recordings.colours import Colours
+from pacnerf_lpo.data.recordings.footage import Footage
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
+from pacnerf_lpo.data.recordings.resolution import reduced
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.heartbeat import doing
 
@@ -63,8 +66,9 @@ class Mattes:
 
     lens: as it undistorts. plate: the background, undistorted [0..1, (H, W, 3)]; None where none was needed.
     way: how the mattes were made, in words. still: what was found in a video without a plate.
-    expected: what the other views say about this camera. overlaps: intersection over union that each frame's matte is
-    expected to have with the truth, 1 where it is given [(F,)].
+    expected: what the other views say about this camera. compared: whether these were asked.
+    overlaps: intersection over union that each frame's matte is expected to have with the truth, 1 where it is given
+    [(F,)]. masks: where the object is, as far as the frames were matted [(F, h, w), bool, reduced].
     """
 
     def __init__(self, camera: Camera):
@@ -76,8 +80,10 @@ class Mattes:
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
         self.still: Background | None = None
+        self._corrected: Background | None = None
         self.expected: Expectation | None = None
-        self.overlaps = np.ones(len(camera.frames))
+        self.compared, self.overlaps = False, np.ones(len(camera.frames))
+        self.masks = np.zeros((len(camera.frames), *reduced(self.lens.valid).shape), bool)
         self.cut: Callable[[np.ndarray, np.ndarray | None, int], np.ndarray]
         border = np.concatenate((first[0], first[-1], first[:, 0], first[:, -1]))
         if camera.frames[0].mask is not None:
@@ -103,8 +109,7 @@ class Mattes:
         """How the mattes were made, in words."""
         if self.still is None:
             return self.way
-        helped = " and the other views" if self.expected is not None else ""
-        return f"{self.way}{helped}"
+        return f"{self.way}{' and the other views' if self.compared else ''}"
 
     def find_background(self) -> None:
         """Find the background in the video itself, for all mattes from now on.
@@ -114,21 +119,29 @@ class Mattes:
         """
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
-        found = still_background(self._pictures)
+        self.footage = Footage(self._pictures)
+        found = still_background(self.footage)
         if found is None:
             raise UserInputError(
                 f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
                 f"background as backgrounds/{camera.name}.png"
             )
-        self.still, self.plate = found, found.plate
+        self.still = found.at_full_size(self.footage)
+        self.plate = self.still.plate
         doing("matting the videos")
 
-    def correct_background(self, expected: Expectation, masks: np.ndarray) -> None:
-        """Find it again with what the other views say about all frames, and the mattes so far [(F, H, W), bool]."""
-        doing(f"comparing camera {self.camera.name} with the other views")
-        self.still = background_by_views(self._pictures, expected, masks)
-        self.plate, self.expected = self.still.plate, expected
-        doing("matting the videos")
+    def correct(self, expected: Expectation, colours: Colours) -> None:
+        """Find the background and ``masks`` again with what the other views say about all frames, at reduced size."""
+        self.masks = self.masks.copy()
+        self.expected, self._corrected = expected, background_by_views(self.footage, expected, self.masks, colours)
+        for number, (image, prior) in enumerate(zip(self.footage, expected, strict=True)):
+            self.masks[number] = self._cut(image, number, self._corrected, prior)[1] > 0.5
+
+    def take_correction(self) -> None:
+        """Matte with the corrected background from now on."""
+        if self._corrected is not None:
+            self.still, self._corrected = self._corrected.at_full_size(self.footage), None
+            self.plate = self.still.plate
 
     def _pictures(self) -> Iterator[np.ndarray]:
         return (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames())
@@ -141,6 +154,7 @@ class Mattes:
                 raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
             result = self.cut(pixels, mask, number)
             result[..., 3] *= self.lens.valid
+            self.masks[number] = reduced(result[..., 3]) > 0.5
             yield result
 
     def _frames(self) -> Iterator[tuple[Frame, np.ndarray]]:
@@ -173,10 +187,16 @@ class Mattes:
     def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
         assert self.still is not None
         image = self.lens.undistorted(pixels[..., :3])
-        odds = self.still.denoised_odds(image, 0.0 if self.expected is None else self.expected.log_odds(number))
+        expected = 0.0 if self.expected is None else self.expected.log_odds(number, image.shape)
+        return _unmixed(*self._cut(image, number, self.still, expected))
+
+    def _cut(
+        self, image: np.ndarray, number: int, background: Background, expected: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        odds = background.denoised_odds(image, expected)
         solid = solid_part(odds)
         self.overlaps[number] = expected_overlap(odds, solid)
-        return _unmixed(*matte(image, self.still.plate, solid))
+        return matte(image, background.plate, solid)
 
     def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         assert self.plate is not None

@@ -1,36 +1,34 @@
 """What the other cameras say about where a camera sees the object: their visual hull without it (Laurentini 1994).
 
-A matte that is wrong in one view, where colours do not tell object and background apart, is right in most others.
+A matte that is wrong in one view, where colours do not tell object and background apart, is right in most others. The
+hull is looked for along the ray of each pixel, as what every other view sees on its object (image-based visual hulls:
+Matusik et al. 2000), so that it is as exact as the outlines are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
-from tqdm import tqdm
 
-from pacnerf_lpo.data.recordings.voxel_hull import RASTER, hull_picture, projected
+from pacnerf_lpo.data.recordings.resolution import enlarged
+from pacnerf_lpo.data.recordings.voxel_hull import projected
 from pacnerf_lpo.data.recordings.written_scene import View
 
 FEWEST = 3
 """Other views that a hull needs: two allow everything along their lines of sight."""
 OUTVOTED = 4
 """Other views from which on one of them may miss a part of the object."""
-CELLS = 44
-"""Cells along the box around all motion."""
-HALVED = 2
-"""How often cells on the object are halved: then they are about as large as a pixel, where it fills a third of one."""
-NEAR = 2
-"""Pixels by which outlines are widened while cells are large, so that none is lost whose middle is off the object."""
+DEPTHS = 96
+"""Points along each ray within the room of the motion: then a body is missed at its rim alone, by a part of a pixel."""
 ROOM = 1.4
-"""Size of that box relative to what the middle one of the cameras sees of the motion."""
+"""Size of that room relative to what the middle one of the cameras sees of the motion."""
 IN_STEP = 0.1
 """Frames nearer in time than this part of a frame are of one moment; else those before and after count together."""
-UNSURE = 1.5
-"""Pixels by which outlines of good mattes and calibrations differ from each other's hull, beside its cells."""
+UNSURE = 2.0
+"""Pixels by which outlines of good mattes and calibrations differ from each other's hull: a half in each of four."""
 AGREES = 0.5
 """Part of a matte that lies on the others' hull, below which a calibration or clock is wrong and says nothing here."""
 BINS = 3
@@ -43,7 +41,7 @@ FREE = -2.0
 
 @dataclass(frozen=True)
 class Silhouettes:
-    """What a camera showed.
+    """What a camera showed, at reduced resolution.
 
     view: its pose and intrinsics
     times: of its frames, by the common clock [s, (F,)]
@@ -63,26 +61,31 @@ class Silhouettes:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the others say about a camera.
+    """What the others say about a camera, at reduced resolution.
 
     depth: how far inside their hull each pixel is, negative outside [pixels, (F, H, W)]
     loose: the same for the hull if one of them may be wrong
-    unsure: how exact that is [pixels]
+    contradicted: largest part of a matte of this camera that lies outside their hull by more than UNSURE
     table: log odds of the object by both depths [pixels from -BINS to BINS, (loose, depth)]
     """
 
     depth: np.ndarray
     loose: np.ndarray
-    unsure: float
+    contradicted: float
     table: np.ndarray
 
-    def log_odds(self, frame: int) -> np.ndarray:
-        """Log odds of the object in each pixel of a frame, before its colour is looked at [(H, W)]."""
-        return self.table[_bins(self.loose[frame]), _bins(self.depth[frame])]
+    def log_odds(self, frame: int, shape: tuple[int, ...] | None = None) -> np.ndarray:
+        """Log odds of the object in each pixel of a frame, before its colour is looked at [(H, W)]; of ``shape``."""
+        found = self.table[_bins(self.loose[frame]), _bins(self.depth[frame])]
+        return found if shape is None else enlarged(found, shape)
 
     def free(self, frame: int) -> np.ndarray:
         """Where the others are sure that a frame shows background [(H, W), bool]."""
-        return (self.loose[frame] < -self.unsure) | (self.log_odds(frame) < FREE)
+        return (self.loose[frame] < -UNSURE) | (self.log_odds(frame) < FREE)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """The log odds of every frame [(H, W) each]."""
+        return map(self.log_odds, range(len(self.depth)))
 
     def at(self, frames: np.ndarray) -> Expectation:
         """Of some of the frames, by their numbers."""
@@ -97,45 +100,31 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     """
     if len(cameras) <= FEWEST:
         return [None] * len(cameras)
-    points, cell = _box(cameras, centre)
-    places = [_pixels(points, camera) for camera in cameras]
-    step = float(np.median(np.diff(cameras[0].times)))
-    found: list[tuple[np.ndarray, np.ndarray, float] | None] = []
-    for number, camera in enumerate(tqdm(cameras, desc="comparing the views", delay=2.0, leave=False)):
-        others = [other for other in range(len(cameras)) if other != number]
-        depths: list[list[np.ndarray]] = []
-        sizes = [1.0]
-        for time in camera.times:
-            masks = [cameras[other].at(time, step) for other in others]
-            wide = [ndimage.binary_dilation(mask, iterations=NEAR) for mask in masks]
-            missed, fine = _missed([places[other] for other in others], wide), points
-            for level in range(HALVED):
-                fine = _halves(fine[missed <= int(len(others) >= OUTVOTED)], cell / 2**level)
-                seen = [_pixels(fine, cameras[other]) for other in others]
-                missed = _missed(seen, masks if level == HALVED - 1 else wide)
-            depths.append([])
-            for wrong in (0, int(len(others) >= OUTVOTED)):
-                hull = fine[missed <= wrong]
-                if len(hull):
-                    picture, corner, scale = hull_picture(hull, cell / 2**HALVED, camera.view)
-                    sizes.append(RASTER / scale)
-                    depths[-1].append(_depth(picture, corner, scale, camera.masks.shape[1:]))
-                else:
-                    depths[-1].append(np.full(camera.masks.shape[1:], -float(max(camera.masks.shape))))
-        strict, loose = np.array(depths, np.float32).swapaxes(0, 1)
-        unsure = UNSURE + float(np.median(sizes))
-        found.append((strict, loose, unsure) if _agrees(strict, loose, unsure, camera.masks) else None)
-    table = _table([(*one[:2], camera.masks) for one, camera in zip(found, cameras, strict=True) if one is not None])
-    return [None if one is None else Expectation(*one, table) for one in found]
+    half, step = _room(cameras, centre), float(np.median(np.diff(cameras[0].times)))
+    wrong = int(len(cameras) > OUTVOTED)
+    found: list[tuple[np.ndarray, np.ndarray] | None] = []
+    for number, camera in enumerate(cameras):
+        others = [other for at, other in enumerate(cameras) if at != number]
+        rays = _rays(camera.view, camera.masks.shape[1:], centre, half, others, wrong)
+        depths = np.array([_depths(*rays, [o.at(t, step) for o in others], wrong) for t in camera.times], np.int8)
+        found.append((depths[:, 0], depths[:, 1]) if _agrees(depths, camera.masks) else None)
+    pairs = list(zip(found, cameras, strict=True))
+    table = _table([(*one, camera.masks) for one, camera in pairs if one is not None])
+    return [None if one is None else Expectation(*one, _contradicted(one[0], c.masks), table) for one, c in pairs]
 
 
-def _agrees(strict: np.ndarray, loose: np.ndarray, unsure: float, masks: np.ndarray) -> bool:
-    inside = (masks & (loose > -unsure)).sum()
-    return bool(masks.any() and (strict > 0.0).any() and inside >= AGREES * masks.sum())
+def _agrees(depths: np.ndarray, masks: np.ndarray) -> bool:
+    inside = (masks & (depths[:, 1] > -UNSURE)).sum()
+    return bool(masks.any() and (depths[:, 0] > 0).any() and inside >= AGREES * masks.sum())
+
+
+def _contradicted(depth: np.ndarray, masks: np.ndarray) -> float:
+    off = (masks & (depth < -UNSURE)).sum(axis=(1, 2))
+    return float((off / np.maximum(masks.sum(axis=(1, 2)), 1)).max())
 
 
 def _bins(depth: np.ndarray) -> np.ndarray:
-    return (np.clip(np.round(depth), -BINS, BINS) + BINS).astype(int)
+    return np.clip(depth, -BINS, BINS).astype(int) + BINS
 
 
 def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -146,18 +135,13 @@ def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.nda
     """
     counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)  # Jeffreys' prior
     for strict, loose, masks in parts:
-        np.add.at(counts, (masks.astype(int), _bins(loose), _bins(strict)), 1.0)
+        cells = np.ravel_multi_index((masks.astype(int), _bins(loose), _bins(strict)), counts.shape)
+        counts += np.bincount(cells.ravel(), minlength=counts.size).reshape(counts.shape)
     return np.clip(np.log(counts[1] / counts[0]), -SURE, SURE)
 
 
-def _halves(points: np.ndarray, cell: float) -> np.ndarray:
-    """The centres of the eight halves of each cell, of this edge [(8 N, 3)]."""
-    corners = 2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0
-    return (points[:, None] + 0.25 * cell * corners).reshape(-1, 3)
-
-
-def _box(cameras: Sequence[Silhouettes], centre: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centres of cells [(N, 3)] around all motion, and their edge."""
+def _room(cameras: Sequence[Silhouettes], centre: np.ndarray) -> float:
+    """How far around the centre there is motion."""
     reaches = []
     for camera in cameras:
         y, x = np.nonzero(camera.masks.any(axis=0))
@@ -165,43 +149,76 @@ def _box(cameras: Sequence[Silhouettes], centre: np.ndarray) -> tuple[np.ndarray
         if len(x) and depth[0] > 0:
             away = np.linalg.norm(np.stack((x, y), axis=-1) + 0.5 - middle, axis=-1).max()
             reaches.append(away * depth[0] / camera.view.intrinsic[0, 0])
-    half = ROOM * float(np.median(reaches))
-    cell = 2.0 * half / CELLS
-    axis = (np.arange(CELLS) + 0.5) * cell - half
-    return centre + np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3), cell
+    return ROOM * float(np.median(reaches))
 
 
-def _pixels(points: np.ndarray, camera: Silhouettes) -> tuple[np.ndarray, np.ndarray]:
-    """Index of each point's pixel in a flat image, and whether the camera sees it [(N,) each]."""
-    pixels, depth = projected(points, camera.view)
+def _rays(
+    view: View, shape: tuple[int, ...], centre: np.ndarray, half: float, others: Sequence[Silhouettes], wrong: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
+    """Points along the rays of a camera's pixels, without those that are off the motion in more than ``wrong`` views.
+
+    Returns:
+        For each point its pixel [(N,)], the pixel of it in each other view, in flat images [(V, N)], and whether that
+        one sees it [(V, N), bool]; and the shape of the images.
+    """
+    distance = float(-(centre - view.pose[:, 3]) @ view.pose[:, 2])
+    depths = distance + half * np.linspace(-1.0, 1.0, DEPTHS)
+    depths = depths[depths > 0.0]
+    row, column = np.indices(shape).reshape(2, -1) + 0.5
+    (fx, _, cx), (_, fy, cy), _ = view.intrinsic
+    rays = np.column_stack(((column - cx) / fx, (cy - row) / fy, -np.ones(row.size))) @ view.pose[:, :3].T
+    pixel, depth = np.repeat(np.arange(row.size), len(depths)), np.tile(depths, row.size).astype(np.float32)
+    flat, inside = np.empty((0, len(pixel)), np.int32), np.empty((0, len(pixel)), bool)
+    missed = np.zeros(len(pixel), np.int8)
+    for other in others:
+        place, sees = _pixels(view.pose[:, 3], rays, pixel, depth, other)
+        missed += sees & ~other.masks.any(axis=0).ravel()[place]
+        flat, inside, kept = np.vstack((flat, place)), np.vstack((inside, sees)), missed <= wrong
+        pixel, depth, missed = pixel[kept], depth[kept], missed[kept]
+        flat, inside = flat[:, kept], inside[:, kept]
+    return pixel, flat, inside, shape
+
+
+def _depths(
+    pixel: np.ndarray,
+    flat: np.ndarray,
+    inside: np.ndarray,
+    shape: tuple[int, ...],
+    masks: Sequence[np.ndarray],
+    wrong: int,
+) -> list[np.ndarray]:
+    """How far inside the hull each pixel is, and inside that in which ``wrong`` views may be wrong [(H, W) each].
+
+    Args:
+        pixel, flat, inside, shape: of :func:`_rays`. masks: of the other views [(H, W), bool].
+    """
+    missed, found = _missed(flat, inside, masks), []
+    for allowed in (0, wrong):
+        hull = np.zeros(shape, bool)
+        hull.ravel()[pixel[missed <= allowed]] = True
+        away = -ndimage.distance_transform_edt(~hull) if hull.any() else np.full(shape, -np.inf)
+        signed = np.where(hull, ndimage.distance_transform_edt(hull), away)
+        found.append(np.clip(np.round(signed), -BINS - UNSURE, BINS + UNSURE))
+    return found
+
+
+def _pixels(
+    start: np.ndarray, rays: np.ndarray, pixel: np.ndarray, depth: np.ndarray, camera: Silhouettes
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of points start + depth * rays[pixel]: the index of their pixel in a flat image, and whether the camera sees them
+    [(N,) each].
+    """
+    turn, ((fx, _, cx), (_, fy, cy), _) = camera.view.pose[:, :3], camera.view.intrinsic
+    x, y, z = ((start - camera.view.pose[:, 3]) @ turn)[:, None] + (rays @ turn).astype(np.float32).T[:, pixel] * depth
+    away = np.minimum(z, -1e-6 * abs(fx))
+    column, row = np.floor(cx - fx * x / away), np.floor(cy + fy * y / away)
     height, width = camera.masks.shape[1:]
-    inside = (depth > 0) & np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
-    column, row = np.where(inside[:, None], pixels, 0.0).astype(int).T
-    flat = row * width + column
+    inside = (z < 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    flat = np.where(inside, row * width + column, 0).astype(np.int32)
     return flat, inside & camera.view.valid.ravel()[flat]
 
 
-def _missed(places: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray]) -> np.ndarray:
+def _missed(flat: np.ndarray, inside: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
     """In how many views that see a point it is off the object; all of them, where too few see it [(N,)]."""
-    missed, seen = np.zeros((2, len(places[0][0])), int)
-    for (flat, inside), mask in zip(places, masks, strict=True):
-        missed += inside & ~mask.ravel()[flat]
-        seen += inside
-    return np.where(seen > len(masks) / 2, missed, len(masks))
-
-
-def _depth(picture: np.ndarray, corner: np.ndarray, scale: float, shape: tuple[int, int]) -> np.ndarray:
-    """Signed distance from the rim of a hull's picture in each pixel of an image, positive inside [pixels, (H, W)]."""
-    room = round(10 * scale)
-    padded = np.pad(picture, room)
-    signed = ndimage.distance_transform_edt(padded) - ndimage.distance_transform_edt(~padded)
-    rows, columns = (
-        np.floor((np.arange(n) + 0.5 - c) * scale).astype(int) + room for n, c in zip(shape, corner[::-1], strict=True)
-    )
-    grid = np.ix_(np.clip(rows, 0, padded.shape[0] - 1), np.clip(columns, 0, padded.shape[1] - 1))
-    outside = ~np.logical_and.outer(_within(rows, padded.shape[0]), _within(columns, padded.shape[1]))
-    return np.where(outside, -float(max(shape)), signed[grid] / scale)
-
-
-def _within(places: np.ndarray, count: int) -> np.ndarray:
-    return (places >= 0) & (places < count)
+    on = np.stack([mask.ravel()[place] for mask, place in zip(masks, flat, strict=True)])
+    return np.where(inside.sum(axis=0) > len(masks) / 2, (inside & ~on).sum(axis=0), len(masks))

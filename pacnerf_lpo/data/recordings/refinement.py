@@ -7,13 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pacnerf_lpo.data.images import read_png
+from pacnerf_lpo.data.recordings.background import colours_by_views
 from pacnerf_lpo.data.recordings.clocks import Clocks, nearest_point
 from pacnerf_lpo.data.recordings.mattes import Mattes
-from pacnerf_lpo.data.recordings.other_views import Silhouettes, expectations
+from pacnerf_lpo.data.recordings.other_views import Expectation, Silhouettes, expectations
+from pacnerf_lpo.data.recordings.resolution import factor_of, reduced
 from pacnerf_lpo.data.recordings.shots import Shots, look, synchronised
 from pacnerf_lpo.data.recordings.written_scene import View
+from pacnerf_lpo.heartbeat import doing
 
+CLEAR = 0.98
+"""Expected overlap of mattes by colours alone, below which the other views are asked: of a body forty pixels wide, less
+than a fifth of a pixel is unsure all around then."""
 ROUNDS = 6
 """How often at most: in a round, right views correct a wrong one by a few pixels along its rim."""
 SETTLED = 0.995
@@ -37,34 +42,53 @@ def refined(
     """
     if all(matted.still is None for matted in mattes):
         return shots, clocks
-    views = [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
+    centre = nearest_point([shot.sighting for shot in shots])
+    # mattes that are wrong look like another time, so fractions of a frame wait until they are right
+    offsets = clocks.step * np.round(clocks.offsets / clocks.step)
+    times = [
+        np.interp(np.arange(len(matted.camera.frames)), shot.frames, shot.sighting.times + offset)
+        for matted, shot, offset in zip(mattes, shots, offsets, strict=True)
+    ]
+    corrected: set[int] = set()
     for _ in range(ROUNDS):
-        found = expectations(views, nearest_point([shot.sighting for shot in shots]))
-        better = [one is not None and matted.still is not None for one, matted in zip(found, mattes, strict=True)]
-        if not any(better):
+        doing("comparing the views")
+        before = [matted.masks for matted in mattes]
+        found = expectations([_silhouettes(*pair) for pair in zip(mattes, times, strict=True)], centre)
+        for matted, one in zip(mattes, found, strict=True):
+            matted.compared |= one is not None
+        if not any(_doubtful(*pair) for pair in zip(mattes, found, strict=True)):
             break
-        for view, (matted, one) in enumerate(zip(mattes, found, strict=True)):
-            if one is not None and better[view]:
-                numbers = np.arange(len(matted.camera.frames))
-                nearest = np.abs(shots[view].frames - numbers[:, None]).argmin(axis=1)
-                matted.correct_background(one.at(nearest), views[view].masks[nearest])
-                shots[view] = look(folder, view, matted, stamps[view], size)
-        shots, clocks = synchronised(shots)
-        before, views = views, [_silhouettes(*each) for each in zip(mattes, shots, clocks.offsets, strict=True)]
-        if min(_overlap(*pair) for pair in zip(before, views, strict=True)) > SETTLED:
+        asked = {view: one for view, one in enumerate(found) if one is not None and mattes[view].still is not None}
+        colours = {view: colours_by_views(mattes[view].footage, one, mattes[view].masks) for view, one in asked.items()}
+        for view, one in asked.items():
+            others = [colours[other] for other in asked if other != view]
+            mattes[view].correct(one, colours[view].shared_with(others) if others else colours[view])
+        corrected |= set(asked)
+        if min(_overlap(old, matted.masks) for old, matted in zip(before, mattes, strict=True)) > SETTLED:
             break
-    return shots, clocks
+    if not corrected:
+        return shots, clocks
+    doing("matting the videos")
+    for view in corrected:
+        mattes[view].take_correction()
+        shots[view] = look(folder, view, mattes[view], stamps[view], size)
+    return synchronised(shots)
 
 
-def _overlap(one: Silhouettes, other: Silhouettes) -> float:
-    """Intersection over union of all frames together; 0 where their number has changed."""
-    if one.masks.shape != other.masks.shape:
-        return 0.0
-    return float((one.masks & other.masks).sum() / max((one.masks | other.masks).sum(), 1))
+def _doubtful(mattes: Mattes, expected: Expectation | None) -> bool:
+    """Whether a camera's colours leave doubts, or the other views."""
+    if mattes.still is None or expected is None:
+        return False
+    return expected.contradicted > 1.0 - SETTLED or float(mattes.overlaps.mean()) < CLEAR
 
 
-def _silhouettes(mattes: Mattes, shots: Shots, offset: float) -> Silhouettes:
-    camera, (width, height) = mattes.camera, mattes.size
-    masks = np.stack([read_png(image)[:height, :width, 3] > 0.5 for image in shots.images])
-    view = View(0, camera.name, camera.intrinsic, camera.pose, mattes.lens.valid, None)
-    return Silhouettes(view, shots.sighting.times + offset, masks)
+def _overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union of all frames together."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
+
+
+def _silhouettes(mattes: Mattes, times: np.ndarray) -> Silhouettes:
+    camera, finer = mattes.camera, factor_of(mattes.lens.valid.shape)
+    intrinsic = camera.intrinsic / [[finer], [finer], [1.0]]
+    view = View(0, camera.name, intrinsic, camera.pose, reduced(mattes.lens.valid) > 0.5, None)
+    return Silhouettes(view, times, mattes.masks)

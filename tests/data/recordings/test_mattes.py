@@ -10,7 +10,8 @@ from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.images import read_png
 from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.data.recordings.background import Background, expected_overlap, solid_part, still_background
-from pacnerf_lpo.data.recordings.other_views import Silhouettes, expectations
+from pacnerf_lpo.data.recordings.footage import Footage
+from pacnerf_lpo.data.recordings.other_views import UNSURE, Silhouettes, expectations
 from pacnerf_lpo.data.recordings.written_scene import View
 from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import SIZE, START, VIEWS, World, film, intrinsic, opencv_intrinsic, rig, save_video
@@ -49,8 +50,10 @@ def matted(images: np.ndarray) -> tuple[Background, np.ndarray, list[float]]:
     def pictures() -> Iterator[np.ndarray]:
         return iter(images)
 
-    found = still_background(pictures)
+    footage = Footage(pictures)
+    found = still_background(footage)
     assert found is not None
+    found = found.at_full_size(footage)
     odds = [found.denoised_odds(image) for image in images]
     solid = [solid_part(one) for one in odds]
     mattes = np.stack([matte(image, found.plate, one)[1] > 0.5 for image, one in zip(images, solid, strict=True)])
@@ -81,7 +84,7 @@ def test_how_sure_follows_how_right():
 
 def test_nothing_moves():
     still = np.repeat(textured(0)[None], 6, axis=0)
-    assert still_background(lambda: iter(still)) is None
+    assert still_background(Footage(lambda: iter(still))) is None
 
 
 def test_other_views_contradict_a_ghost():
@@ -97,7 +100,7 @@ def test_other_views_contradict_a_ghost():
     expected = expectations(cameras, START)
     assert all(one is not None for one in expected)
     for one, mask in zip(expected, masks, strict=True):
-        assert (one.loose[mask] > -one.unsure).mean() > 0.99
+        assert (one.loose[mask] > -UNSURE).mean() > 0.99
     assert expected[2].log_odds(3)[75:80, 15:25].max() < -3.0
     assert overlaps(expected[2].depth > 0.0, masks[2]).min() > 0.5
     assert expectations(cameras[:3], START) == [None] * 3
