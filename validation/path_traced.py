@@ -2,7 +2,7 @@
 
 It runs in a Python that has Mitsuba, see ``mattes.py``, and needs nothing of this package:
 
-    python benchmarks/path_traced.py FOLDER
+    python validation/path_traced.py FOLDER
 
 FOLDER holds ``scene.json`` and ``surface.npz`` as ``mattes.py`` writes them; images that are there already are kept.
 """

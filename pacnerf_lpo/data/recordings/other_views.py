@@ -34,7 +34,9 @@ AGREES = 0.5
 BINS = 3
 """Depths in the hull are counted up to so many pixels, positive and negative: beyond, nothing depends on them."""
 SURE = 4.0
-"""Log odds up to which the hull counts: an outline has two per cent of wrong pixels."""
+"""Log odds against the object down to which the hull counts: an outline has two per cent of wrong pixels."""
+INSIDE = 1.0
+"""Log odds for it up to which the hull counts: a body fills three quarters of what a handful of views allow it."""
 FREE = -2.0
 """Log odds below which a pixel counts as background: seven to one."""
 
@@ -104,9 +106,11 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     wrong = int(len(cameras) > OUTVOTED)
     found: list[tuple[np.ndarray, np.ndarray] | None] = []
     for number, camera in enumerate(cameras):
-        others = [other for at, other in enumerate(cameras) if at != number]
-        rays = _rays(camera.view, camera.masks.shape[1:], centre, half, others, wrong)
-        depths = np.array([_depths(*rays, [o.at(t, step) for o in others], wrong) for t in camera.times], np.int8)
+        others, shape = [*cameras[:number], *cameras[number + 1 :]], camera.masks.shape[1:]
+        rays = _rays(camera.view, shape, centre, half, others, wrong)
+        depths = np.array(
+            [_depths(*rays, [o.at(t, step) for o in others], shape, wrong) for t in camera.times], np.int8
+        )
         found.append((depths[:, 0], depths[:, 1]) if _agrees(depths, camera.masks) else None)
     pairs = list(zip(found, cameras, strict=True))
     table = _table([(*one, camera.masks) for one, camera in pairs if one is not None])
@@ -137,7 +141,7 @@ def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.nda
     for strict, loose, masks in parts:
         cells = np.ravel_multi_index((masks.astype(int), _bins(loose), _bins(strict)), counts.shape)
         counts += np.bincount(cells.ravel(), minlength=counts.size).reshape(counts.shape)
-    return np.clip(np.log(counts[1] / counts[0]), -SURE, SURE)
+    return np.clip(np.log(counts[1] / counts[0]), -SURE, INSIDE)
 
 
 def _room(cameras: Sequence[Silhouettes], centre: np.ndarray) -> float:
@@ -154,12 +158,13 @@ def _room(cameras: Sequence[Silhouettes], centre: np.ndarray) -> float:
 
 def _rays(
     view: View, shape: tuple[int, ...], centre: np.ndarray, half: float, others: Sequence[Silhouettes], wrong: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
-    """Points along the rays of a camera's pixels, without those that are off the motion in more than ``wrong`` views.
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Points along the rays of a camera's pixels that more than half of the other views see, without those that are
+    off the motion in more than ``wrong`` of them.
 
     Returns:
-        For each point its pixel [(N,)], the pixel of it in each other view, in flat images [(V, N)], and whether that
-        one sees it [(V, N), bool]; and the shape of the images.
+        For each point its pixel [(N,)], and in each other view its pixel in a flat image, or the end of that where it
+        does not see it [(N,) each].
     """
     distance = float(-(centre - view.pose[:, 3]) @ view.pose[:, 2])
     depths = distance + half * np.linspace(-1.0, 1.0, DEPTHS)
@@ -168,31 +173,26 @@ def _rays(
     (fx, _, cx), (_, fy, cy), _ = view.intrinsic
     rays = np.column_stack(((column - cx) / fx, (cy - row) / fy, -np.ones(row.size))) @ view.pose[:, :3].T
     pixel, depth = np.repeat(np.arange(row.size), len(depths)), np.tile(depths, row.size).astype(np.float32)
-    flat, inside = np.empty((0, len(pixel)), np.int32), np.empty((0, len(pixel)), bool)
-    missed = np.zeros(len(pixel), np.int8)
+    flat: list[np.ndarray] = []
     for other in others:
-        place, sees = _pixels(view.pose[:, 3], rays, pixel, depth, other)
-        missed += sees & ~other.masks.any(axis=0).ravel()[place]
-        flat, inside, kept = np.vstack((flat, place)), np.vstack((inside, sees)), missed <= wrong
-        pixel, depth, missed = pixel[kept], depth[kept], missed[kept]
-        flat, inside = flat[:, kept], inside[:, kept]
-    return pixel, flat, inside, shape
+        flat.append(_pixels(view.pose[:, 3], rays, pixel, depth, other))
+        motion = [np.asarray(one.masks.any(axis=0)) for one in others[: len(flat)]]
+        kept = np.flatnonzero(_missed(flat, motion) <= wrong)
+        pixel, depth, flat = pixel[kept], depth[kept], [place[kept] for place in flat]
+    seen = sum(place < other.masks[0].size for place, other in zip(flat, others, strict=True))
+    enough = np.flatnonzero(seen > len(others) / 2)
+    return pixel[enough], [place[enough] for place in flat]
 
 
 def _depths(
-    pixel: np.ndarray,
-    flat: np.ndarray,
-    inside: np.ndarray,
-    shape: tuple[int, ...],
-    masks: Sequence[np.ndarray],
-    wrong: int,
+    pixel: np.ndarray, flat: Sequence[np.ndarray], masks: Sequence[np.ndarray], shape: tuple[int, ...], wrong: int
 ) -> list[np.ndarray]:
     """How far inside the hull each pixel is, and inside that in which ``wrong`` views may be wrong [(H, W) each].
 
     Args:
-        pixel, flat, inside, shape: of :func:`_rays`. masks: of the other views [(H, W), bool].
+        pixel, flat: of :func:`_rays`. masks: of the other views [(H, W), bool]. shape: of the image.
     """
-    missed, found = _missed(flat, inside, masks), []
+    missed, found = _missed(flat, masks), []
     for allowed in (0, wrong):
         hull = np.zeros(shape, bool)
         hull.ravel()[pixel[missed <= allowed]] = True
@@ -204,10 +204,8 @@ def _depths(
 
 def _pixels(
     start: np.ndarray, rays: np.ndarray, pixel: np.ndarray, depth: np.ndarray, camera: Silhouettes
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of points start + depth * rays[pixel]: the index of their pixel in a flat image, and whether the camera sees them
-    [(N,) each].
-    """
+) -> np.ndarray:
+    """Index in a flat image of each point start + depth * rays[pixel]; the image's size where none shows it [(N,)]."""
     turn, ((fx, _, cx), (_, fy, cy), _) = camera.view.pose[:, :3], camera.view.intrinsic
     x, y, z = ((start - camera.view.pose[:, 3]) @ turn)[:, None] + (rays @ turn).astype(np.float32).T[:, pixel] * depth
     away = np.minimum(z, -1e-6 * abs(fx))
@@ -215,10 +213,12 @@ def _pixels(
     height, width = camera.masks.shape[1:]
     inside = (z < 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
     flat = np.where(inside, row * width + column, 0).astype(np.int32)
-    return flat, inside & camera.view.valid.ravel()[flat]
+    return np.asarray(np.where(inside & camera.view.valid.ravel()[flat], flat, np.int32(height * width)))
 
 
-def _missed(flat: np.ndarray, inside: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
-    """In how many views that see a point it is off the object; all of them, where too few see it [(N,)]."""
-    on = np.stack([mask.ravel()[place] for mask, place in zip(masks, flat, strict=True)])
-    return np.where(inside.sum(axis=0) > len(masks) / 2, (inside & ~on).sum(axis=0), len(masks))
+def _missed(flat: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """In how many views that see a point it is off the object [(N,)]."""
+    missed = np.zeros(len(flat[0]), np.int8)
+    for place, mask in zip(flat, masks, strict=True):
+        missed += np.append(~mask, False)[place]
+    return missed

@@ -14,7 +14,18 @@ from pacnerf_lpo.data.recordings.footage import Footage
 from pacnerf_lpo.data.recordings.other_views import UNSURE, Silhouettes, expectations
 from pacnerf_lpo.data.recordings.written_scene import View
 from tests.data.recordings.layouts import write_json
-from tests.data.recordings.studio import SIZE, START, VIEWS, World, film, intrinsic, opencv_intrinsic, rig, save_video
+from tests.data.recordings.studio import (
+    CONTACT,
+    SIZE,
+    START,
+    VIEWS,
+    World,
+    film,
+    intrinsic,
+    opencv_intrinsic,
+    rig,
+    save_video,
+)
 
 NOISE = 0.03
 RESTING = np.concatenate((np.arange(8.0), np.full(6, 10.0)))
@@ -40,6 +51,15 @@ def filmed(view: int, moments: np.ndarray, backdrop: np.ndarray) -> tuple[np.nda
     images = opacity * shown[..., :3] + (1.0 - opacity) * np.stack(shade) * backdrop
     noise = NOISE * np.random.default_rng(view).standard_normal(images.shape)
     return np.clip(images + noise, 0.0, 1.0).astype(np.float32), opacity[..., 0] > 0.5
+
+
+def in_contact(view: int, backdrop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same, where the ground under the body is black to some pixels beside it once it has landed."""
+    images, true = filmed(view, RESTING, backdrop)
+    for image, body in zip(images[CONTACT:], true[CONTACT:], strict=False):
+        under = ndimage.gaussian_filter(np.roll(body, (4, 1), (0, 1)).astype(float), 1.5)[..., None]
+        image[...] = np.where(body[..., None], image, image * (1.0 - np.clip(1.6 * under, 0.0, 1.0)))
+    return images, true
 
 
 def overlaps(found: np.ndarray, true: np.ndarray) -> np.ndarray:
@@ -71,6 +91,17 @@ def test_a_body_before_a_still_camera(moments, texture):
     assert seen.mean() > 0.96 and seen.min() > 0.93
     assert np.abs(found.plate - backdrop)[found.known].mean() < NOISE
     assert min(sure) > 0.9
+
+
+@pytest.mark.parametrize("texture", [True, False], ids=["textured", "even"])
+def test_a_black_contact_shadow_is_no_part_of_the_body(texture):
+    """A matte with the shadow would overlap by less than 0.8."""
+    backdrop = textured(1) if texture else np.full((SIZE, SIZE, 3), 0.55)
+    images, true = in_contact(1, backdrop)
+    black = images.mean(axis=-1) < 0.5 * backdrop.mean(axis=-1)
+    assert overlaps(true | black, true)[CONTACT:].max() < 0.8
+    seen = overlaps(matted(images)[1], true)
+    assert seen.mean() > 0.96 and seen.min() > 0.93
 
 
 def test_how_sure_follows_how_right():
