@@ -68,8 +68,12 @@ def convert(recording: Recording, folder: Path) -> Scene:
         raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
     check_recording(recording)
     recording, stamps = timed(recording)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as work:
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        beside = tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-")
+    except OSError as error:
+        raise UserInputError(f"{folder}: cannot be written ({error.strerror}); give another place") from None
+    with beside as work:
         images = Path(work, "data")
         images.mkdir()
         with _kept_to_look_at(images, [camera.name for camera in recording.cameras], folder):
