@@ -1,6 +1,7 @@
 """Reverse-mode differentiation of a local law while its kernel is compiled.
 
-A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands it emits Taichi expressions and
+A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands (each a number, or the lanes of
+several particles) it emits Taichi expressions and
 leaves a record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel.
 Nothing is stored between kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no
 adjoint written by its author. Called with floats the same function computes floats, which is how a law is read and
@@ -12,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import lanes
 from pacnerf_lpo.mpm.taichi_calls import keep, ti
 
 FUNCTIONS = "where, maximum, minimum, sqrt, log and exp of pacnerf_lpo.mpm.differentiation"
@@ -69,13 +71,13 @@ class Scalar:
         return self._binary(self.value + plain(other), other, lambda g: (g, g))
 
     def __sub__(self, other: Any) -> "Scalar":
-        return self._binary(self.value - plain(other), other, lambda g: (g, -g))
+        return self._binary(self.value - plain(other), other, lambda g: (g, -1.0 * g))
 
     def __rsub__(self, other: Any) -> "Scalar":
         return self._unary(other - self.value, lambda: -1.0)
 
     def __neg__(self) -> "Scalar":
-        return self._unary(-self.value, lambda: -1.0)
+        return self._unary(-1.0 * self.value, lambda: -1.0)
 
     def __mul__(self, other: Any) -> "Scalar":
         return self._binary(self.value * plain(other), other, lambda g: (g * plain(other), g * self.value))
@@ -84,11 +86,11 @@ class Scalar:
         if not isinstance(other, Scalar):
             return self * (1.0 / other)
         ratio = keep(self.value / other.value)
-        return self._binary(ratio, other, lambda g: (g / other.value, -g * ratio / other.value))
+        return self._binary(ratio, other, lambda g: (g / other.value, -1.0 * g * ratio / other.value))
 
     def __rtruediv__(self, other: Any) -> "Scalar":
         ratio = keep(other / self.value)
-        return self._unary(ratio, lambda: -ratio / self.value)
+        return self._unary(ratio, lambda: -1.0 * ratio / self.value)
 
     def __pow__(self, power: Any) -> "Scalar":
         if not isinstance(power, int) or power == 0:  # of a positive number only, as in every language
@@ -131,10 +133,10 @@ class Condition:
         self.value = keep(value)
 
     def __and__(self, other: "Condition") -> "Condition":
-        return Condition(self.value & other.value)
+        return Condition(lanes.both(self.value, other.value))
 
     def __or__(self, other: "Condition") -> "Condition":
-        return Condition(self.value | other.value)
+        return Condition(lanes.either(self.value, other.value))
 
     def __bool__(self) -> bool:
         raise UserInputError(
@@ -152,20 +154,20 @@ def sqrt(x: Any) -> Any:
     """Square root; its derivative at 0 counts as 0, so that a norm has the gradient 0 at the origin."""
     if not isinstance(x, Scalar):
         return math.sqrt(x)
-    root = keep(ti.sqrt(x.value))
+    root = lanes.sqrt(x.value)
     return x._unary(root, lambda: ti.select(root > 0.0, 0.5 / root, 0.0))
 
 
 def log(x: Any) -> Any:
     """Natural logarithm."""
-    return x._unary(ti.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
+    return x._unary(lanes.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
 
 
 def exp(x: Any) -> Any:
     """Exponential."""
     if not isinstance(x, Scalar):
         return math.exp(x)
-    value = keep(ti.exp(x.value))
+    value = lanes.exp(x.value)
     return x._unary(value, lambda: value)
 
 

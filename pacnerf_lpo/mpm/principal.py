@@ -17,6 +17,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
+from pacnerf_lpo.mpm.lanes import absolute, both, log
+from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double, keep, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
@@ -47,11 +49,11 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     """
     mean = keep((b[0][0] + b[1][1] + b[2][2]) * (1.0 / 3.0))
     S = _symmetric(lambda i, j: b[i][j] - mean if i == j else b[i][j])
-    size = keep(ti.sqrt(ti.max(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE)))
+    size = root(ti.max(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE))
     inverse = keep(1.0 / size)
     S = _symmetric(lambda i, j: S[i][j] * inverse)
     half = keep(0.5 * _dot(S[0], _cofactors(S)[0]))
-    r = keep(ti.min(ti.abs(half), 1.0))
+    r = keep(ti.min(absolute(half), 1.0))
     c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
     for _ in range(2 if compiling_double() else 1):
         c = keep(c - (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0))
@@ -60,15 +62,15 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     side = keep(ti.select(a[2] < 0.0, -1.0, 1.0))
     tilt = keep(-1.0 / (side + a[2]))
     twist = keep(a[0] * a[1] * tilt)
-    p = [keep(1.0 + side * a[0] * a[0] * tilt), keep(side * twist), keep(-side * a[0])]
-    q = [twist, keep(side + a[1] * a[1] * tilt), keep(-a[1])]
+    p = [keep(1.0 + side * a[0] * a[0] * tilt), keep(side * twist), keep(-1.0 * side * a[0])]
+    q = [twist, keep(side + a[1] * a[1] * tilt), keep(-1.0 * a[1])]
     Sp = [keep(_dot(row, p)) for row in S]
     pp, pq = keep(_dot(p, Sp)), keep(_dot(q, Sp))
     d = keep(-0.5 * distinct - pp)  # half of q·Sq - p·Sp; the trace is zero
-    h = keep(ti.sqrt(d * d + pq * pq))
-    cosine, sine = keep(ti.abs(d) + h + TINY), keep(ti.select(d < 0.0, -pq, pq))
-    scale = keep(1.0 / ti.sqrt(cosine * cosine + sine * sine))
-    cosine, sine, h = keep(scale * cosine), keep(scale * sine), keep(ti.select(d < 0.0, -h, h))
+    h = root(d * d + pq * pq)
+    cosine, sine = keep(absolute(d) + h + TINY), keep(ti.select(d < 0.0, -1.0 * pq, pq))
+    scale = keep(1.0 / root(cosine * cosine + sine * sine))
+    cosine, sine, h = keep(scale * cosine), keep(scale * sine), keep(ti.select(d < 0.0, -1.0 * h, h))
     values = [keep(mean + size * x) for x in (distinct, -0.5 * distinct - h, -0.5 * distinct + h)]
     return values, [[a[i], keep(cosine * p[i] - sine * q[i]), keep(cosine * q[i] + sine * p[i])] for i in AXES]
 
@@ -100,7 +102,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         return _flat(_product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]]))
 
     operands = _flat(F)
-    trial = record.step([0.5 * ti.log(x) for x in beta], operands, strain_adjoint)
+    trial = record.step([0.5 * log(x) for x in beta], operands, strain_adjoint)
     strain = [maximum(x, LOG_SMALLEST_STRETCH) for x in trial]
     mean = (strain[0] + strain[1] + strain[2]) * (1.0 / 3.0)
     deviator = [x - mean for x in strain]
@@ -143,7 +145,7 @@ def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int,
     for i, j in ((0, 1), (0, 2), (1, 2)):
         gap, total = keep(beta[i] - beta[j]), keep(1.0 / (beta[i] + beta[j]))
         x, inverse = keep(gap * total), keep(1.0 / gap)
-        near, square = keep(ti.abs(x) < NEAR), keep(x * x)
+        near, square = keep(absolute(x) < NEAR), keep(x * x)
         limit = keep(total * (1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7)))))
         floored = keep(ti.select(beta[i] > SMALLEST_STRETCH_SQUARE, limit, 0.0))
         exponent = keep(kept * floored - limit)
@@ -157,9 +159,9 @@ def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int,
 def _kernel(M: Tensor3) -> list[Any]:
     """Unit vector in the kernel of a semidefinite matrix of rank 2: its cofactors are c a aᵀ; their longest column."""
     A = _cofactors(M)
-    first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
+    first, second = both(A[0][0] >= A[1][1], A[0][0] >= A[2][2]), keep(A[1][1] >= A[2][2])
     a = [keep(ti.select(first, A[0][k], ti.select(second, A[1][k], A[2][k]))) for k in AXES]
-    scale = keep(1.0 / ti.sqrt(_dot(a, a)))
+    scale = keep(1.0 / root(_dot(a, a)))
     return [keep(scale * x) for x in a]
 
 

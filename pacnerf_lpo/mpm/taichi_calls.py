@@ -20,6 +20,8 @@ from pacnerf_lpo.errors import UserInputError
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 import taichi as ti
 from taichi.lang import impl
+from taichi.lang.any_array import AnyArray
+from taichi.lang.expr import Expr
 
 OURS = Path(__file__).parents[1].as_posix() + "/"
 """Files of this package."""
@@ -35,8 +37,27 @@ def keep(value: Any) -> Any:
 
 
 def entry(array: Any, *indices: Any) -> Any:
-    """While a kernel is compiled: an entry of an array, a vector or a matrix."""
-    return keep(impl.subscript(impl.get_runtime().compiling_callable.ast_builder(), array, *indices))
+    """While a kernel is compiled: an entry of an array, a vector or a matrix; of an array of vectors, the vector or,
+    with one more index, a number of it.
+    """
+    return keep(_place(array, indices))
+
+
+def assign(array: Any, value: Any, *indices: Any) -> None:
+    """While a kernel is compiled: store an entry, as :func:`entry` reads it."""
+    _place(array, indices)._assign(value)
+
+
+def _place(array: Any, indices: tuple) -> Any:
+    builder = impl.get_runtime().compiling_callable.ast_builder()
+    if isinstance(array, AnyArray):
+        return _place(impl.subscript(builder, array, indices[0]), indices[1:])
+    return impl.subscript(builder, array, *indices) if indices else array
+
+
+def is_wide(value: Any) -> bool:
+    """While a kernel is compiled: whether this is a vector."""
+    return isinstance(value, Expr) and value.is_tensor()
 
 
 def components(vector: Any) -> list[Any]:

@@ -1,0 +1,161 @@
+"""The sums of a group that fills a register, particle by particle, from and to the group's bench.
+
+The nodes of a stencil along z lie side by side in memory. With a fourth, of weight 0, they are a row of 16 numbers, which
+one instruction handles; a stencil is nine rows. The fourth node has to exist and to be finite.
+"""
+
+from typing import Any
+
+from pacnerf_lpo.mpm.arrays import Bench
+from pacnerf_lpo.mpm.lanes import LANES
+from pacnerf_lpo.mpm.taichi_calls import ti
+
+ROW = 16
+"""Numbers of a row: four at each of four nodes."""
+
+
+@ti.func
+def on(group: ti.template(), row: ti.template(), lane):
+    """A number of one particle on the bench."""
+    return group.bench[group.base + row][lane]
+
+
+@ti.func
+def first_node(s: ti.template(), group: ti.template(), lane):
+    """Place in memory of the first node of the stencil of one particle."""
+    i, j, k = int(on(group, Bench.CELL, lane)), int(on(group, Bench.CELL + 1, lane)), int(on(group, Bench.CELL + 2, lane))
+    return i * s.dims.plane + j * s.dims.row + k
+
+
+@ti.func
+def row_at(field: ti.template(), o):
+    """The row that begins with node ``o``, read across the ends of its vectors."""
+    return ti.Vector([field[o][ti.i32(t)] for t in ti.static(range(ROW))])
+
+
+@ti.func
+def add_row(field: ti.template(), o, row):
+    """Add to the row that begins with node ``o``."""
+    new = row_at(field, o) + row
+    for t in ti.static(range(ROW)):
+        field[o][ti.i32(t)] = new[t]
+
+
+@ti.func
+def of_nodes(a, b, c):
+    """A row with the same number four times at each of the three nodes of a stencil, and 0 at the fourth."""
+    return ti.Vector([a, a, a, a, b, b, b, b, c, c, c, c, 0.0, 0.0, 0.0, 0.0])
+
+
+@ti.func
+def repeated(a, b, c, d):
+    """A row with the same four numbers at every node."""
+    return ti.Vector([a, b, c, d, a, b, c, d, a, b, c, d, a, b, c, d])
+
+
+@ti.func
+def added_up(row, c: ti.template()):
+    """Sum over the nodes of a row of its number ``c``."""
+    return (row[c] + row[4 + c]) + (row[8 + c] + row[12 + c])
+
+
+@ti.func
+def total_of(row):
+    """Sum over a row."""
+    return (added_up(row, 0) + added_up(row, 1)) + (added_up(row, 2) + added_up(row, 3))
+
+
+@ti.func
+def given_at(group: ti.template(), lane):
+    """What a particle gives, without weights, to the rows of its stencil: to the first, and the change along x and y."""
+    b = ti.static(Bench.GIVEN)
+    q = repeated(on(group, b, lane), on(group, b + 1, lane), on(group, b + 2, lane), on(group, b + 3, lane))
+    qi = repeated(on(group, b + 4, lane), on(group, b + 7, lane), on(group, b + 10, lane), 0.0)
+    qj = repeated(on(group, b + 5, lane), on(group, b + 8, lane), on(group, b + 11, lane), 0.0)
+    qk = repeated(on(group, b + 6, lane), on(group, b + 9, lane), on(group, b + 12, lane), 0.0)
+    return q + of_nodes(0.0, 1.0, 2.0) * qk, qi, qj
+
+
+@ti.func
+def scatter(field: ti.template(), first, s: ti.template(), group: ti.template()):
+    """Add what each particle gives, times the weights, to its nodes."""
+    for lane in range(LANES):
+        start = first + first_node(s, group, lane)
+        wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
+        q, qi, qj = given_at(group, lane)
+        q, qi, qj = wz * q, wz * qi, wz * qj
+        for i in ti.static(range(3)):
+            plane = q + float(i) * qi
+            for j in ti.static(range(3)):
+                w = on(group, Bench.W + i, lane) * on(group, Bench.W + 3 + j, lane)
+                add_row(field, start + i * s.dims.plane + j * s.dims.row, w * (plane + float(j) * qj))
+
+
+@ti.func
+def gather(field: ti.template(), first, s: ti.template(), group: ti.template()):
+    """The moments of a field over each particle's stencil."""
+    for lane in range(LANES):
+        start = first + first_node(s, group, lane)
+        zero = ti.Vector.zero(float, ROW)
+        m, mi, mj = zero, zero, zero
+        for i in ti.static(range(3)):
+            t, tj = zero, zero
+            for j in ti.static(range(3)):
+                u = on(group, Bench.W + 3 + j, lane) * row_at(field, start + i * s.dims.plane + j * s.dims.row)
+                t += u
+                tj += float(j) * u
+            w = on(group, Bench.W + i, lane)
+            m += w * t
+            mi += (float(i) * w) * t
+            mj += w * tj
+        store_moments(group, lane, m, mi, mj)
+
+
+@ti.func
+def store_moments(group: ti.template(), lane, m, mi, mj):
+    """Sum rows of moments over their nodes, onto the bench."""
+    wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
+    m, mi, mj = wz * m, wz * mi, wz * mj
+    mk = of_nodes(0.0, 1.0, 2.0) * m
+    for c in ti.static(range(4)):
+        group.bench[group.base + Bench.MOMENTS + c][lane] = added_up(m, c)
+    for c in ti.static(range(3)):
+        o = group.base + Bench.MOMENTS + 4 + 3 * c
+        group.bench[o][lane] = added_up(mi, c)
+        group.bench[o + 1][lane] = added_up(mj, c)
+        group.bench[o + 2][lane] = added_up(mk, c)
+
+
+@ti.func
+def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.template()):
+    """The moments of a field u over each particle's stencil, and the sum of (u · what it gives) grad w."""
+    for lane in range(LANES):
+        start = first + first_node(s, group, lane)
+        zero = ti.Vector.zero(float, ROW)
+        q, qi, qj = given_at(group, lane)
+        m, mi, mj = zero, zero, zero
+        gx, gy, gz = zero, zero, zero
+        for i in ti.static(range(3)):
+            t, tj, value, of_y = zero, zero, zero, zero
+            plane = q + float(i) * qi
+            for j in ti.static(range(3)):
+                u = row_at(field, start + i * s.dims.plane + j * s.dims.row)
+                wu = on(group, Bench.W + 3 + j, lane) * u
+                t += wu
+                tj += float(j) * wu
+                given = plane + float(j) * qj
+                value += wu * given
+                of_y += (on(group, Bench.DW + 3 + j, lane) * u) * given
+            w = on(group, Bench.W + i, lane)
+            m += w * t
+            mi += (float(i) * w) * t
+            mj += w * tj
+            gx += on(group, Bench.DW + i, lane) * value
+            gy += w * of_y
+            gz += w * value
+        store_moments(group, lane, m, mi, mj)
+        wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
+        dwz = of_nodes(on(group, Bench.DW + 6, lane), on(group, Bench.DW + 7, lane), on(group, Bench.DW + 8, lane))
+        group.bench[group.base + Bench.SLOPE][lane] = total_of(wz * gx)
+        group.bench[group.base + Bench.SLOPE + 1][lane] = total_of(wz * gy)
+        group.bench[group.base + Bench.SLOPE + 2][lane] = total_of(dwz * gz)
