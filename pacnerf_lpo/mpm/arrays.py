@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.lanes import LANES, wide
+from pacnerf_lpo.mpm.lanes import LANES, entry, keep, largest, new_scope, select, smallest, wide
 from pacnerf_lpo.mpm.point import LocalLaws
-from pacnerf_lpo.mpm.taichi_calls import Emitted, assign, entry, keep, ti
+from pacnerf_lpo.mpm.taichi_calls import Emitted, assign, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 STATE = 24
@@ -204,7 +204,7 @@ class Group(Emitted):
     def note(self, row: int, number: Any, most: bool = True) -> None:
         """Keep the largest, or the smallest, that a pass has seen in each lane."""
         (known,) = self.on_bench(row, 1)
-        self.put(row, [ti.max(known, number) if most else ti.min(known, number)])
+        self.put(row, [largest(known, number) if most else smallest(known, number)])
 
 
 def flat(tensor: Tensor3) -> list[Any]:
@@ -221,8 +221,8 @@ def check_velocity(v: list[Any], s: Setting, group: Group) -> None:
     """Report a particle that was faster than a cell per substep in the one before, or whose velocity is NaN."""
     step = keep((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * s.n.dt * s.n.dt)
     limit = keep(s.n.dx * s.n.dx)
-    fast = keep(ti.select(step > limit, 1.0, 0.0))
-    wrong = keep(ti.select(step <= limit, 0.0, 2.0 - fast))
+    fast = select(step > limit, 1.0, 0.0)
+    wrong = select(step <= limit, 0.0, 2.0 - fast)
     if group.lane is None:
         group.note(Bench.SPEED, wrong)
     else:
@@ -253,6 +253,7 @@ def report(s: ti.template(), speed, outside):
 
 def begin_pass(group: Group) -> None:
     """Clear what a pass keeps on the bench."""
+    new_scope()
     group.put(Bench.SPEED, [0.0, 0.0, *[float(NOT_YET)] * 3, *[-3.0] * 3])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import lanes
-from pacnerf_lpo.mpm.taichi_calls import keep, ti
+from pacnerf_lpo.mpm.lanes import keep
 
 FUNCTIONS = "where, maximum, minimum, sqrt, log and exp of pacnerf_lpo.mpm.differentiation"
 Pullback = Callable[[list], Sequence]
@@ -71,13 +71,13 @@ class Scalar:
         return self._binary(self.value + plain(other), other, lambda g: (g, g))
 
     def __sub__(self, other: Any) -> "Scalar":
-        return self._binary(self.value - plain(other), other, lambda g: (g, -1.0 * g))
+        return self._binary(self.value - plain(other), other, lambda g: (g, -g))
 
     def __rsub__(self, other: Any) -> "Scalar":
         return self._unary(other - self.value, lambda: -1.0)
 
     def __neg__(self) -> "Scalar":
-        return self._unary(-1.0 * self.value, lambda: -1.0)
+        return self._unary(-self.value, lambda: -1.0)
 
     def __mul__(self, other: Any) -> "Scalar":
         return self._binary(self.value * plain(other), other, lambda g: (g * plain(other), g * self.value))
@@ -86,11 +86,11 @@ class Scalar:
         if not isinstance(other, Scalar):
             return self * (1.0 / other)
         ratio = keep(self.value / other.value)
-        return self._binary(ratio, other, lambda g: (g / other.value, -1.0 * g * ratio / other.value))
+        return self._binary(ratio, other, lambda g: (g / other.value, -g * ratio / other.value))
 
     def __rtruediv__(self, other: Any) -> "Scalar":
         ratio = keep(other / self.value)
-        return self._unary(ratio, lambda: -1.0 * ratio / self.value)
+        return self._unary(ratio, lambda: -ratio / self.value)
 
     def __pow__(self, power: Any) -> "Scalar":
         if not isinstance(power, int) or power == 0:  # of a positive number only, as in every language
@@ -133,10 +133,10 @@ class Condition:
         self.value = keep(value)
 
     def __and__(self, other: "Condition") -> "Condition":
-        return Condition(lanes.both(self.value, other.value))
+        return Condition(self.value & other.value)
 
     def __or__(self, other: "Condition") -> "Condition":
-        return Condition(lanes.either(self.value, other.value))
+        return Condition(self.value | other.value)
 
     def __bool__(self) -> bool:
         raise UserInputError(
@@ -155,7 +155,7 @@ def sqrt(x: Any) -> Any:
     if not isinstance(x, Scalar):
         return math.sqrt(x)
     root = lanes.sqrt(x.value)
-    return x._unary(root, lambda: ti.select(root > 0.0, 0.5 / root, 0.0))
+    return x._unary(root, lambda: lanes.select(root > 0.0, 0.5 / root, 0.0))
 
 
 def log(x: Any) -> Any:
@@ -177,11 +177,11 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     if isinstance(condition, bool):
         return yes if condition else no
     condition = plain(condition)
-    value = ti.select(condition, plain(yes), plain(no))
+    value = lanes.select(condition, plain(yes), plain(no))
     if record is None:
         return keep(value)
     return record.step(
-        [value], [yes, no], lambda g: (ti.select(condition, g[0], 0.0), ti.select(condition, 0.0, g[0]))
+        [value], [yes, no], lambda g: (lanes.select(condition, g[0], 0.0), lanes.select(condition, 0.0, g[0]))
     )[0]
 
 

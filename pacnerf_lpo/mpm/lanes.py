@@ -1,15 +1,17 @@
-"""Functions of one number or of lanes, the same quantity of several particles in one vector register.
+"""Numbers inside a kernel: one, or lanes, the same quantity of several particles in one vector register.
 
 While a kernel is compiled an expression stands for a number (on CUDA, and at the nodes) or for :data:`LANES` of them
-(particles on the CPU). Arithmetic and comparisons of Taichi take either, but for the minus sign before one
-(``-1.0 * x``); what it has for numbers only is here. Without
-the help of a library, the exponential and the logarithm of single precision are computed from their series, to rounding.
+(particles on the CPU), on which arithmetic and comparisons act lane by lane. What Taichi has for numbers only is here.
+Exponential and logarithm of single precision are computed from their series, to rounding: a library would be called for
+one lane at a time.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
-from pacnerf_lpo.mpm.taichi_calls import compiling_double, entry, is_wide, keep, ti
+from pacnerf_lpo.mpm import taichi_calls
+from pacnerf_lpo.mpm.taichi_calls import Expr, compiling_double, ti
 
 LANES = 16
 """Particles in a register: as many floats as AVX-512 has. Machines with narrower registers take several for them."""
@@ -18,23 +20,108 @@ LN2_HIGH, LN2_LOW = 0.693145751953125, 1.4286068203094172e-06
 MANTISSA, HALF_ROOT = 0x007FFFFF, 0x3F3504F3
 """Which bits of a float are its mantissa; the bits of sqrt(1/2)."""
 
+_spread: dict[Any, tuple[Any, Any]] = {}
+
+
+class Lanes(Expr):
+    """An expression of LANES numbers. Taichi writes a number that meets one LANES times into its program; here it is
+    spread once per scope.
+    """
+
+    def __neg__(self) -> "Lanes":
+        return 0.0 - self
+
+    def __and__(self, other: Any) -> "Lanes":
+        return select(self, select(other, 1.0, wide(0.0)), 0.0) > 0.5
+
+    def __or__(self, other: Any) -> "Lanes":
+        return select(self, 1.0, select(other, 1.0, wide(0.0))) > 0.5
+
+
+def _lane_by_lane(name: str) -> Callable[[Lanes, Any], Lanes]:
+    operator = getattr(Expr, name)
+    return lambda self, other: Lanes(operator(self, wide(other)))
+
+
+for _name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "gt", "lt", "ge", "le", "eq"):
+    setattr(Lanes, f"__{_name}__", _lane_by_lane(f"__{_name}__"))
+Lanes.__hash__ = Expr.__hash__  # type: ignore[method-assign]
+
+
+def new_scope() -> None:
+    """Call it where a block of a kernel begins: what is spread in one block is unknown in another."""
+    _spread.clear()
+
+
+def is_wide(value: Any) -> bool:
+    """Whether this is an expression of LANES numbers."""
+    return isinstance(value, Lanes)
+
+
+def keep(value: Any) -> Any:
+    """Store an expression in a local variable, so that using it twice computes it once."""
+    return _typed(taichi_calls.keep(value))
+
+
+def entry(array: Any, *indices: Any) -> Any:
+    """An entry of an array, a vector or a matrix; of an array of vectors, the vector or, with one more index, a number
+    of it.
+    """
+    return _typed(taichi_calls.entry(array, *indices))
+
+
+def _typed(value: Any) -> Any:
+    return Lanes(value) if isinstance(value, Expr) and value.is_tensor() and value.get_shape() == (LANES,) else value
+
 
 def wide(number: Any) -> Any:
     """The same number in every lane; lanes as they are."""
-    return number if is_wide(number) else keep(ti.Vector([number] * LANES))
+    if is_wide(number):
+        return number
+    key = ("expression", id(number)) if isinstance(number, Expr) else float(number)
+    if key not in _spread:  # the number is kept so that its id stays its own
+        _spread[key] = number, keep(_in_every_lane(number))
+    return _spread[key][1]
 
 
-def lanes(vector: Any) -> list[Any]:
-    """The numbers of a vector, one by one."""
-    return [entry(vector, lane) for lane in range(vector.n)]
+@ti.func
+def _in_every_lane(number):
+    found = ti.Vector.zero(float, LANES)
+    for lane in range(LANES):
+        found[lane] = number
+    return found
 
 
 def summed(number: Any) -> Any:
     """The sum over all lanes; one number is its own sum. Halves are added, so that rounding grows with log2(lanes)."""
-    while is_wide(number):
-        one, half = lanes(number), number.n // 2
-        number = keep(ti.Vector([one[i] + one[i + half] for i in range(half)]) if half > 1 else one[0] + one[1])
+    half = LANES
+    while half > 1 and isinstance(number, Expr) and number.is_tensor():
+        half //= 2
+        one = [taichi_calls.entry(number, lane) for lane in range(2 * half)]
+        added = [one[i] + one[i + half] for i in range(half)]
+        number = taichi_calls.keep(ti.Vector(added) if half > 1 else added[0])
     return number
+
+
+def select(condition: Any, yes: Any, no: Any) -> Any:
+    """``yes`` where a condition holds, else ``no``."""
+    if is_wide(condition) or is_wide(yes) or is_wide(no):
+        yes, no = wide(yes), wide(no)
+    return keep(ti.select(condition, yes, no))
+
+
+def largest(a: Any, b: Any) -> Any:
+    """The larger of two numbers."""
+    return keep(ti.max(*_alike(a, b)))
+
+
+def smallest(a: Any, b: Any) -> Any:
+    """The smaller of two numbers."""
+    return keep(ti.min(*_alike(a, b)))
+
+
+def _alike(a: Any, b: Any) -> tuple[Any, Any]:
+    return (wide(a), wide(b)) if is_wide(a) or is_wide(b) else (a, b)
 
 
 def sqrt(x: Any) -> Any:
@@ -42,23 +129,14 @@ def sqrt(x: Any) -> Any:
     return keep(ti.sqrt(x))
 
 
+def floor(x: Any) -> Any:
+    """Largest whole number that is not larger."""
+    return keep(ti.floor(x))
+
+
 def absolute(x: Any) -> Any:
     """Absolute value."""
-    return keep(ti.max(x, -1.0 * x))
-
-
-def both(a: Any, b: Any) -> Any:
-    """Where two conditions hold."""
-    if not (is_wide(a) or is_wide(b)):
-        return keep(a & b)
-    return keep(ti.select(a, ti.select(b, 1.0, 0.0), 0.0) > 0.5)
-
-
-def either(a: Any, b: Any) -> Any:
-    """Where one of two conditions holds, or both."""
-    if not (is_wide(a) or is_wide(b)):
-        return keep(a | b)
-    return keep(ti.select(a, 1.0, ti.select(b, 1.0, 0.0)) > 0.5)
+    return largest(x, -x)
 
 
 def log(x: Any) -> Any:
@@ -70,14 +148,13 @@ def log(x: Any) -> Any:
     if not is_wide(x):
         return keep(ti.log(x))
     if compiling_double():
-        return keep(ti.Vector([ti.log(one) for one in lanes(x)]))
-    bits = [keep(ti.bit_cast(one, ti.i32) - HALF_ROOT) for one in lanes(x)]
-    e = keep(ti.Vector([ti.cast(b >> 23, float) for b in bits]))
-    m = keep(ti.Vector([ti.bit_cast((b & MANTISSA) + HALF_ROOT, float) for b in bits]))
+        return keep(_log_of_each(x))
+    e = keep(_exponents(x))
+    m = keep(_mantissas(x))
     s = keep((m - 1.0) / (m + 1.0))
     square = keep(s * s)
     series = keep(1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7 + square * (1.0 / 9)))))
-    return keep(ti.select(x > 0.0, e * LN2_HIGH + (e * LN2_LOW + 2.0 * s * series), math.nan))
+    return select(x > 0.0, e * LN2_HIGH + (e * LN2_LOW + 2.0 * s * series), math.nan)
 
 
 def exp(x: Any) -> Any:
@@ -88,11 +165,53 @@ def exp(x: Any) -> Any:
     if not is_wide(x):
         return keep(ti.exp(x))
     if compiling_double():
-        return keep(ti.Vector([ti.exp(one) for one in lanes(x)]))
-    n = keep(ti.floor(ti.max(ti.min(x * (1.0 / math.log(2.0)), 128.0), -127.0) + 0.5))
+        return keep(_exp_of_each(x))
+    n = floor(largest(smallest(x * (1.0 / math.log(2.0)), 128.0), -127.0) + 0.5)
     r = keep((x - n * LN2_HIGH) - n * LN2_LOW)
     series: Any = 1.0
     for k in range(7, 0, -1):
         series = keep(1.0 + r * series * (1.0 / k))
-    power = keep(ti.Vector([ti.bit_cast((ti.cast(one, ti.i32) + 127) << 23, float) for one in lanes(n)]))
-    return keep(ti.select(x < -88.0, 0.0, series * power))
+    return select(x < -88.0, 0.0, series * keep(_powers_of_two(n)))
+
+
+@ti.func
+def _exponents(x):
+    """e of x = 2^e m with m in [1/sqrt 2, sqrt 2)."""
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.cast((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) >> 23, float)
+    return found
+
+
+@ti.func
+def _mantissas(x):
+    """m of x = 2^e m."""
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.bit_cast(((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) & MANTISSA) + HALF_ROOT, float)
+    return found
+
+
+@ti.func
+def _powers_of_two(n):
+    """2^n for whole n from -127 (counts as 0) to 128 (infinity)."""
+    found = n
+    for lane in range(LANES):
+        found[lane] = ti.bit_cast((ti.cast(n[lane], ti.i32) + 127) << 23, float)
+    return found
+
+
+@ti.func
+def _log_of_each(x):
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.log(x[lane])
+    return found
+
+
+@ti.func
+def _exp_of_each(x):
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.exp(x[lane])
+    return found

@@ -16,7 +16,8 @@ from typing import Any
 
 from pacnerf_lpo.mpm.arrays import Group, Setting, total, vector
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
-from pacnerf_lpo.mpm.taichi_calls import components, keep, ti
+from pacnerf_lpo.mpm.lanes import keep
+from pacnerf_lpo.mpm.taichi_calls import components, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled, transposed
 from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter
 

@@ -17,7 +17,7 @@ import torch
 from pacnerf_lpo.errors import Stopped, UserInputError
 from pacnerf_lpo.mpm.taichi_calls import ti
 
-OPTIONS: dict[str, Any] = {"fast_math": False, "real_matrix_scalarize": False, "advanced_optimization": False}
+OPTIONS: dict[str, Any] = {"fast_math": False, "real_matrix_scalarize": False}
 """Vectors stay vectors down to LLVM: a 4-vector of a node is one SIMD register."""
 LAUNCHING = threading.RLock()
 """A kernel has one set of bound arguments: threads of a process take turns, frame by frame of their rollouts."""

@@ -22,9 +22,9 @@ from pacnerf_lpo.mpm.arrays import (
     check_velocity,
     flat,
 )
-from pacnerf_lpo.mpm.lanes import summed
+from pacnerf_lpo.mpm.lanes import keep, new_scope, summed
 from pacnerf_lpo.mpm.operators import g2p, g2p_adjoint, kept, local_laws, p2g, p2g_adjoint, stress_impulse
-from pacnerf_lpo.mpm.taichi_calls import Emitted, keep, ti
+from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
 from pacnerf_lpo.mpm.tensors import AXES, added, contraction, product, scaled, transposed
 from pacnerf_lpo.mpm.transfer import stencil
 
@@ -106,6 +106,7 @@ def forward_group(a: ti.template(), s: ti.template(), first, group: ti.template(
 
 def complete(a: Forward, s: Setting, group: Group) -> None:
     """G2P and the motion."""
+    new_scope()
     o = keep(group.block * s.width)
     x = group.read(a.states, a.before + o, 3)
     v, grad = g2p(a.velocity, a.velocity_before, stencil(x, s), s, group)
@@ -116,6 +117,7 @@ def complete(a: Forward, s: Setting, group: Group) -> None:
 
 def begin(a: Forward, s: Setting, first: Any, group: Group) -> None:
     """The local laws and P2G."""
+    new_scope()
     o = keep(group.block * s.width)
     x, v = group.read(a.states, a.now + o, 3), group.read(a.states, a.now + o + V, 3)
     grad, deformation = group.read_tensor(a.states, a.now + o + C), group.read_tensor(a.states, a.now + o + F)
@@ -143,6 +145,7 @@ def adjoint_group(a: ti.template(), s: ti.template(), first, group: ti.template(
 
 def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
     """Adjoint of :func:`begin`."""
+    new_scope()
     o, constant = keep(group.block * s.width), keep(group.block * CONSTANTS)
     x, v = group.read(a.states, a.now + o, 3), group.read(a.states, a.now + o + V, 3)
     grad, deformation = group.read_tensor(a.states, a.now + o + C), group.read_tensor(a.states, a.now + o + F)
@@ -169,6 +172,7 @@ def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
 
 def undo_complete(a: Adjoint, s: Setting, first: Any, group: Group) -> None:
     """Adjoint of :func:`complete`."""
+    new_scope()
     o = keep(group.block * s.width)
     gx, gv, gC = group.read(a.gradient, o, 3), group.read(a.gradient, o + V, 3), group.read_tensor(a.gradient, o + C)
     left = stencil(group.read(a.states, a.before + o, 3), s)

@@ -55,11 +55,6 @@ def _place(array: Any, indices: tuple) -> Any:
     return impl.subscript(builder, array, *indices) if indices else array
 
 
-def is_wide(value: Any) -> bool:
-    """While a kernel is compiled: whether this is a vector."""
-    return isinstance(value, Expr) and value.is_tensor()
-
-
 def components(vector: Any) -> list[Any]:
     """While a kernel is compiled: the three expressions of a 3-vector."""
     return [entry(vector, i) for i in range(3)]

@@ -10,7 +10,8 @@ from typing import Any
 
 from pacnerf_lpo.mpm import transfer_rows, transfer_single
 from pacnerf_lpo.mpm.arrays import Bench, Group, Setting, flat
-from pacnerf_lpo.mpm.taichi_calls import Emitted, keep, ti
+from pacnerf_lpo.mpm.lanes import floor, keep, select
+from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 
@@ -52,13 +53,13 @@ def stencil(x: list[Any], s: Setting) -> Stencil:
     cell, offset, w, dw, inside = [], [], [], [], []
     for axis, (size, first) in enumerate(zip(s.dims.last_cells, s.dims.firsts, strict=True)):
         scaled = keep(x[axis] * s.n.inv_dx)
-        lowest = keep(ti.floor(scaled - 0.5))
+        lowest = floor(scaled - 0.5)
         f = keep(scaled - lowest)
         wanted = keep(lowest - ti.cast(first, float))
         last = keep(ti.cast(size, float))
-        risen = keep(ti.select(wanted >= 0.0, wanted, 0.0))  # which NaN is not
-        cell.append(keep(ti.select(risen <= last, risen, last)))
-        inside.append(keep(ti.select(cell[axis] == wanted, 1.0, 0.0)))
+        risen = select(wanted >= 0.0, wanted, 0.0)  # which NaN is not
+        cell.append(select(risen <= last, risen, last))
+        inside.append(select(cell[axis] == wanted, 1.0, 0.0))
         offset.append(f)
         w.append([keep(0.5 * (1.5 - f) * (1.5 - f)), keep(0.75 - (f - 1.0) * (f - 1.0)), keep(0.5 * (f - 0.5) * (f - 0.5))])
         dw.append([keep(f - 1.5), keep(-2.0 * (f - 1.0)), keep(f - 0.5)])

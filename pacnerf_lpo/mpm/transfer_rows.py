@@ -30,15 +30,18 @@ def first_node(s: ti.template(), group: ti.template(), lane):
 @ti.func
 def row_at(field: ti.template(), o):
     """The row that begins with node ``o``, read across the ends of its vectors."""
-    return ti.Vector([field[o][ti.i32(t)] for t in ti.static(range(ROW))])
+    row = ti.Vector.zero(float, ROW)
+    for t in range(ROW):
+        row[t] = field[o][t]
+    return row
 
 
 @ti.func
 def add_row(field: ti.template(), o, row):
     """Add to the row that begins with node ``o``."""
     new = row_at(field, o) + row
-    for t in ti.static(range(ROW)):
-        field[o][ti.i32(t)] = new[t]
+    for t in range(ROW):
+        field[o][t] = new[t]
 
 
 @ti.func
@@ -84,9 +87,9 @@ def scatter(field: ti.template(), first, s: ti.template(), group: ti.template())
         wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
         q, qi, qj = given_at(group, lane)
         q, qi, qj = wz * q, wz * qi, wz * qj
-        for i in ti.static(range(3)):
+        for i in range(3):
             plane = q + float(i) * qi
-            for j in ti.static(range(3)):
+            for j in range(3):
                 w = on(group, Bench.W + i, lane) * on(group, Bench.W + 3 + j, lane)
                 add_row(field, start + i * s.dims.plane + j * s.dims.row, w * (plane + float(j) * qj))
 
@@ -98,9 +101,9 @@ def gather(field: ti.template(), first, s: ti.template(), group: ti.template()):
         start = first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
         m, mi, mj = zero, zero, zero
-        for i in ti.static(range(3)):
+        for i in range(3):
             t, tj = zero, zero
-            for j in ti.static(range(3)):
+            for j in range(3):
                 u = on(group, Bench.W + 3 + j, lane) * row_at(field, start + i * s.dims.plane + j * s.dims.row)
                 t += u
                 tj += float(j) * u
@@ -135,10 +138,10 @@ def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.t
         q, qi, qj = given_at(group, lane)
         m, mi, mj = zero, zero, zero
         gx, gy, gz = zero, zero, zero
-        for i in ti.static(range(3)):
+        for i in range(3):
             t, tj, value, of_y = zero, zero, zero, zero
             plane = q + float(i) * qi
-            for j in ti.static(range(3)):
+            for j in range(3):
                 u = row_at(field, start + i * s.dims.plane + j * s.dims.row)
                 wu = on(group, Bench.W + 3 + j, lane) * u
                 t += wu

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from pacnerf_lpo.mpm.taichi_calls import entry, keep, ti
+from pacnerf_lpo.mpm.lanes import entry, keep
+from pacnerf_lpo.mpm.taichi_calls import ti
 
 
 @ti.func
