@@ -40,7 +40,7 @@ class Lanes(Expr):
 
 def _lane_by_lane(name: str) -> Callable[[Lanes, Any], Lanes]:
     operator = getattr(Expr, name)
-    return lambda self, other: Lanes(operator(self, wide(other)))
+    return lambda self, other: Lanes(operator(self, wide(other, self)))
 
 
 for _name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "gt", "lt", "ge", "le", "eq"):
@@ -74,19 +74,19 @@ def _typed(value: Any) -> Any:
     return Lanes(value) if isinstance(value, Expr) and value.is_tensor() and value.get_shape() == (LANES,) else value
 
 
-def wide(number: Any) -> Any:
-    """The same number in every lane; lanes as they are."""
+def wide(number: Any, like: Any = None) -> Any:
+    """The same number in every lane; lanes as they are. ``like``: any lanes, which save writing 16 zeros."""
     if is_wide(number):
         return number
     key = ("expression", id(number)) if isinstance(number, Expr) else float(number)
     if key not in _spread:  # the number is kept so that its id stays its own
-        _spread[key] = number, keep(_in_every_lane(number))
+        _spread[key] = number, keep(_in_every_lane(number, ti.Vector([0.0] * LANES) if like is None else like))
     return _spread[key][1]
 
 
 @ti.func
-def _in_every_lane(number):
-    found = ti.Vector.zero(float, LANES)
+def _in_every_lane(number, like):
+    found = like
     for lane in range(LANES):
         found[lane] = number
     return found
@@ -106,7 +106,8 @@ def summed(number: Any) -> Any:
 def select(condition: Any, yes: Any, no: Any) -> Any:
     """``yes`` where a condition holds, else ``no``."""
     if is_wide(condition) or is_wide(yes) or is_wide(no):
-        yes, no = wide(yes), wide(no)
+        like = yes if is_wide(yes) else no if is_wide(no) else None
+        yes, no = wide(yes, like), wide(no, like)
     return keep(ti.select(condition, yes, no))
 
 
