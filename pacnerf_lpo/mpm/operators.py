@@ -19,7 +19,7 @@ from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.lanes import keep
 from pacnerf_lpo.mpm.taichi_calls import components, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled, transposed
-from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter
+from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter, scatter_and_slope
 
 
 def local_laws(s: Setting, x: list, v: list, C: Tensor3, F: Tensor3, history: list, constants: list) -> Evaluation:
@@ -65,9 +65,7 @@ def g2p_adjoint(
     weights.
     """
     B = kept(scaled(gC, keep(4.0 * s.n.inv_dx)))
-    given = linear(gv, B, 0.0, here)
-    scatter(field, to, here, given, s, group)
-    _, slope = gather_with_slope(velocity, first, here, given, s, group)
+    slope = scatter_and_slope(field, to, velocity, first, here, linear(gv, B, 0.0, here), s, group)
     return [keep(s.n.inv_dx * (slope[i] - dot([row[i] for row in B], v))) for i in AXES]
 
 

@@ -110,11 +110,22 @@ def gather_with_slope(
     if group.lane is None:
         _place(here, group)
         group.put(Bench.GIVEN, numbers)
-        transfer_rows.gather_with_slope(field, first, s, group)
+        transfer_rows.gather_with_slope(field, first, s, group, True)
         found = group.on_bench(Bench.MOMENTS, 16)
     else:
         found = transfer_single.gather_with_slope(field, first, here, s, numbers)
     return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]]), found[13:16]
+
+
+def scatter_and_slope(
+    field: Any, to: Any, other: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group
+) -> list[Any]:
+    """:func:`scatter` to one field, and the slope of :func:`gather_with_slope` of another [per cell, (3,)]."""
+    scatter(field, to, here, given, s, group)
+    if group.lane is None:
+        transfer_rows.gather_with_slope(other, first, s, group, False)
+        return group.on_bench(Bench.SLOPE, 3)
+    return transfer_single.gather_with_slope(other, first, here, s, [*given.q, *flat(given.slope)])[13:]
 
 
 def _place(here: Stencil, group: Group) -> None:

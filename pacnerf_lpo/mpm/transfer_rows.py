@@ -83,43 +83,52 @@ def given_at(group: ti.template(), lane):
 def scatter(field: ti.template(), first, s: ti.template(), group: ti.template()):
     """Add what each particle gives, times the weights, to its nodes."""
     for lane in range(LANES):
-        start = first + first_node(s, group, lane)
+        o = first + first_node(s, group, lane)
         wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
         q, qi, qj = given_at(group, lane)
         q, qi, qj = wz * q, wz * qi, wz * qj
         for i in range(3):
-            plane = q + float(i) * qi
-            for j in range(3):
-                w = on(group, Bench.W + i, lane) * on(group, Bench.W + 3 + j, lane)
-                add_row(field, start + i * s.dims.plane + j * s.dims.row, w * (plane + float(j) * qj))
+            w, given = on(group, Bench.W + i, lane), q
+            for j in ti.static(range(3)):
+                add_row(field, o + j * s.dims.row, (w * on(group, Bench.W + 3 + j, lane)) * given)
+                given += qj
+            q += qi
+            o += s.dims.plane
 
 
 @ti.func
 def gather(field: ti.template(), first, s: ti.template(), group: ti.template()):
     """The moments of a field over each particle's stencil."""
     for lane in range(LANES):
-        start = first + first_node(s, group, lane)
+        o = first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
         m, mi, mj = zero, zero, zero
         for i in range(3):
-            t, tj = zero, zero
-            for j in range(3):
-                u = on(group, Bench.W + 3 + j, lane) * row_at(field, start + i * s.dims.plane + j * s.dims.row)
-                t += u
-                tj += float(j) * u
+            t, tj = along_y(field, o, s, group, lane)
             w = on(group, Bench.W + i, lane)
             m += w * t
             mi += (float(i) * w) * t
             mj += w * tj
+            o += s.dims.plane
         store_moments(group, lane, m, mi, mj)
+
+
+@ti.func
+def along_y(field: ti.template(), o, s: ti.template(), group: ti.template(), lane):
+    """Sums over the rows of a plane of a stencil: of w u and of w u j."""
+    wu = on(group, Bench.W + 4, lane) * row_at(field, o + s.dims.row)
+    wu2 = on(group, Bench.W + 5, lane) * row_at(field, o + 2 * s.dims.row)
+    t = wu + wu2
+    return on(group, Bench.W + 3, lane) * row_at(field, o) + t, t + wu2
 
 
 @ti.func
 def store_moments(group: ti.template(), lane, m, mi, mj):
     """Sum rows of moments over their nodes, onto the bench."""
-    wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
+    w1, w2 = on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane)
+    wz = of_nodes(on(group, Bench.W + 6, lane), w1, w2)
+    mk = of_nodes(0.0, w1, 2.0 * w2) * m
     m, mi, mj = wz * m, wz * mi, wz * mj
-    mk = of_nodes(0.0, 1.0, 2.0) * m
     for c in ti.static(range(4)):
         group.bench[group.base + Bench.MOMENTS + c][lane] = added_up(m, c)
     for c in ti.static(range(3)):
@@ -130,33 +139,35 @@ def store_moments(group: ti.template(), lane, m, mi, mj):
 
 
 @ti.func
-def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.template()):
-    """The moments of a field u over each particle's stencil, and the sum of (u · what it gives) grad w."""
+def gather_with_slope(
+    field: ti.template(), first, s: ti.template(), group: ti.template(), with_moments: ti.template()
+):
+    """The sum of (u · what a particle gives) grad w of a field u over its stencil, and the moments of the field."""
     for lane in range(LANES):
-        start = first + first_node(s, group, lane)
+        o = first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
         q, qi, qj = given_at(group, lane)
         m, mi, mj = zero, zero, zero
         gx, gy, gz = zero, zero, zero
+        w0, w1, w2 = on(group, Bench.W + 3, lane), on(group, Bench.W + 4, lane), on(group, Bench.W + 5, lane)
+        dw0, dw1, dw2 = on(group, Bench.DW + 3, lane), on(group, Bench.DW + 4, lane), on(group, Bench.DW + 5, lane)
         for i in range(3):
-            t, tj, value, of_y = zero, zero, zero, zero
-            plane = q + float(i) * qi
-            for j in range(3):
-                u = row_at(field, start + i * s.dims.plane + j * s.dims.row)
-                wu = on(group, Bench.W + 3 + j, lane) * u
-                t += wu
-                tj += float(j) * wu
-                given = plane + float(j) * qj
-                value += wu * given
-                of_y += (on(group, Bench.DW + 3 + j, lane) * u) * given
             w = on(group, Bench.W + i, lane)
-            m += w * t
-            mi += (float(i) * w) * t
-            mj += w * tj
+            q1 = q + qj
+            u0, u1, u2 = row_at(field, o) * q, row_at(field, o + s.dims.row) * q1, row_at(field, o + 2 * s.dims.row) * (q1 + qj)
+            value = w0 * u0 + w1 * u1 + w2 * u2
             gx += on(group, Bench.DW + i, lane) * value
-            gy += w * of_y
+            gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
             gz += w * value
-        store_moments(group, lane, m, mi, mj)
+            if ti.static(with_moments):
+                t, tj = along_y(field, o, s, group, lane)
+                m += w * t
+                mi += (float(i) * w) * t
+                mj += w * tj
+            q += qi
+            o += s.dims.plane
+        if ti.static(with_moments):
+            store_moments(group, lane, m, mi, mj)
         wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
         dwz = of_nodes(on(group, Bench.DW + 6, lane), on(group, Bench.DW + 7, lane), on(group, Bench.DW + 8, lane))
         group.bench[group.base + Bench.SLOPE][lane] = total_of(wz * gx)
