@@ -158,9 +158,10 @@ class Bench:
     W, DW: weights of a stencil and their derivatives, by axis and node.  CELL: its first node.
     GIVEN: what is given to the nodes, q 4 and slope 9.  MOMENTS, SLOPE: what is gathered, 4 and 9, and 3.
     SPEED, OUTSIDE: the worst of a pass, 0 where nothing is wrong.  LOW, HIGH: first and last of all CELLs of a pass.
+    ZERO: nothing else.
     """
 
-    W, DW, CELL, GIVEN, MOMENTS, SLOPE, SPEED, OUTSIDE, LOW, HIGH, ROWS = 0, 9, 18, 21, 34, 47, 50, 51, 52, 55, 58
+    W, DW, CELL, GIVEN, MOMENTS, SLOPE, SPEED, OUTSIDE, LOW, HIGH, ZERO, ROWS = 0, 9, 18, 21, 34, 47, 50, 51, 52, 55, 58, 59
 
 
 @dataclass(frozen=True)

@@ -94,13 +94,16 @@ def _in_every_lane(number, like):
 
 def summed(number: Any) -> Any:
     """The sum over all lanes; one number is its own sum. Halves are added, so that rounding grows with log2(lanes)."""
-    half = LANES
-    while half > 1 and isinstance(number, Expr) and number.is_tensor():
-        half //= 2
-        one = [taichi_calls.entry(number, lane) for lane in range(2 * half)]
-        added = [one[i] + one[i + half] for i in range(half)]
-        number = taichi_calls.keep(ti.Vector(added) if half > 1 else added[0])
-    return number
+    return keep(_summed(number)) if is_wide(number) else number
+
+
+@ti.func
+def _summed(x):
+    found = x
+    for half in ti.static((8, 4, 2, 1)):
+        for lane in range(half):
+            found[lane] = found[lane] + found[lane + half]
+    return found[0]
 
 
 def select(condition: Any, yes: Any, no: Any) -> Any:

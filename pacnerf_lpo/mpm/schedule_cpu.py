@@ -52,10 +52,11 @@ def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t
     """What slice ``t`` does with its particles."""
     s = Setting.of(call, laws, substep)
     a = arrays.at(call, substep)
-    begin_pass(Group(0, None, call.bench, t * Bench.ROWS))
+    base, first = t * Bench.ROWS, t * s.dims.nodes
+    begin_pass(Group(0, None, call.bench, base))
     for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
-        forward_group(a, s, t * s.dims.nodes, Group(b, None, call.bench, t * Bench.ROWS))
-    end_pass(Group(0, None, call.bench, t * Bench.ROWS), s, t)
+        forward_group(a, s, first, Group(b, None, call.bench, base))
+    end_pass(Group(0, None, call.bench, base), s, t)
 
 
 @ti.func
@@ -78,10 +79,11 @@ def particles_adjoint(arrays: ti.template(), call: ti.template(), laws: ti.templ
     """Adjoint of :func:`particles`."""
     s = Setting.of(call, laws, substep)
     a = arrays.at(call, substep)
-    begin_pass(Group(0, None, call.bench, t * Bench.ROWS))
+    base, first = t * Bench.ROWS, t * s.dims.nodes
+    begin_pass(Group(0, None, call.bench, base))
     for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
-        adjoint_group(a, s, t * s.dims.nodes, Group(b, None, call.bench, t * Bench.ROWS), t * len(laws.names))
-    end_pass(Group(0, None, call.bench, t * Bench.ROWS), s, t)
+        adjoint_group(a, s, first, Group(b, None, call.bench, base), t * len(laws.names))
+    end_pass(Group(0, None, call.bench, base), s, t)
 
 
 @ti.func

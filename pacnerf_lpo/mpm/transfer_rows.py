@@ -51,9 +51,10 @@ def of_nodes(a, b, c):
 
 
 @ti.func
-def repeated(a, b, c, d):
-    """A row with the same four numbers at every node."""
-    return ti.Vector([a, b, c, d, a, b, c, d, a, b, c, d, a, b, c, d])
+def repeated(group: ti.template(), lane, a: ti.template(), b: ti.template(), c: ti.template(), d: ti.template()):
+    """A row with four numbers of one particle at every node, from these rows of the bench."""
+    p, q, r, s = on(group, a, lane), on(group, b, lane), on(group, c, lane), on(group, d, lane)
+    return ti.Vector([p, q, r, s, p, q, r, s, p, q, r, s, p, q, r, s])
 
 
 @ti.func
@@ -71,11 +72,10 @@ def total_of(row):
 @ti.func
 def given_at(group: ti.template(), lane):
     """What a particle gives, without weights, to the rows of its stencil: to the first, and the change along x and y."""
-    b = ti.static(Bench.GIVEN)
-    q = repeated(on(group, b, lane), on(group, b + 1, lane), on(group, b + 2, lane), on(group, b + 3, lane))
-    qi = repeated(on(group, b + 4, lane), on(group, b + 7, lane), on(group, b + 10, lane), 0.0)
-    qj = repeated(on(group, b + 5, lane), on(group, b + 8, lane), on(group, b + 11, lane), 0.0)
-    qk = repeated(on(group, b + 6, lane), on(group, b + 9, lane), on(group, b + 12, lane), 0.0)
+    b, zero = ti.static(Bench.GIVEN, Bench.ZERO)
+    q = repeated(group, lane, b, b + 1, b + 2, b + 3)
+    qk = repeated(group, lane, b + 6, b + 9, b + 12, zero)
+    qi, qj = repeated(group, lane, b + 4, b + 7, b + 10, zero), repeated(group, lane, b + 5, b + 8, b + 11, zero)
     return q + of_nodes(0.0, 1.0, 2.0) * qk, qi, qj
 
 
