@@ -108,7 +108,7 @@ class Launch(Emitted):
 
     numbers, dims: see there.  spans: per slice the first and the last node that begins a stencil.
     status: per cause the first substep it befell.  bench: rows of LANES numbers per slice, see :class:`Bench`.
-    slices: of the blocks, ``chunk`` in each; on CUDA there is one of each particle.
+    arrived: how often a thread has come to where all meet, 0 at first.  slices: of the blocks, ``chunk`` in each.
     substeps: of the frame.  first, last: the passes of this launch, the last excluded.
     state, nodes, contact: from the array of one substep to that of the next; 0 where only one is kept.
     """
@@ -118,6 +118,7 @@ class Launch(Emitted):
     spans: Any
     status: Any
     bench: Any
+    arrived: Any
     slices: Any
     chunk: Any
     substeps: Any

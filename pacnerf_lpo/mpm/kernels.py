@@ -23,8 +23,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         laws: local laws to compile in.
         dtype: ``"f32"`` or ``"f64"``.
         cuda: atomic sums, one particle per thread, one pass per launch.
-        parallel: on the CPU, one thread per slice and one pass per launch; else one slice in the calling thread, and any
-            number of passes.
+        parallel: on the CPU, one thread per slice; else one slice in the calling thread.
     """
     real, schedule = REAL[dtype], schedule_cuda if cuda else schedule_cpu
     Reals = ti.types.ndarray(dtype=real, ndim=1)
@@ -45,6 +44,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         spans: Ints,
         status: Ints,
         bench: Rows,
+        arrived: Ints,
         slices: int,
         chunk: int,
         substeps: int,
@@ -55,7 +55,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         contacts: int,
     ):
         call = Launch(
-            numbers, dims, spans, status, bench, slices, chunk, substeps, first, last, state, nodes, contacts
+            numbers, dims, spans, status, bench, arrived, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
         schedule.forward(Forward(states, velocity, contact, momentum, constants), call, laws, parallel)
 
@@ -75,6 +75,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         spans: Ints,
         status: Ints,
         bench: Rows,
+        arrived: Ints,
         slices: int,
         chunk: int,
         substeps: int,
@@ -85,7 +86,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         contacts: int,
     ):
         call = Launch(
-            numbers, dims, spans, status, bench, slices, chunk, substeps, first, last, state, nodes, contacts
+            numbers, dims, spans, status, bench, arrived, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
         a = Adjoint(states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients)
         schedule.adjoint(a, call, laws, parallel)

@@ -74,12 +74,10 @@ class Engine:
         """How many slices so many particles are worth; on CUDA they are not sliced."""
         return 1 if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
 
-    def launches(self, particles: int) -> list[tuple[int, int]]:
-        """First and last pass of each launch of a frame: one launch where one thread does all of it."""
+    def launches(self) -> list[tuple[int, int]]:
+        """First and last pass of each launch of a frame; on CUDA, threads meet at the end of a launch only."""
         passes = self.substeps + 1
-        if self.cuda or self.slices(particles) > 1:
-            return [(n, n + 1) for n in range(passes)]
-        return [(0, passes)]
+        return [(n, n + 1) for n in range(passes)] if self.cuda else [(0, passes)]
 
     def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
         """Forward and adjoint kernel for so many particles."""
@@ -142,7 +140,7 @@ class Run:
                 )
             tape.fit(grid)
             with LAUNCHING:
-                failures = self._launch(self._forward, index, tape, self._engine.launches(self.particles))
+                failures = self._launch(self._forward, index, tape, self._engine.launches())
             if min(failures) == NOT_YET:
                 return
             self._momentum.zero_()
@@ -171,7 +169,7 @@ class Run:
             "of_constants": self._of_constants.view(-1, LANES),
             "of_coefficients": self._of_coefficients.view(-1),
         }
-        self._launch(self._adjoint, index, tape, self._engine.launches(self.particles)[::-1], adjoints)
+        self._launch(self._adjoint, index, tape, self._engine.launches()[::-1], adjoints)
 
     def adjoints(self) -> tuple[Tensor, Tensor, Tensor]:
         """Of the state [(N, width)], the constants [(N, 5)] and the coefficients [(P,)]."""
@@ -189,6 +187,7 @@ class Run:
         blocks, device = len(self.state), self.state.device
         dims = torch.tensor([blocks, *tape.grid.size, *tape.grid.origin], dtype=torch.int32, device=device)
         status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=device)
+        arrived = torch.zeros(1, dtype=torch.int32, device=device)
         kernel.bind(
             momentum=self._momentum,
             constants=self._constants.view(-1, LANES),
@@ -197,6 +196,7 @@ class Run:
             spans=self._spans,
             status=status,
             bench=self._bench,
+            arrived=arrived,
             slices=self._slices,
             chunk=-(-blocks // self._slices),
             substeps=self._engine.substeps,
