@@ -1,7 +1,7 @@
 """Layout of the engine's arrays, by name, and the small pieces of a kernel that read, write and check them.
 
-Particles lie in blocks of :data:`~pacnerf_lpo.mpm.lanes.LANES`, the same number of all of them side by side: a row. So a
-register is filled by one load on the CPU, and threads of a GPU read neighbouring addresses.
+Particles lie in blocks of :data:`~pacnerf_lpo.mpm.lanes.LANES`, the same number of all of them side by side: a row.
+So a register is filled by one load on the CPU, and threads of a GPU read neighbouring addresses.
 """
 
 from dataclasses import dataclass, fields
@@ -20,14 +20,14 @@ STATE = 24
 V, C, F = 3, 6, 15
 """Where velocity and the two gradients begin in the state of a particle; the position is first."""
 MASS, STIFFNESS, X0, ALIVE, CONSTANTS = 0, 1, 2, 5, 6
-"""Rows of a block of constants: mass [kg], stiffness factor, position at time 0 [m], and 1; 0 for the copies of the last
-particle that fill the last block. These move with it, and neither weigh nor push."""
+"""Rows of a block of constants: mass [kg], stiffness factor, position at time 0 [m], and 1; 0 for the copies of the
+last particle that fill the last block. These move with it, and neither weigh nor push."""
 NOT_YET = 1 << 30
 CAUSES = ("NaN in the velocity of a particle", "|v| dt > dx", "a particle left the grid")
 
 
 def packed(rows: Tensor, fill: Tensor) -> Tensor:
-    """Numbers of particles [(N, K)] in blocks [(B, K, LANES)]; ``fill`` is what the last block is filled with [(K,)]."""
+    """Numbers of particles [(N, K)] in blocks [(B, K, LANES)]; ``fill`` is what fills the last block [(K,)]."""
     missing = -len(rows) % LANES
     filled = torch.cat([rows, fill.expand(missing, -1)]) if missing else rows
     return filled.view(-1, LANES, rows.shape[1]).transpose(1, 2).contiguous()
@@ -108,7 +108,7 @@ class Launch(Emitted):
 
     numbers, dims: see there.  spans: per slice the first and the last node that begins a stencil.
     status: per cause the first substep it befell.  bench: rows of LANES numbers per slice, see :class:`Bench`.
-    arrived: how often a thread has come to where all meet, 0 at first.  slices: of the blocks, ``chunk`` in each.
+    progress: see the schedule of the CPU; 0 at first.  slices: of the blocks, ``chunk`` in each.
     substeps: of the frame.  first, last: the passes of this launch, the last excluded.
     state, nodes, contact: from the array of one substep to that of the next; 0 where only one is kept.
     """
@@ -118,7 +118,7 @@ class Launch(Emitted):
     spans: Any
     status: Any
     bench: Any
-    arrived: Any
+    progress: Any
     slices: Any
     chunk: Any
     substeps: Any
@@ -154,7 +154,7 @@ class Setting(Emitted):
 
 
 class Bench:
-    """Rows of a thread's bench, where the numbers of a group lie between what is computed lane by lane and for all lanes.
+    """Rows of a slice's bench, where numbers of a group lie between what is computed lane by lane and for all lanes.
 
     W, DW: weights of a stencil and their derivatives, by axis and node.  CELL: its first node.
     GIVEN: what is given to the nodes, q 4 and slope 9.  MOMENTS, SLOPE: what is gathered, 4 and 9, and 3.
@@ -162,7 +162,20 @@ class Bench:
     ZERO: nothing else.
     """
 
-    W, DW, CELL, GIVEN, MOMENTS, SLOPE, SPEED, OUTSIDE, LOW, HIGH, ZERO, ROWS = 0, 9, 18, 21, 34, 47, 50, 51, 52, 55, 58, 59
+    W, DW, CELL, GIVEN, MOMENTS, SLOPE, SPEED, OUTSIDE, LOW, HIGH, ZERO, ROWS = (
+        0,
+        9,
+        18,
+        21,
+        34,
+        47,
+        50,
+        51,
+        52,
+        55,
+        58,
+        59,
+    )
 
 
 @dataclass(frozen=True)
@@ -177,14 +190,14 @@ class Group(Emitted):
     bench: Any = None
     base: Any = None
 
-    def read(self, rows: Any, first: Any, count: int) -> list[Any]:
+    def numbers(self, rows: Any, first: Any, count: int) -> list[Any]:
         """So many numbers of each particle, from row ``first`` on."""
         where = [] if self.lane is None else [self.lane]
         return [entry(rows, first + c, *where) for c in range(count)]
 
-    def read_tensor(self, rows: Any, first: Any) -> Tensor3:
+    def tensor(self, rows: Any, first: Any) -> Tensor3:
         """A 3x3 tensor of each particle."""
-        numbers = self.read(rows, first, 9)
+        numbers = self.numbers(rows, first, 9)
         return [numbers[0:3], numbers[3:6], numbers[6:9]]
 
     def write(self, rows: Any, first: Any, numbers: list[Any]) -> None:
@@ -197,7 +210,7 @@ class Group(Emitted):
 
     def on_bench(self, row: int, count: int) -> list[Any]:
         """So many rows of the bench."""
-        return self.read(self.bench, self.base + row, count)
+        return self.numbers(self.bench, self.base + row, count)
 
     def put(self, row: int, numbers: list[Any]) -> None:
         """Store rows on the bench."""

@@ -1,8 +1,8 @@
 """The two kernels of the engine: passes forward, and their adjoint. Everything else in the engine calls these.
 
-A pass goes over the particles (:mod:`~pacnerf_lpo.mpm.substep`), then over the grid; in which order threads go through them
-is the schedule of the device. A frame of S substeps takes S + 1 passes, as the first one completes nothing and the last
-one begins nothing. Arrays are flat; :mod:`~pacnerf_lpo.mpm.arrays` names what is in them.
+A pass goes over the particles (:mod:`~pacnerf_lpo.mpm.substep`), then over the grid; in which order threads go through
+them is the schedule of the device. A frame of S substeps takes S + 1 passes, as the first one completes nothing and the
+last one begins nothing. Arrays are flat; :mod:`~pacnerf_lpo.mpm.arrays` names what is in them.
 """
 
 import functools
@@ -44,7 +44,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         spans: Ints,
         status: Ints,
         bench: Rows,
-        arrived: Ints,
+        progress: Ints,
         slices: int,
         chunk: int,
         substeps: int,
@@ -55,7 +55,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         contacts: int,
     ):
         call = Launch(
-            numbers, dims, spans, status, bench, arrived, slices, chunk, substeps, first, last, state, nodes, contacts
+            numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
         schedule.forward(Forward(states, velocity, contact, momentum, constants), call, laws, parallel)
 
@@ -75,7 +75,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         spans: Ints,
         status: Ints,
         bench: Rows,
-        arrived: Ints,
+        progress: Ints,
         slices: int,
         chunk: int,
         substeps: int,
@@ -86,7 +86,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         contacts: int,
     ):
         call = Launch(
-            numbers, dims, spans, status, bench, arrived, slices, chunk, substeps, first, last, state, nodes, contacts
+            numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
         a = Adjoint(states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients)
         schedule.adjoint(a, call, laws, parallel)

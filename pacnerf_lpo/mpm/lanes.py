@@ -28,13 +28,13 @@ class Lanes(Expr):
     spread once per scope.
     """
 
-    def __neg__(self) -> "Lanes":
+    def __neg__(self) -> Any:
         return 0.0 - self
 
-    def __and__(self, other: Any) -> "Lanes":
+    def __and__(self, other: Any) -> Any:
         return select(self, select(other, 1.0, wide(0.0)), 0.0) > 0.5
 
-    def __or__(self, other: Any) -> "Lanes":
+    def __or__(self, other: Any) -> Any:
         return select(self, 1.0, select(other, 1.0, wide(0.0))) > 0.5
 
 

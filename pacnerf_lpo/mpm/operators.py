@@ -15,10 +15,10 @@ Numbers of a particle are those of a group: one, or a register full of them.
 from typing import Any
 
 from pacnerf_lpo.mpm.arrays import Group, Setting, total, vector
-from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.lanes import keep
+from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.taichi_calls import components, ti
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled, transposed
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled
 from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter, scatter_and_slope
 
 
@@ -59,7 +59,16 @@ def g2p(field: Any, first: Any, here: Stencil, s: Setting, group: Group) -> tupl
 
 
 def g2p_adjoint(
-    field: Any, to: Any, velocity: Any, first: Any, here: Stencil, s: Setting, v: list, gv: list, gC: Tensor3, group: Group
+    field: Any,
+    to: Any,
+    velocity: Any,
+    first: Any,
+    here: Stencil,
+    s: Setting,
+    v: list,
+    gv: list,
+    gC: Tensor3,
+    group: Group,
 ) -> list:
     """Adjoints of the nodes' velocities, added to a field from its node ``to`` on; returns that of x, through the
     weights.

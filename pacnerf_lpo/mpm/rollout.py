@@ -16,6 +16,7 @@ from pacnerf_lpo.mpm.arrays import ALIVE, CAUSES, MASS, NOT_YET, START, Bench, N
 from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
 from pacnerf_lpo.mpm.runtime import LAUNCHING, heed
+from pacnerf_lpo.mpm.schedule_cpu import DONE, FIRST_SLICE, LINE, STOPPED
 from pacnerf_lpo.mpm.taichi_calls import Launcher
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
@@ -117,9 +118,8 @@ class Run:
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
-        gravity = state.new_tensor(self._engine.gravity)
-        moving = unpacked(state[:, : V + 3], self.particles)
-        return enclosing_grid(moving[:, :V], moving[:, V:], self._engine.dx, self._engine.frame_dt, gravity, margin)
+        x, v = state[:, : V + 3].transpose(0, 1).reshape(2, 3, -1)
+        return enclosing_grid(x, v, self._engine.dx, self._engine.frame_dt, self._engine.gravity, margin)
 
     def positions(self, state: Tensor) -> Tensor:
         """Of the particles [m, (N, 3)]."""
@@ -187,7 +187,7 @@ class Run:
         blocks, device = len(self.state), self.state.device
         dims = torch.tensor([blocks, *tape.grid.size, *tape.grid.origin], dtype=torch.int32, device=device)
         status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=device)
-        arrived = torch.zeros(1, dtype=torch.int32, device=device)
+        progress = torch.zeros(LINE * (FIRST_SLICE + self._slices), dtype=torch.int32, device=device)
         kernel.bind(
             momentum=self._momentum,
             constants=self._constants.view(-1, LANES),
@@ -196,7 +196,7 @@ class Run:
             spans=self._spans,
             status=status,
             bench=self._bench,
-            arrived=arrived,
+            progress=progress,
             slices=self._slices,
             chunk=-(-blocks // self._slices),
             substeps=self._engine.substeps,
@@ -207,6 +207,9 @@ class Run:
         )
         for first, last in launches:
             kernel(first=first, last=last)
+            while self._slices > 1 and int(progress[DONE]) < 2 * self._slices * (last - first):
+                progress[STOPPED] = 0
+                kernel()
         return status.tolist()
 
 

@@ -1,8 +1,10 @@
-"""The passes on the CPU: each thread owns a slice of the blocks of particles, and a field on the nodes.
+"""The passes on the CPU: slices of the blocks of particles, each with a field on the nodes, and a thread for each.
 
 So no sum is atomic; the pass over the grid adds the fields up and clears them, over the nodes in reach of a particle
-only. A launch goes through all substeps of a frame. Threads meet after each pass: they wait busily, as putting a thread to
-sleep and waking it takes as long as a pass of some thousand particles.
+only. A launch goes through all substeps of a frame. After each pass a thread waits, busily, for slices that others have
+begun, since putting it to sleep and waking it takes as long as a pass of some thousand particles. Where the operating
+system does not let all threads run, those that run do the slices of the others; and where one is interrupted in the
+middle of a slice, the launch is stopped, and the next one goes on from there.
 """
 
 from pacnerf_lpo.mpm.arrays import Bench, Group, Setting, begin_pass, end_pass, reach
@@ -12,20 +14,35 @@ from pacnerf_lpo.mpm.taichi_calls import ti
 
 LEAST_SHARE = 512
 """Taichi gives a CPU thread at least so many iterations of a loop, whatever block_dim says: so far apart slices lie."""
+LINE = 16
+"""Integers of a cache line: so far apart are numbers that several threads change."""
+DONE, STOPPED, FIRST_SLICE = 0, LINE, 2
+"""Of the progress of a frame: how many slices are done, and whether the launch is stopped; by slice, in lines from
+FIRST_SLICE on, in how many passes it was begun."""
+PATIENCE = 50000
+"""How often a waiting thread looks: a third of a millisecond, several times as long as sleeping and waking take."""
 
 
 @ti.func
 def forward(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid, pass by pass; with ``parallel`` one thread per slice."""
+    """Particles, then grid, pass by pass; with ``parallel`` by as many threads as there are slices."""
     apart = ti.static(LEAST_SHARE if parallel else 1)
     ti.loop_config(serialize=not parallel)
     for t in range(call.slices * apart):
         if t % apart == 0:
             for n in range(call.first, call.last):
-                particles(arrays, call, laws, t // apart, n)
-                meet(call, 2 * (n - call.first), parallel)
-                nodes(arrays, call, laws, t // apart, n)
-                meet(call, 2 * (n - call.first) + 1, parallel)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 1, parallel):
+                        particles(arrays, call, laws, u, n)
+                        done(call, parallel)
+                meet(call, 2 * n + 1, parallel)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 2, parallel):
+                        nodes(arrays, call, laws, u, n)
+                        done(call, parallel)
+                meet(call, 2 * n + 2, parallel)
 
 
 @ti.func
@@ -36,19 +53,50 @@ def adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), par
     for t in range(call.slices * apart):
         if t % apart == 0:
             for n in range(call.last - call.first):
-                particles_adjoint(arrays, call, laws, t // apart, call.last - 1 - n)
-                meet(call, 2 * n, parallel)
-                nodes_adjoint(arrays, call, laws, t // apart, call.last - 1 - n)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 1, parallel):
+                        particles_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        done(call, parallel)
                 meet(call, 2 * n + 1, parallel)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 2, parallel):
+                        nodes_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        done(call, parallel)
+                meet(call, 2 * n + 2, parallel)
 
 
 @ti.func
-def meet(call: ti.template(), before, parallel: ti.template()):
-    """Wait until all threads have come here; they have met ``before`` times in this launch."""
+def begun(call: ti.template(), u, count, parallel: ti.template()):
+    """Whether this thread is the first that comes to slice ``u`` in pass ``count``, and the passes before are done."""
+    mine = True
     if ti.static(parallel):
-        ti.atomic_add(call.arrived[0], 1)
-        while ti.atomic_max(call.arrived[0], 0) < (before + 1) * call.slices:
-            pass
+        mine = False
+        if ti.atomic_max(call.progress[DONE], 0) >= (count - 1) * call.slices:  # noqa: SIM102 Taichi's "and" evaluates both
+            if ti.atomic_max(call.progress[STOPPED], 0) == 0:
+                mine = ti.atomic_max(call.progress[LINE * (u + FIRST_SLICE)], count) < count
+    return mine
+
+
+@ti.func
+def done(call: ti.template(), parallel: ti.template()):
+    """Count a slice that is done."""
+    if ti.static(parallel):
+        ti.atomic_add(call.progress[DONE], 1)
+
+
+@ti.func
+def meet(call: ti.template(), count, parallel: ti.template()):
+    """Wait until all slices of ``count`` passes are done. If that takes long, some thread does not run: stop the
+    launch, so that this one sleeps meanwhile.
+    """
+    if ti.static(parallel):
+        waited = PATIENCE * ti.atomic_max(call.progress[STOPPED], 0)
+        while ti.atomic_max(call.progress[DONE], 0) < count * call.slices and waited < PATIENCE:
+            waited += 1
+        if waited == PATIENCE:
+            ti.atomic_max(call.progress[STOPPED], 1)
 
 
 @ti.func

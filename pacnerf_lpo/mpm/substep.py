@@ -1,7 +1,7 @@
 """What a group of particles does in a pass, forward and backward: the order of the operators, and what is stored.
 
-Pass s of a frame completes substep s - 1 (G2P and the motion) and begins substep s (local laws and P2G) in one go over the
-particles, so that a particle is read once per substep. The adjoint goes through the same passes backward.
+Pass s of a frame completes substep s - 1 (G2P and the motion) and begins substep s (local laws and P2G) in one go over
+the particles, so that a particle is read once per substep. The adjoint goes through the same passes backward.
 """
 
 from dataclasses import dataclass
@@ -108,7 +108,7 @@ def complete(a: Forward, s: Setting, group: Group) -> None:
     """G2P and the motion."""
     new_scope()
     o = keep(group.block * s.width)
-    x = group.read(a.states, a.before + o, 3)
+    x = group.numbers(a.states, a.before + o, 3)
     v, grad = g2p(a.velocity, a.velocity_before, stencil(x, s), s, group)
     check_velocity(v, s, group)
     group.write(a.states, a.now + o, [keep(x[i] + s.n.dt * v[i]) for i in AXES])
@@ -119,10 +119,10 @@ def begin(a: Forward, s: Setting, first: Any, group: Group) -> None:
     """The local laws and P2G."""
     new_scope()
     o = keep(group.block * s.width)
-    x, v = group.read(a.states, a.now + o, 3), group.read(a.states, a.now + o + V, 3)
-    grad, deformation = group.read_tensor(a.states, a.now + o + C), group.read_tensor(a.states, a.now + o + F)
-    history = group.read(a.states, a.now + o + STATE, s.laws.history)
-    constants = group.read(a.constants, group.block * CONSTANTS, CONSTANTS)
+    x, v = group.numbers(a.states, a.now + o, 3), group.numbers(a.states, a.now + o + V, 3)
+    grad, deformation = group.tensor(a.states, a.now + o + C), group.tensor(a.states, a.now + o + F)
+    history = group.numbers(a.states, a.now + o + STATE, s.laws.history)
+    constants = group.numbers(a.constants, group.block * CONSTANTS, CONSTANTS)
     here = stencil(x, s)
     check_stencil(here.cell, here.outside, s, group)
     laws = local_laws(s, x, v, grad, deformation, history, constants)
@@ -147,24 +147,24 @@ def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
     """Adjoint of :func:`begin`."""
     new_scope()
     o, constant = keep(group.block * s.width), keep(group.block * CONSTANTS)
-    x, v = group.read(a.states, a.now + o, 3), group.read(a.states, a.now + o + V, 3)
-    grad, deformation = group.read_tensor(a.states, a.now + o + C), group.read_tensor(a.states, a.now + o + F)
-    history = group.read(a.states, a.now + o + STATE, s.laws.history)
-    constants = group.read(a.constants, constant, CONSTANTS)
+    x, v = group.numbers(a.states, a.now + o, 3), group.numbers(a.states, a.now + o + V, 3)
+    grad, deformation = group.tensor(a.states, a.now + o + C), group.tensor(a.states, a.now + o + F)
+    history = group.numbers(a.states, a.now + o + STATE, s.laws.history)
+    constants = group.numbers(a.constants, constant, CONSTANTS)
     laws, here = local_laws(s, x, v, grad, deformation, history, constants), stencil(x, s)
     alive, mass = constants[ALIVE], keep(constants[ALIVE] * constants[MASS])
     A = kept(added(scaled(grad, mass), stress_impulse(laws.tau, alive, s)))
     gx, gu, gA, gmass = p2g_adjoint(a.node, here, s, mass, laws.velocity, A, group)
-    gF, ghistory = group.read_tensor(a.gradient, o + F), group.read(a.gradient, o + STATE, s.laws.history)
+    gF, ghistory = group.tensor(a.gradient, o + F), group.numbers(a.gradient, o + STATE, s.laws.history)
     back = laws.pull_back(gF, stress_impulse(gA, alive, s), gu, ghistory)
     gtrial = kept(back.F)
     gC = added(added(scaled(gA, mass), back.C), scaled(product(gtrial, transposed(deformation)), s.n.dt))
     gF = added(gtrial, scaled(product(transposed(grad), gtrial), s.n.dt))
-    known = group.read(a.gradient, o, 3)
+    known = group.numbers(a.gradient, o, 3)
     group.write(a.gradient, o, [known[i] + gx[i] + back.x[i] for i in AXES])
     group.write(a.gradient, o + V, [*back.v, *flat(gC), *flat(gF), *back.history])
     own = [alive * (gmass + contraction(gA, grad)) + back.mass, back.stiffness, *back.X]
-    summed_before = group.read(a.of_constants, constant, len(own))
+    summed_before = group.numbers(a.of_constants, constant, len(own))
     group.write(a.of_constants, constant, [x + y for x, y in zip(summed_before, own, strict=True)])
     for c, of_coefficient in enumerate(back.coefficients):
         add_to_slice(a.of_coefficients, row, c, summed(keep(of_coefficient)), group.lane is not None)
@@ -174,10 +174,10 @@ def undo_complete(a: Adjoint, s: Setting, first: Any, group: Group) -> None:
     """Adjoint of :func:`complete`."""
     new_scope()
     o = keep(group.block * s.width)
-    gx, gv, gC = group.read(a.gradient, o, 3), group.read(a.gradient, o + V, 3), group.read_tensor(a.gradient, o + C)
-    left = stencil(group.read(a.states, a.before + o, 3), s)
+    gx, gv, gC = group.numbers(a.gradient, o, 3), group.numbers(a.gradient, o + V, 3), group.tensor(a.gradient, o + C)
+    left = stencil(group.numbers(a.states, a.before + o, 3), s)
     check_stencil(left.cell, 0.0, s, group)
-    v = group.read(a.states, a.now + o + V, 3)
+    v = group.numbers(a.states, a.now + o + V, 3)
     gv = [keep(gv[i] + s.n.dt * gx[i]) for i in AXES]
     through_weights = g2p_adjoint(a.momentum, first, a.velocity, a.velocity_before, left, s, v, gv, gC, group)
     group.write(a.gradient, o, [gx[i] + through_weights[i] for i in AXES])

@@ -21,7 +21,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 import taichi as ti
 from taichi.lang import impl
 from taichi.lang.any_array import AnyArray
-from taichi.lang.expr import Expr
+from taichi.lang.expr import Expr as Expr
 
 OURS = Path(__file__).parents[1].as_posix() + "/"
 """Files of this package."""

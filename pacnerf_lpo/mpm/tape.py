@@ -28,21 +28,24 @@ class Grid:
         return self.size[0] * max(0, 1 - self.origin[1]) * self.size[2]
 
 
-def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: Tensor, margin: int) -> Grid:
+def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tuple[float, ...], margin: int) -> Grid:
     """The grid that holds the particles while they fly freely, and ``margin`` cells more on every side.
 
     Args:
-        x: positions [m, (N, 3)].
-        v: velocities [m/s, (N, 3)].
+        x: positions [m, (3, N)].
+        v: velocities [m/s, (3, N)].
         dx: node spacing [m].
         duration: [s].
-        gravity: [m/s^2, (3,)].
+        gravity: [m/s^2].
         margin: cells.
     """
     straight = x + duration * v
-    reached = torch.stack([x, straight, straight + (0.5 * duration**2) * gravity])
-    low, high = reached.amin((0, 1)), reached.amax((0, 1))
-    low[1] = torch.maximum(low[1], torch.clamp(x[:, 1].amin(), max=0.0))
+    fallen = x.new_tensor(gravity) * (0.5 * duration**2)
+    low, high = (
+        torch.minimum(x.amin(1), straight.amin(1) + fallen.clamp(max=0)),
+        torch.maximum(x.amax(1), straight.amax(1) + fallen.clamp(min=0)),
+    )
+    low[1] = torch.maximum(low[1], x[1].amin().clamp(max=0.0))
     first = torch.floor(low / dx - 0.5).long() - margin
     last = torch.floor(high / dx - 0.5).long() + 2 + margin
     last[2] += 1  # rows of nodes along z are longer than a stencil by one

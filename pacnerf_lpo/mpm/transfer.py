@@ -1,7 +1,7 @@
 """What P2G and G2P have in common: quadratic B-splines on the 27 nodes around a particle, and sums over them.
 
-A field on the nodes is an array of 4-vectors. What a particle gives to its nodes is linear in the node index, q + i qi +
-j qj + k qk, so sums factor by axis. How they are taken is another matter for a group of one particle
+A field on the nodes is an array of 4-vectors. What a particle gives to its nodes is linear in the node index, q + i qi
++ j qj + k qk, so sums factor by axis. How they are taken is another matter for a group of one particle
 (:mod:`~pacnerf_lpo.mpm.transfer_single`) and for one that fills a register (:mod:`~pacnerf_lpo.mpm.transfer_rows`).
 """
 
@@ -20,7 +20,7 @@ class Stencil(Emitted):
     """The 27 nodes around each particle of a group.
 
     cell: index of the first of them along each axis, whole [(3,)]; outside: 1 where it was moved into the grid, else 0.
-    offset: of the particle from it [cells, (3,)]; w, dw: weights, and derivatives [per cell], by axis and node [(3, 3)].
+    offset: of the particle from it [cells, (3,)]; w, dw: weights, derivatives [per cell], by axis and node [(3, 3)].
     """
 
     cell: list[Any]
@@ -61,7 +61,9 @@ def stencil(x: list[Any], s: Setting) -> Stencil:
         cell.append(select(risen <= last, risen, last))
         inside.append(select(cell[axis] == wanted, 1.0, 0.0))
         offset.append(f)
-        w.append([keep(0.5 * (1.5 - f) * (1.5 - f)), keep(0.75 - (f - 1.0) * (f - 1.0)), keep(0.5 * (f - 0.5) * (f - 0.5))])
+        w.append(
+            [keep(0.5 * (1.5 - f) * (1.5 - f)), keep(0.75 - (f - 1.0) * (f - 1.0)), keep(0.5 * (f - 0.5) * (f - 0.5))]
+        )
         dw.append([keep(f - 1.5), keep(-2.0 * (f - 1.0)), keep(f - 0.5)])
     return Stencil(cell, keep(1.0 - inside[0] * inside[1] * inside[2]), offset, w, dw)
 

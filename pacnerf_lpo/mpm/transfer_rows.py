@@ -1,10 +1,8 @@
 """The sums of a group that fills a register, particle by particle, from and to the group's bench.
 
-The nodes of a stencil along z lie side by side in memory. With a fourth, of weight 0, they are a row of 16 numbers, which
-one instruction handles; a stencil is nine rows. The fourth node has to exist and to be finite.
+The nodes of a stencil along z lie side by side in memory. With a fourth, of weight 0, they are a row of 16 numbers,
+which one instruction handles; a stencil is nine rows. The fourth node has to exist and to be finite.
 """
-
-from typing import Any
 
 from pacnerf_lpo.mpm.arrays import Bench
 from pacnerf_lpo.mpm.lanes import LANES
@@ -23,7 +21,11 @@ def on(group: ti.template(), row: ti.template(), lane):
 @ti.func
 def first_node(s: ti.template(), group: ti.template(), lane):
     """Place in memory of the first node of the stencil of one particle."""
-    i, j, k = int(on(group, Bench.CELL, lane)), int(on(group, Bench.CELL + 1, lane)), int(on(group, Bench.CELL + 2, lane))
+    i, j, k = (
+        int(on(group, Bench.CELL, lane)),
+        int(on(group, Bench.CELL + 1, lane)),
+        int(on(group, Bench.CELL + 2, lane)),
+    )
     return i * s.dims.plane + j * s.dims.row + k
 
 
@@ -71,7 +73,7 @@ def total_of(row):
 
 @ti.func
 def given_at(group: ti.template(), lane):
-    """What a particle gives, without weights, to the rows of its stencil: to the first, and the change along x and y."""
+    """What a particle gives to the rows of its stencil, without weights: to the first, and changes along x and y."""
     b, zero = ti.static(Bench.GIVEN, Bench.ZERO)
     q = repeated(group, lane, b, b + 1, b + 2, b + 3)
     qk = repeated(group, lane, b + 6, b + 9, b + 12, zero)
@@ -139,9 +141,7 @@ def store_moments(group: ti.template(), lane, m, mi, mj):
 
 
 @ti.func
-def gather_with_slope(
-    field: ti.template(), first, s: ti.template(), group: ti.template(), with_moments: ti.template()
-):
+def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.template(), with_moments: ti.template()):
     """The sum of (u · what a particle gives) grad w of a field u over its stencil, and the moments of the field."""
     for lane in range(LANES):
         o = first + first_node(s, group, lane)
@@ -154,7 +154,11 @@ def gather_with_slope(
         for i in range(3):
             w = on(group, Bench.W + i, lane)
             q1 = q + qj
-            u0, u1, u2 = row_at(field, o) * q, row_at(field, o + s.dims.row) * q1, row_at(field, o + 2 * s.dims.row) * (q1 + qj)
+            u0, u1, u2 = (
+                row_at(field, o) * q,
+                row_at(field, o + s.dims.row) * q1,
+                row_at(field, o + 2 * s.dims.row) * (q1 + qj),
+            )
             value = w0 * u0 + w1 * u1 + w2 * u2
             gx += on(group, Bench.DW + i, lane) * value
             gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
