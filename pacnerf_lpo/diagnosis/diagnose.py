@@ -118,29 +118,8 @@ def investigate(
     Raises:
         SimulationError: the motion is unstable at every start.
     """
-    effects, known = tuple(problem.physics.effects), problem.first_guess
-    rounds: list[Round] = []
-    again = 0
-    while len(rounds) <= options.effects:
-        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
-        try:
-            rounds.append(_round(problem, store, options, effects, known, rounds, told, again))
-        except SimulationError as error:
-            if not rounds:
-                raise
-            _leave_out(problem, store, rounds, error, told)
-        last = rounds[-1]
-        better = better_model(problem, rounds) if again < MOST_AGAIN else None
-        if better is not None:
-            place, known = better
-            effects, again = rounds[place].effects, again + 1
-            del rounds[place:]
-            progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
-            continue
-        keep(rounds)
-        if last.accepted is None or options.until != "refit":
-            break
-        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
+    rounds = _forward(problem, store, options, progress, keep)
+    last, again = rounds[-1], rounds[-1].again
     gone = superfluous(problem, last) if len(rounds) > 2 else []
     if gone:
         kept = tuple(effect for effect in last.effects if effect not in gone)
@@ -160,6 +139,44 @@ def investigate(
         followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
         last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
     keep(rounds)
+    return rounds
+
+
+def _forward(
+    problem: Problem,
+    store: Store,
+    options: Options,
+    progress: Callable[[str], None],
+    keep: Callable[[list[Round]], None],
+) -> list[Round]:
+    """Rounds in which effects are added one after the other; arguments as of :func:`investigate`."""
+    effects, known = tuple(problem.physics.effects), problem.first_guess
+    rounds: list[Round] = []
+    again, examined = 0, None
+    while len(rounds) <= options.effects:
+        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
+        try:
+            rounds.append(_round(problem, store, options, effects, known, rounds, told, again))
+        except SimulationError as error:
+            if examined is not None:  # the better optimum cannot be
+                (effects, known), examined, again = examined, None, MOST_AGAIN
+                continue
+            if not rounds:
+                raise
+            _leave_out(problem, store, rounds, error, told)
+        last, examined = rounds[-1], None
+        better = better_model(problem, rounds) if again < MOST_AGAIN else None
+        if better is not None:
+            place, known = better
+            effects, again = rounds[place].effects, again + 1
+            examined = effects, rounds[place].comparison.known
+            del rounds[place:]
+            progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
+            continue
+        keep(rounds)
+        if last.accepted is None or options.until != "refit":
+            break
+        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
     return rounds
 
 

@@ -11,6 +11,7 @@ from pacnerf_lpo.diagnosis.diagnose import Options, better_model, investigate
 from pacnerf_lpo.diagnosis.refitting import better_null
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import refined
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.multistart import Search
@@ -56,6 +57,21 @@ def test_an_effect_that_only_leaves_a_wrong_optimum_is_not_named(misled, tmp_pat
     assert rounds[0].again == 1
     assert rounds[0].comparison.known["E"] < 10**RIDGE
     assert rounds[0].comparison.cost < 0.5 * screened[0].comparison.cost
+
+
+def test_a_better_optimum_that_cannot_be_examined_still_counts(misled, tmp_path, monkeypatch):
+    """Replicates at the better optimum, on finer grids, are unstable: the round stays, and names nothing."""
+    fine = 0.95 * falling.SPACING
+
+    def unstable(model: Model, free: np.ndarray) -> torch.Tensor:
+        if model.body.spacing < fine and free[model.names.index("E")] < RIDGE:
+            raise SimulationError(3, 1, "made unstable by a test")
+        return path(model, free)
+
+    monkeypatch.setattr(Model, "path", unstable)
+    rounds = diagnosed(misled, tmp_path)
+    assert verdict(rounds).names == [] and rounds[0].comparison.known["E"] > 10**RIDGE
+    assert rounds[0].refits[0].cost_without < 0.5 * rounds[0].comparison.cost
 
 
 def test_once_a_round_may_not_begin_again_evidence_is_counted_against_the_best_optimum(misled, tmp_path, monkeypatch):
