@@ -1,9 +1,10 @@
 """The engine's speed, memory and compile time for every material, beside a yardstick run at the same time.
 
-    python -m validation.engine --keep [--yardstick TRIAL.py] [--rounds 3]
+    python -m validation.engine --keep [--before CHECKOUT] [--yardstick TRIAL.py] [--rounds 3]
 
 Every measurement runs in its own process. Times are quoted twice: by the clock, and as processor time of one thread,
-which other programs on the machine disturb less; ratios against the yardstick compare runs that alternate.
+which other programs on the machine disturb less; ratios against another version (a checkout of it, for example by
+``git worktree add``) and against the yardstick compare runs that alternate.
 """
 
 import argparse
@@ -15,10 +16,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 
+import matplotlib.pyplot as plt
+import numpy as np
 import torch
 
 from validation.record import Record, keep, made, origin
@@ -32,13 +35,20 @@ MATERIALS = {
 }
 DX, RATE, SUBSTEPS = 0.04, 4800, 80
 COSTS = {
-    "flops": {"forward": 1200.0, "backward": 3100.0},
+    "flops": {"forward": 1650.0, "backward": 4400.0},
     "bytes": {"forward": 4.0 * (24 + 24 + 15), "backward": 4.0 * (24 + 24 + 24 + 15)},
 }
-"""Of one elastic particle in one substep. Floating-point operations, counted from transfer.py and the neo-Hookean law:
-forward one gather and one scatter, 9 x (13 + 11) operations on 4-vectors, weights and law 350; backward one scatter
-and two adjoint gathers, 9 x (11 + 24 + 30), weights and law 800. Memory traffic that no cache saves: states read and
-written once [bytes]."""
+"""Of one elastic particle in one substep. Floating-point operations, counted from transfer_rows.py and the neo-Hookean
+law, with those on the fourth node of a row, which has no weight: forward 36 operations on 16 numbers in the gather and
+38 in the scatter, their sums, weights and law 470; backward 166 in two adjoint gathers and 38 in the scatter, sums,
+weights and law 1100. Memory traffic that no cache saves: states read and written once [bytes]."""
+SIZES = {
+    "particles": [(1000, 80, 2), (4096, 80, 2), (15625, 40, 2), (64000, 20, 2), (250047, 8, 2), (1000000, 4, 2)],
+    "substeps": [(8000, 40, 2), (8000, 80, 2), (8000, 160, 2), (8000, 320, 2)],
+    "frames": [(8000, 20, 3), (8000, 20, 5), (8000, 20, 9), (8000, 20, 17)],
+}
+"""Particles, substeps per frame and frames of the rollouts that show how the cost grows."""
+PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "engine.png"
 
 
 def block(particles: int) -> torch.Tensor:
@@ -79,9 +89,9 @@ def machine() -> dict[str, float]:
     return {"matmul_gflops": 2 * 1024**3 / product / 1e9, "copy_gb_s": 2 * 4 * len(b) / copy / 1e9}
 
 
-def measure(name: str, particles: int) -> dict[str, float]:
+def measure(name: str, particles: int, substeps: int = SUBSTEPS, frames: int = 2) -> dict[str, float]:
     """Compile times and ms per substep of one material; best of five for each."""
-    rollout = scene(name, particles, SUBSTEPS, 2)
+    rollout = scene(name, particles, substeps, frames)
     with torch.no_grad():
         compile_forward = timed(rollout)
     compile_both = timed(lambda: rollout()[-1].sum().backward())
@@ -103,7 +113,8 @@ def measure(name: str, particles: int) -> dict[str, float]:
         "jit_cpu_s": compile_forward[1] + compile_both[1],
     }
     for key, (clock, processor) in best.items():
-        result[f"{key}_ms"], result[f"{key}_cpu_ms"] = 1e3 * clock / SUBSTEPS, 1e3 * processor / SUBSTEPS
+        total = substeps * (frames - 1)
+        result[f"{key}_ms"], result[f"{key}_cpu_ms"] = 1e3 * clock / total, 1e3 * processor / total
     return result
 
 
@@ -116,10 +127,12 @@ def peak_memory() -> dict[str, float]:
     return {"peak_gb": peak / 1e6, "before_gb": before / 1e6, "seconds": seconds[0], "cpu_seconds": seconds[1]}
 
 
-def child(arguments: list[str], threads: int, cache: bool) -> str:
-    """Standard output of a Python process with so many threads, with or without Taichi's cache of compiled kernels."""
+def child(arguments: list[str], threads: int, cache: bool, checkout: Path = PICTURE.parents[2]) -> str:
+    """Standard output of a Python process with so many threads, with or without Taichi's cache of compiled kernels, of
+    the version in a checkout.
+    """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "TI_OFFLINE_CACHE": str(int(cache))}
-    environment["PYTHONPATH"] = str(Path(__file__).parents[1])
+    environment["PYTHONPATH"] = str(checkout.resolve())
     return subprocess.run(
         [sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True
     ).stdout
@@ -163,6 +176,53 @@ def scaling(particles: int, rounds: int) -> tuple[float, float]:
     return median(clocks[0]), median(clocks[1])
 
 
+def beside(checkout: Path, rounds: int) -> dict[str, list[float]]:
+    """Recording + backward of another version and of this one, medians of processes that take turns [ms per substep of
+    processor time].
+    """
+    found: dict[str, list[float]] = {}
+    for name in MATERIALS:
+        both: list[list[float]] = [[], []]
+        for _ in range(rounds):
+            for times, where in zip(both, (checkout, PICTURE.parents[2]), strict=True):
+                run = json.loads(child([__file__, "--only", name], 1, True, where))
+                times.append(run["recording_cpu_ms"] + run["backward_cpu_ms"])
+        found[name] = [median(times) for times in both]
+    return found
+
+
+def growth() -> dict[str, list[tuple[int, float]]]:
+    """What grows, and ms of processor time of a whole rollout, recorded and pulled back, elastic, one thread."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    for what, sizes in SIZES.items():
+        found[what] = []
+        for size in sizes:
+            words = [f"--{key}={value}" for key, value in zip(("particles", "substeps", "frames"), size, strict=True)]
+            run = json.loads(child([__file__, "--only", "NeoHookean", *words], 1, True))
+            per_substep = run["recording_cpu_ms"] + run["backward_cpu_ms"]
+            grown = {"particles": size[0], "substeps": size[1], "frames": size[2] - 1}[what]
+            found[what].append((grown, per_substep * (1 if what == "particles" else size[1] * (size[2] - 1))))
+    return found
+
+
+def slope(points: Sequence[Sequence[float]]) -> float:
+    """Of the logarithm of the cost over that of the size: 1 where the cost is proportional."""
+    return float(np.polyfit(*np.log(np.array(points)).T, 1)[0])
+
+
+def draw(grown: Mapping[str, Sequence[Sequence[float]]]) -> None:
+    """The picture of the documentation."""
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.4), layout="constrained")
+    for axis, (what, points) in zip(axes, grown.items(), strict=True):
+        x, y = np.array(points).T
+        axis.loglog(x, y, "o-", label=f"slope {slope(points):.2f}")
+        axis.set_xlabel(what)
+        axis.set_ylabel("ms per substep" if what == "particles" else "ms per rollout")
+        axis.legend()
+        axis.grid(alpha=0.3)
+    figure.savefig(PICTURE, dpi=110)
+
+
 def page(results: Record) -> str:
     """The record as Markdown."""
     lines = [
@@ -200,6 +260,15 @@ def page(results: Record) -> str:
             f"- {int(particles):,} elastic particles, forward + backward by the clock: {alone:.2f} ms with one thread, "
             f"{together:.2f} ms with two: **{alone / together:.2f} x faster** (medians)."
         )
+    for name, (before, now) in results.get("before", {}).get("ms", {}).items():
+        lines.append(
+            f"- {name}, {results['before']['commit']} and this version in turn, recording + backward: {before:.2f} and "
+            f"{now:.2f} ms: **{before / now:.2f} x faster**."
+        )
+    for what, points in results["growth"].items():
+        costs = ", ".join(f"{int(size):,}: {cost:.3g}" for size, cost in points)
+        unit = "ms per substep" if what == "particles" else "ms per rollout of 8,000 particles"
+        lines.append(f"- Cost over {what}, forward + backward, {unit}: {costs}; slope {slope(points):.2f}.")
     m = results["memory"]
     lines += [
         "",
@@ -214,15 +283,19 @@ def main() -> None:
     """Measure and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", action="store_true", help="write validation/results/engine.json and its page")
+    parser.add_argument("--before", type=Path, help="checkout of another version, for a comparison side by side")
     parser.add_argument("--yardstick", type=Path, help="another engine's program, which prints the same figures")
     parser.add_argument(
         "--rounds", type=int, default=3, help="processes for each material, and alternations with the yardstick"
     )
     parser.add_argument("--only", help=argparse.SUPPRESS)
     parser.add_argument("--particles", type=int, default=8000, help=argparse.SUPPRESS)
+    parser.add_argument("--substeps", type=int, default=SUBSTEPS, help=argparse.SUPPRESS)
+    parser.add_argument("--frames", type=int, default=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.only:
-        print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, options.particles)))
+        size = options.particles, options.substeps, options.frames
+        print(json.dumps(peak_memory() if options.only == "memory" else measure(options.only, *size)))
         return
     results: Record = {**made(), "load": os.getloadavg()[0], "rounds": options.rounds}
     own = [__file__, "--only"]
@@ -239,10 +312,17 @@ def main() -> None:
             results[f"{key}_rounds"].append(json.loads(child([*own, "NeoHookean"], threads, cache=True)))
             results[f"{key}_yardstick"].append(yardstick(options.yardstick, threads, processor_time=key == "one"))
     results["scaling"] = {str(particles): scaling(particles, options.rounds) for particles in (8000, 29**3)}
+    if options.before:
+        commit = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], cwd=options.before, capture_output=True, text=True
+        )
+        results["before"] = {"commit": commit.stdout.strip(), "ms": beside(options.before, options.rounds)}
+    results["growth"] = growth()
     results["memory"] = json.loads(child([*own, "memory"], 2, cache=True))
     print(page(results))
     if options.keep:
         keep("engine", results, page)
+        draw(results["growth"])
 
 
 if __name__ == "__main__":

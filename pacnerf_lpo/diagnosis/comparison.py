@@ -146,23 +146,13 @@ def compare(
     found, sensor = replicates(
         problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}")
     )
-    known = model.physical(free)
-    parts = [] if before is None else [problem.parts(before[0], before[1].known), problem.parts(effects, known)]
-    if before is not None and _alike(problem, *parts):
-        wrong, coarser, force, simulated = before[1].shape_errors, before[1].discretisation, before[1].force, 2
-    else:
-        wrong = shape_errors(problem, effects, free, model)
-        coarser = discretisation_errors(problem, effects, free, model)
-        force = force_changes(problem, effects, known, progress)
-        simulated = wrong.shape[-1] + coarser.shape[-1] + force.shape[-1]
+    errors, simulated = _errors_of_models(problem, effects, free, model, before, progress)
     mask = problem.fitted
-    noise = noise_of(problem, found, sensor, mask, known_errors(wrong, coarser, force)[mask])
+    noise = noise_of(problem, found, sensor, mask, known_errors(*errors)[mask])
     objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, WHITENED_ITERATIONS, report, rows=objective.rows)
-    residual, jacobian = objective.seen(best)
-    simulated += best.rollouts + len(found) + 2
     return Comparison(
         model.names,
         best.free,
@@ -170,16 +160,38 @@ def compare(
         mean,
         deviation,
         best.cost_of(objective.rows),
-        residual,
-        jacobian,
+        *objective.seen(best),
         found,
         sensor,
-        wrong,
-        coarser,
-        force,
+        *errors,
         tuple(notes(model, best.free, mean, deviation)),
-        rollouts + simulated,
+        rollouts + simulated + best.rollouts + len(found) + 2,
     )
+
+
+def _errors_of_models(
+    problem: Problem,
+    effects: Sequence[Effect],
+    free: np.ndarray,
+    model: Model,
+    before: tuple[Sequence[Effect], Comparison] | None,
+    progress: Progress,
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], int]:
+    """Changes of the residual by errors of the shape, of the resolution, and by a smooth force, as a
+    :class:`Comparison` has them, and the number of simulations; those of another model where the motion is nearly the
+    same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)].
+    """
+    known = model.physical(free)
+    if before is not None:
+        others, comparison = before
+        if _alike(problem, problem.parts(others, comparison.known), problem.parts(effects, known)):
+            return (comparison.shape_errors, comparison.discretisation, comparison.force), 2
+    found = (
+        shape_errors(problem, effects, free, model),
+        discretisation_errors(problem, effects, free, model),
+        force_changes(problem, effects, known, progress),
+    )
+    return found, sum(changes.shape[-1] for changes in found)
 
 
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:

@@ -14,12 +14,12 @@ from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, bent, refit
+from pacnerf_lpo.diagnosis.refitting import Refit, bent, better_null, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
+from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, masks, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -29,6 +29,9 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
 LEAST_REPLICATES, MOST_REPLICATES = 4, 200
+MOST_AGAIN = 3
+"""Times that a round begins again from a better optimum of its model; after that, evidence is only counted against it.
+"""
 
 
 @dataclass
@@ -115,28 +118,15 @@ def investigate(
     Raises:
         SimulationError: the motion is unstable at every start.
     """
-    effects, known = tuple(problem.physics.effects), problem.first_guess
-    rounds: list[Round] = []
-    while len(rounds) <= options.effects:
-        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
-        try:
-            rounds.append(_round(problem, store, options, effects, known, rounds, told))
-        except SimulationError as error:
-            if not rounds:
-                raise
-            _leave_out(problem, store, rounds, error, told)
-        last = rounds[-1]
-        keep(rounds)
-        if last.accepted is None or options.until != "refit":
-            break
-        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
+    rounds = _forward(problem, store, options, progress, keep)
+    last, again = rounds[-1], rounds[-1].again
     gone = superfluous(problem, last) if len(rounds) > 2 else []
     if gone:
         kept = tuple(effect for effect in last.effects if effect not in gone)
         told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
         names = [name_of(effect) for effect in gone]
         try:
-            last = _round(problem, store, options, kept, last.comparison.known, rounds, told)
+            last = _round(problem, store, options, kept, last.comparison.known, rounds, told, again)
             last.removed = names
             rounds.append(last)
         except SimulationError as error:
@@ -149,6 +139,44 @@ def investigate(
         followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
         last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
     keep(rounds)
+    return rounds
+
+
+def _forward(
+    problem: Problem,
+    store: Store,
+    options: Options,
+    progress: Callable[[str], None],
+    keep: Callable[[list[Round]], None],
+) -> list[Round]:
+    """Rounds in which effects are added one after the other; arguments as of :func:`investigate`."""
+    effects, known = tuple(problem.physics.effects), problem.first_guess
+    rounds: list[Round] = []
+    again, examined = 0, None
+    while len(rounds) <= options.effects:
+        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
+        try:
+            rounds.append(_round(problem, store, options, effects, known, rounds, told, again))
+        except SimulationError as error:
+            if examined is not None:  # the better optimum cannot be
+                (effects, known), examined, again = examined, None, MOST_AGAIN
+                continue
+            if not rounds:
+                raise
+            _leave_out(problem, store, rounds, error, told)
+        last, examined = rounds[-1], None
+        better = better_model(problem, rounds) if again < MOST_AGAIN else None
+        if better is not None:
+            place, known = better
+            effects, again = rounds[place].effects, again + 1
+            examined = effects, rounds[place].comparison.known
+            del rounds[place:]
+            progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
+            continue
+        keep(rounds)
+        if last.accepted is None or options.until != "refit":
+            break
+        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
     return rounds
 
 
@@ -184,11 +212,13 @@ def _round(
     known: dict[str, float],
     before: Sequence[Round],
     progress: Callable[[str], None],
+    again: int = 0,
 ) -> Round:
     latest = (before[-1].effects, before[-1].comparison) if before else None
-    number = _number(len(before) + 1, before[-1] if before else None)
+    number = _number(len(before) + 1, again, before[-1] if before else None)
     settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
-    step = partial(compare, problem, effects, known, settings, not before, told, latest)
+    searched = not before and not again
+    step = partial(compare, problem, effects, known, settings, searched, told, latest)
     comparison: Comparison = store.once(f"{number}_compare", step)
     parameters, undetermined = intervals(problem, effects, comparison)
     found = Round(
@@ -198,6 +228,7 @@ def _round(
         parameters,
         undetermined,
         store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
+        again=again,
     )
     residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
     found.errors = comparison.errors(problem, residuals)
@@ -246,15 +277,33 @@ def _leave_out(
     name = found.accepted.name
     found.left_out[name] = str(error)
     kept = [again for again in found.refits if again.name != name]
-    number = _number(len(rounds), found)
+    number = _number(len(rounds), found.again, found)
     found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
     found.effort["refit"]["simulations"] += simulated
     _select(problem, found, found.screening)
 
 
-def _number(count: int, found: Round | None) -> str:
-    """Of a round in the names of its steps: effects that a round had to leave out make others of it and the next."""
-    return "_without_".join([str(count), *(found.left_out if found else ())])
+def _number(count: int, again: int, found: Round | None) -> str:
+    """Of a round in the names of its steps: beginning again, and effects that a round had to leave out, make others of
+    it and the next.
+    """
+    begun = f"{count}_again{again}" if again else str(count)
+    return "_without_".join([begun, *(found.left_out if found else ())])
+
+
+def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[str, float]] | None:
+    """The first round whose model is decisively better near an optimum that the last round found for its own, and the
+    values there [SI]: every model of an earlier round is contained in that one. None where the last round found none.
+    """
+    known, mask = rounds[-1].better, problem.fitted
+    if known is None:
+        return None
+    for place, earlier in enumerate(rounds[:-1]):
+        comparison = earlier.comparison
+        _, better, _ = better_null(problem, earlier.effects, comparison, known, comparison.cost, mask)
+        if better is not None:
+            return place, better
+    return len(rounds) - 1, known
 
 
 def _refits(
@@ -281,6 +330,8 @@ def _refits(
     def attempt(candidate: Candidate, searched: bool) -> None:
         if any(candidate.name == again.name for again in kept):
             return
+        if found.again < MOST_AGAIN and any(again.better for again in refits):
+            return  # all of them will be fitted again beside a better model
         near = [again.cost for again in refits if again.name not in screening.outside]
         told = _prefixed(progress, f"refit with {candidate.name}: ")
         step = partial(refit, problem, found.effects, found.comparison, candidate, screening, told)
@@ -307,7 +358,18 @@ def _refits(
             wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
             if wanted and more_than_noise(found, refits, size):
                 attempt(candidate, searched)
-    return refits, simulated[0]
+    return against_the_best(problem, refits, screening), simulated[0]
+
+
+def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Screening) -> list[Refit]:
+    """Refits against the least cost of the model without their effects that any of those to the same data has found."""
+    found = []
+    for again in refits:
+        outside = again.name in screening.outside
+        least = min(other.cost_without for other in refits if (other.name in screening.outside) == outside)
+        size = int(masks(problem)[outside].sum())
+        found.append(again if least == again.cost_without else again.against(least, size, screening))
+    return found
 
 
 def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:

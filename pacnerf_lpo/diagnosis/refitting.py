@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, column, fit_or_none
+from pacnerf_lpo.identification.least_squares import Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
-from pacnerf_lpo.inference.decision import Contender, log_bayes_factor, log_occam_factor
+from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, Contender, log_bayes_factor, log_occam_factor
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -36,12 +36,15 @@ class Refit:
     known: every value [SI]
     intervals: of all unknowns [SI]
     residual: measured minus predicted [pixels, (R, F, 11)]
-    cost_without, cost: sums of squares of the standardised residual and of the priors' terms in the fitted entries.
+    cost_without, cost: sums of squares of the standardised residual and of the priors' terms in the fitted entries,
+        without the effect at the best optimum known.
     log_bayes_factor: of the effect against the model without it.
     occam: logarithm of the part of the prior of the coefficients that the data leave.
     p_value: of the whole procedure.
     notes: sentences about estimates at a bound or far from what was expected.
     simulated: simulations that it took.
+    better: values at which the model without the effect is decisively better than where it was fitted, found from where
+        this fit ended [SI]; None: there are none.
     """
 
     name: str
@@ -55,11 +58,19 @@ class Refit:
     p_value: float
     notes: tuple[str, ...]
     simulated: int
+    better: dict[str, float] | None = None
 
     @property
     def contender(self) -> Contender:
         """As a decision sees it."""
         return Contender(self.name, self.cost, self.occam, self.p_value)
+
+    def against(self, cost_without: float, size: int, screening: Screening) -> Refit:
+        """The same against another optimum of the model without the effect, of D data."""
+        scale = screening.scale(self.name)
+        factor = log_bayes_factor(cost_without, self.cost, size, self.occam, scale)
+        p_value = screening.p_value(self.name, factor)
+        return replace(self, cost_without=cost_without, log_bayes_factor=factor, p_value=p_value)
 
 
 def refit(
@@ -75,7 +86,8 @@ def refit(
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 
-    A fault of a held-out camera is fitted in the fitted frames of all views.
+    A fault of a held-out camera is fitted in the fitted frames of all views. The model without the effect is fitted
+    again from where the best of all ends: an optimum that it missed is no evidence for the effect.
 
     Args:
         problem, effects, comparison: the run, the effects of its model, and that model fitted.
@@ -90,66 +102,132 @@ def refit(
     Returns:
         None if the motion is unstable from every start.
     """
-    outside = candidate.name in screening.outside
-    mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
-    noise = comparison.noise(problem, mask)
-    without = _cost_without(problem, comparison, mask) if outside else comparison.cost
-    more = [*effects, candidate.effect]
-    model = problem.model(more, {**comparison.known, **candidate.effect.guess})
-    mean, deviation = priors(problem, model)
-    objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
-    begun, rollouts = _starts(model, comparison, candidate, screening.score(candidate.name), mean), 0
+    fits = _Fits(problem, effects, comparison, candidate, screening)
+    begun, rollouts = _starts(fits.model, comparison, candidate, screening.score(candidate.name), fits.mean), 0
     if searched:
         try:
             guess = {**problem.first_guess, **candidate.effect.guess}
-            found = base_fit(problem, more, guess, progress, followed=True)
+            found = base_fit(problem, fits.effects, guess, progress, followed=True)
         except SimulationError:
             return None
         begun, rollouts = [found.free], found.rollouts
-    best, cost = None, np.inf
-    own = np.isin(model.names, list(candidate.effect.parameters))
-    for start in begun if thorough else begun[:1]:
-        if np.isfinite(cost) and min(cost, best_cost) <= mask.sum():
-            break  # no more than noise is left, by this or by another effect: another optimum is not needed
-        least = min(without, GIVE_UP * best_cost, GIVE_UP * cost)
-        report = reporter(model, progress)
-        first = None if searched else _begun(objective, model, comparison, start, own)
-        tried = fit_or_none(
-            objective,
-            start if first is None else first,
-            model.scales,
-            model.bounds,
-            ITERATIONS if thorough else QUICK_ITERATIONS,
-            report=report,
-            abort_above=least,
-            rows=objective.rows,
-            confirm=thorough,
-            remeasured=np.inf if thorough else 1,
-        )
-        rollouts += int(own.sum()) + 2 if tried is None else tried.rollouts
-        if tried is not None and tried.cost_of(objective.rows) < cost:
-            best, cost = tried, tried.cost_of(objective.rows)
+    best, used = fits.best(begun if thorough else begun[:1], progress, best_cost, searched, thorough)
     if best is None:
         return None
-    jacobian = objective.standardised(best)
-    scale = screening.scale(candidate.name)
-    occam = log_occam_factor(jacobian[:, ~own], jacobian[:, own] / scale)
-    factor = log_bayes_factor(without, cost, len(jacobian), occam, scale)
-    along = scale * float(np.sqrt(max(1.0, cost / len(jacobian))))
-    told, _ = intervals_in_si(model, best.free, deviation, jacobian, along, noise)
-    return Refit(
-        candidate.name,
-        model.physical(best.free),
-        told,
-        objective.seen(best)[0],
-        without,
-        cost,
-        factor,
-        occam,
-        screening.p_value(candidate.name, factor),
-        tuple(notes(model, best.free, mean, deviation)),
-        rollouts,
-    )
+    again = fits.scored(best, screening, rollouts + used)
+    if thorough and again.p_value < LEVEL and again.cost < best_cost:
+        null = problem, effects, comparison, again.known, fits.without, fits.mask
+        cost, known, used = better_null(*null, fits.seen(best))
+        again = replace(again.against(cost, fits.size, screening), better=known, simulated=again.simulated + used)
+    return again
+
+
+class _Fits:
+    """Fits of a model with one more effect; arguments as of :func:`refit`."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        effects: Sequence[Effect],
+        comparison: Comparison,
+        candidate: Candidate,
+        screening: Screening,
+    ):
+        self.comparison, self.name, self.effects = comparison, candidate.name, [*effects, candidate.effect]
+        outside = candidate.name in screening.outside
+        self.mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
+        self.noise = comparison.noise(problem, self.mask)
+        self.without = _cost_without(problem, comparison, self.mask) if outside else comparison.cost
+        self.model = problem.model(self.effects, {**comparison.known, **candidate.effect.guess})
+        self.mean, self.deviation = priors(problem, self.model)
+        rest = self.mask, self.noise, self.mean, self.deviation
+        self.objective = StandardisedObjective(problem, self.model, *rest)
+        self.own = np.isin(self.model.names, list(candidate.effect.parameters))
+        self.size = int(self.mask.sum())
+
+    def best(
+        self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, thorough: bool
+    ) -> tuple[Fit | None, int]:
+        """The best of the fits from some starts [(K,) each], None where all are unstable, and the rollouts of all."""
+        best, cost, rollouts = None, np.inf, 0
+        for start in begun:
+            if np.isfinite(cost) and min(cost, best_cost) <= self.size:
+                break  # no more than noise is left, by this or by another effect: another optimum is not needed
+            first = None if searched else _begun(self.objective, self.model, self.comparison, start, self.own)
+            tried = fit_or_none(
+                self.objective,
+                start if first is None else first,
+                self.model.scales,
+                self.model.bounds,
+                ITERATIONS if thorough else QUICK_ITERATIONS,
+                report=reporter(self.model, progress),
+                abort_above=min(self.without, GIVE_UP * best_cost, GIVE_UP * cost),
+                rows=self.objective.rows,
+                confirm=thorough,
+                remeasured=np.inf if thorough else 1,
+            )
+            rollouts += int(self.own.sum()) + 2 if tried is None else tried.rollouts
+            if tried is not None and tried.cost_of(self.objective.rows) < cost:
+                best, cost = tried, tried.cost_of(self.objective.rows)
+        return best, rollouts
+
+    def scored(self, best: Fit, screening: Screening, rollouts: int) -> Refit:
+        """What a fit says of the effect."""
+        jacobian, scale = self.objective.standardised(best), screening.scale(self.name)
+        cost = best.cost_of(self.objective.rows)
+        occam = log_occam_factor(jacobian[:, ~self.own], jacobian[:, self.own] / scale)
+        along = scale * float(np.sqrt(max(1.0, cost / self.size)))
+        told, _ = intervals_in_si(self.model, best.free, self.deviation, jacobian, along, self.noise)
+        residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
+        suspect = tuple(notes(self.model, best.free, self.mean, self.deviation))
+        blank = Refit(self.name, known, told, residual, 0.0, cost, 0.0, occam, 1.0, suspect, rollouts)
+        return blank.against(self.without, self.size, screening)
+
+    def seen(self, found: Fit) -> np.ndarray:
+        """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""
+        return self.objective.seen(found)[1][..., ~self.own]
+
+
+def better_null(
+    problem: Problem,
+    effects: Sequence[Effect],
+    comparison: Comparison,
+    known: dict[str, float],
+    without: float,
+    mask: np.ndarray,
+    changes: np.ndarray | None = None,
+) -> tuple[float, dict[str, float] | None, int]:
+    """Fit a model again from where a larger one, which contains it, ended.
+
+    Args:
+        problem, effects, comparison: the run, the effects of the model, and that model fitted.
+        known: every value of the larger model [SI].
+        without: cost of the model where it was fitted, in the entries of
+        mask: [(R, F, 11), bool]
+        changes: of the residual by the unknowns of the model, for the first steps [(R, F, 11, K)]; None: measured.
+
+    Returns:
+        The least cost known; the values there, if the model is decisively more probable with them than as it was
+        fitted, else None; and the number of rollouts.
+    """
+    model, noise = problem.model(effects, known), comparison.noise(problem, mask)
+    objective = StandardisedObjective(problem, model, mask, noise, comparison.mean, comparison.deviation)
+    free, rows = np.clip(model.start, *model.bounds), objective.rows
+    try:
+        now = objective(free)
+    except SimulationError:
+        return without, None, 1
+    start = Fit(free, now, None if changes is None else objective.derivative(changes), 0, objective)
+    if start.jacobian is not None:
+        step = np.linalg.lstsq(start.jacobian[rows], -now[rows], rcond=None)[0]
+        promised = now[rows] + start.jacobian[rows] @ step
+        if promised @ promised > without:
+            return without, None, 1
+    settings = model.scales, model.bounds, QUICK_ITERATIONS
+    found = fit(objective, start, *settings, abort_above=without, rows=rows, confirm=False)
+    cost = found.cost_of(rows)
+    better = log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) > DECISIVE
+    return min(cost, without), model.physical(found.free) if better else None, 1 + found.rollouts
 
 
 def _begun(

@@ -46,6 +46,7 @@ class Round:
     errors: in units of this model's noise, the errors of the models of all rounds so far, this one the last.
     finished: whether every hypothesis that could win was fitted.
     effort: seconds and simulations of every step, by name.
+    again: how often the diagnosis began a round again before this one was reached.
     """
 
     effects: tuple[Effect, ...]
@@ -69,6 +70,13 @@ class Round:
     errors: tuple[Error, ...] = ()
     finished: bool = False
     effort: dict[str, dict[str, float]] = field(default_factory=dict)
+    again: int = 0
+
+    @property
+    def better(self) -> dict[str, float] | None:
+        """Values of the model at a decisively better optimum that a refit led to [SI]; None: there is none."""
+        found = min(self.refits, key=lambda again: (again.better is None, again.cost_without), default=None)
+        return None if found is None else found.better
 
     def candidate(self, name: str) -> Candidate:
         """The candidate of a name."""

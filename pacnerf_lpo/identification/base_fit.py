@@ -32,8 +32,9 @@ MOST_OPTIMA = 2
 """Of the coarse body: so many are followed on the fine one."""
 FAR = 2.0
 """Standard deviations of a prior: an estimate farther away is reported."""
-TOUCH = 0.5
-"""Node spacings above the ground: a particle lower than this touches it."""
+TOUCH = 1.5
+"""Node spacings above the ground: a particle lower than this feels it, as far as a quadratic B-spline reaches. A stiff
+body is thrown back before it comes much nearer."""
 Progress = Callable[[str], None]
 
 

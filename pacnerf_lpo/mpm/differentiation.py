@@ -1,6 +1,7 @@
 """Reverse-mode differentiation of a local law while its kernel is compiled.
 
-A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands it emits Taichi expressions and
+A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands (each a number, or the lanes of
+several particles) it emits Taichi expressions and
 leaves a record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel.
 Nothing is stored between kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no
 adjoint written by its author. Called with floats the same function computes floats, which is how a law is read and
@@ -12,7 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.taichi_calls import keep, ti
+from pacnerf_lpo.mpm import lanes
+from pacnerf_lpo.mpm.lanes import keep
 
 FUNCTIONS = "where, maximum, minimum, sqrt, log and exp of pacnerf_lpo.mpm.differentiation"
 Pullback = Callable[[list], Sequence]
@@ -152,20 +154,20 @@ def sqrt(x: Any) -> Any:
     """Square root; its derivative at 0 counts as 0, so that a norm has the gradient 0 at the origin."""
     if not isinstance(x, Scalar):
         return math.sqrt(x)
-    root = keep(ti.sqrt(x.value))
-    return x._unary(root, lambda: ti.select(root > 0.0, 0.5 / root, 0.0))
+    root = lanes.sqrt(x.value)
+    return x._unary(root, lambda: lanes.select(root > 0.0, 0.5 / root, 0.0))
 
 
 def log(x: Any) -> Any:
     """Natural logarithm."""
-    return x._unary(ti.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
+    return x._unary(lanes.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
 
 
 def exp(x: Any) -> Any:
     """Exponential."""
     if not isinstance(x, Scalar):
         return math.exp(x)
-    value = keep(ti.exp(x.value))
+    value = lanes.exp(x.value)
     return x._unary(value, lambda: value)
 
 
@@ -175,11 +177,11 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     if isinstance(condition, bool):
         return yes if condition else no
     condition = plain(condition)
-    value = ti.select(condition, plain(yes), plain(no))
+    value = lanes.select(condition, plain(yes), plain(no))
     if record is None:
         return keep(value)
     return record.step(
-        [value], [yes, no], lambda g: (ti.select(condition, g[0], 0.0), ti.select(condition, 0.0, g[0]))
+        [value], [yes, no], lambda g: (lanes.select(condition, g[0], 0.0), lanes.select(condition, 0.0, g[0]))
     )[0]
 
 

@@ -9,112 +9,117 @@ B-spline weights w_i(x) of the nodes at x_i (Hu et al., "A moving least squares 
     G2P       v = sum_i w_i v_i,  C = 4 / dx^2 sum_i w_i v_i (x_i - x)^T,  x <- x + dt v
 
 The adjoint of P2G gathers, the adjoint of G2P scatters. A name that begins with g is the adjoint of what follows it.
+Numbers of a particle are those of a group: one, or a register full of them.
 """
 
-from pacnerf_lpo.mpm.arrays import CONSTANTS, STATE, total, vector
+from typing import Any
+
+from pacnerf_lpo.mpm.arrays import Group, Setting, total, vector
+from pacnerf_lpo.mpm.lanes import keep
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
-from pacnerf_lpo.mpm.taichi_calls import components, entries, ti
-from pacnerf_lpo.mpm.transfer import about, gather, gather_with_slope, linear, scatter, with_fourth
+from pacnerf_lpo.mpm.taichi_calls import components, ti
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled
+from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter, scatter_and_slope
 
 
-@ti.func
-def local_laws(a: ti.template(), s: ti.template(), p, x, v, C, F):
-    """All local laws at particle ``p``; ``a`` has its constants and, in ``now``, its history."""
-    trial = F + s.n.dt * (C @ F)
-    return Evaluation(
-        s.laws,
-        Point(
-            entries(trial),
-            entries(C),
-            components(x),
-            [a.constants[CONSTANTS * p + 2 + i] for i in ti.static(range(3))],
-            components(v),
-            s.n.start + s.n.dt * s.call.substep,
-            s.n.dt,
-            a.constants[CONSTANTS * p],
-            s.n.volume,
-            a.constants[CONSTANTS * p + 1],
-            [a.now[s.width * p + STATE + h] for h in ti.static(range(s.laws.history))],
-        ),
-        s.coefficients,
-    )
+def local_laws(s: Setting, x: list, v: list, C: Tensor3, F: Tensor3, history: list, constants: list) -> Evaluation:
+    """All local laws at some particles."""
+    mass, stiffness, *start = constants[:5]
+    trial = kept(added(F, scaled(product(C, F), s.n.dt)))
+    time = s.n.start + s.n.dt * s.substep
+    point = Point(trial, C, x, start, v, time, s.n.dt, mass, s.n.volume, stiffness, history)
+    return Evaluation(s.laws, point, s.coefficients)
 
 
-@ti.func
-def affine_momentum(tau, C, mass, s: ti.template()):
-    """A: momentum per metre from the particle, of its velocity gradient and of its stress."""
-    return mass * C + stress_impulse(tau, s)
-
-
-@ti.func
-def stress_impulse(tau, s: ti.template()):
+def stress_impulse(tau: Tensor3, alive: Any, s: Setting) -> Tensor3:
     """Momentum per metre from the particle that its stress gives in a substep; its own adjoint."""
-    return (-4.0 * s.n.dt * s.n.volume * s.n.inv_dx * s.n.inv_dx) * tau
+    return scaled(tau, keep((-4.0 * s.n.dt * s.n.volume * s.n.inv_dx * s.n.inv_dx) * alive))
 
 
-@ti.func
-def p2g(sums: ti.template(), here: ti.template(), s: ti.template(), mass, u, A):
-    """Mass and momentum of a particle, added to its nodes."""
-    given = linear(mass * u, A * s.n.dx, mass, here)
-    scatter(sums, here, given)
+def p2g(field: Any, first: Any, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group) -> None:
+    """Mass and momentum of the particles, added to their nodes."""
+    scatter(field, first, here, linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here), s, group)
 
 
-@ti.func
-def p2g_adjoint(node: ti.template(), here: ti.template(), s: ti.template(), mass, u, A):
+def p2g_adjoint(
+    field: Any, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group
+) -> tuple[list, list, Tensor3, Any]:
     """Adjoints of x (through the weights), u, A and mass, from those of the nodes."""
-    given = linear(mass * u, A * s.n.dx, mass, here)
-    moments, slope = gather_with_slope(node, here, given)
-    h = ti.Vector([moments.m[0], moments.m[1], moments.m[2]])
-    gA = about(moments, here, s.n.dx)
-    gx = s.n.inv_dx * slope - A.transpose() @ h
-    return gx, mass * h, gA, moments.m[3] + h.dot(u)
+    given = linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here)
+    moments, slope = gather_with_slope(field, 0, here, given, s, group)
+    h = moments.m[:3]
+    gx = [keep(s.n.inv_dx * slope[i] - dot([row[i] for row in A], h)) for i in AXES]
+    return gx, [keep(mass * a) for a in h], about(moments, here, s.n.dx), keep(moments.m[3] + dot(h, u))
+
+
+def g2p(field: Any, first: Any, here: Stencil, s: Setting, group: Group) -> tuple[list, Tensor3]:
+    """Velocity and velocity gradient of the particles from their nodes."""
+    moments = gather(field, first, here, s, group)
+    return moments.m[:3], about(moments, here, keep(4.0 * s.n.inv_dx))
+
+
+def g2p_adjoint(
+    field: Any,
+    to: Any,
+    velocity: Any,
+    first: Any,
+    here: Stencil,
+    s: Setting,
+    v: list,
+    gv: list,
+    gC: Tensor3,
+    group: Group,
+) -> list:
+    """Adjoints of the nodes' velocities, added to a field from its node ``to`` on; returns that of x, through the
+    weights.
+    """
+    B = kept(scaled(gC, keep(4.0 * s.n.inv_dx)))
+    slope = scatter_and_slope(field, to, velocity, first, here, linear(gv, B, 0.0, here), s, group)
+    return [keep(s.n.inv_dx * (slope[i] - dot([row[i] for row in B], v))) for i in AXES]
+
+
+def kept(tensor: Tensor3) -> Tensor3:
+    """A tensor whose entries are computed once."""
+    return [[keep(x) for x in row] for row in tensor]
+
+
+def dot(a: list, b: list) -> Any:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @ti.func
-def g2p(velocity: ti.template(), here: ti.template(), s: ti.template()):
-    """Velocity and velocity gradient of a particle from its nodes."""
-    moments = gather(velocity, here)
-    v = ti.Vector([moments.m[0], moments.m[1], moments.m[2]])
-    return v, about(moments, here, 4.0 * s.n.inv_dx)
+def with_fourth(a, last):
+    return ti.Vector([a[0], a[1], a[2], last])
 
 
 @ti.func
-def g2p_adjoint(sums: ti.template(), velocity: ti.template(), here: ti.template(), s: ti.template(), v, gv, gC):
-    """Adjoints of the nodes' velocities, added to them; returns that of x, through the weights."""
-    B = (4.0 * s.n.inv_dx) * gC
-    given = linear(gv, B, 0.0, here)
-    scatter(sums, here, given)
-    _moments, slope = gather_with_slope(velocity, here, given)
-    return s.n.inv_dx * (slope - B.transpose() @ v)
-
-
-@ti.func
-def grid_update(a: ti.template(), s: ti.template(), i, j, k):
+def grid_update(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template()):
     """Velocity of a node from its momentum: gravity, then the ground, where the node lies on it or below."""
     o = (i * s.dims.size_y + j) * s.dims.size_z + k
-    q = total(a.momentum, s, i, o)
+    q = total(a.momentum, s, i, o, atomic)
     u = ti.Vector.zero(float, 3)
     if q[3] > s.n.lightest:
         u = ti.Vector([q[0], q[1], q[2]]) / q[3] + s.n.dt * gravity(s)
     if on_ground(s, j):
-        free = contact(s, i, j, k)
+        free = a.contact_now + contact(s, i, j, k)
         for axis in ti.static(range(3)):
             a.contact[free + axis] = u[axis]
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         u = ti.Vector(ground.velocity)
-    a.velocity_out[o] = with_fourth(u, q[3])
+    a.velocity[a.velocity_now + o] = with_fourth(u, q[3])
 
 
 @ti.func
-def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k):
+def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template()):
     """Adjoints of a node's momentum and mass, into ``a.node``; returns those of the coefficients of the ground."""
     o = (i * s.dims.size_y + j) * s.dims.size_z + k
-    q = total(a.momentum, s, i, o)
-    known = a.velocity[o]
+    q = total(a.momentum, s, i, o, atomic)
+    known = a.velocity[a.velocity_before + o]
     g, u, mass = ti.Vector([q[0], q[1], q[2]]), ti.Vector([known[0], known[1], known[2]]), known[3]
     of_coefficients = ti.Vector.zero(ti.f64, len(s.coefficients))
     if on_ground(s, j):
-        u = vector(a.contact, contact(s, i, j, k))
+        u = vector(a.contact, a.contact_before + contact(s, i, j, k))
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         back = ground.pull_back(components(g))
         g = ti.Vector([back[0], back[1], back[2]])

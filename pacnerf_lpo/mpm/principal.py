@@ -17,7 +17,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
-from pacnerf_lpo.mpm.taichi_calls import compiling_double, keep, ti
+from pacnerf_lpo.mpm.lanes import absolute, keep, largest, log, select, smallest
+from pacnerf_lpo.mpm.lanes import sqrt as root
+from pacnerf_lpo.mpm.taichi_calls import compiling_double
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
@@ -47,17 +49,17 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     """
     mean = keep((b[0][0] + b[1][1] + b[2][2]) * (1.0 / 3.0))
     S = _symmetric(lambda i, j: b[i][j] - mean if i == j else b[i][j])
-    size = keep(ti.sqrt(ti.max(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE)))
+    size = root(largest(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE))
     inverse = keep(1.0 / size)
     S = _symmetric(lambda i, j: S[i][j] * inverse)
     half = keep(0.5 * _dot(S[0], _cofactors(S)[0]))
-    r = keep(ti.min(ti.abs(half), 1.0))
+    r = smallest(absolute(half), 1.0)
     c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
     for _ in range(2 if compiling_double() else 1):
         c = keep(c - (c * (4.0 * c * c - 3.0) - r) / (12.0 * c * c - 3.0))
-    distinct = keep(ti.select(half < 0.0, -2.0 * c, 2.0 * c))
+    distinct = select(half < 0.0, -2.0 * c, 2.0 * c)
     a = _kernel(_symmetric(lambda i, j: S[i][j] - distinct if i == j else S[i][j]))
-    side = keep(ti.select(a[2] < 0.0, -1.0, 1.0))
+    side = select(a[2] < 0.0, -1.0, 1.0)
     tilt = keep(-1.0 / (side + a[2]))
     twist = keep(a[0] * a[1] * tilt)
     p = [keep(1.0 + side * a[0] * a[0] * tilt), keep(side * twist), keep(-side * a[0])]
@@ -65,10 +67,10 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     Sp = [keep(_dot(row, p)) for row in S]
     pp, pq = keep(_dot(p, Sp)), keep(_dot(q, Sp))
     d = keep(-0.5 * distinct - pp)  # half of q·Sq - p·Sp; the trace is zero
-    h = keep(ti.sqrt(d * d + pq * pq))
-    cosine, sine = keep(ti.abs(d) + h + TINY), keep(ti.select(d < 0.0, -pq, pq))
-    scale = keep(1.0 / ti.sqrt(cosine * cosine + sine * sine))
-    cosine, sine, h = keep(scale * cosine), keep(scale * sine), keep(ti.select(d < 0.0, -h, h))
+    h = root(d * d + pq * pq)
+    cosine, sine = keep(absolute(d) + h + TINY), select(d < 0.0, -pq, pq)
+    scale = keep(1.0 / root(cosine * cosine + sine * sine))
+    cosine, sine, h = keep(scale * cosine), keep(scale * sine), select(d < 0.0, -h, h)
     values = [keep(mean + size * x) for x in (distinct, -0.5 * distinct - h, -0.5 * distinct + h)]
     return values, [[a[i], keep(cosine * p[i] - sine * q[i]), keep(cosine * q[i] + sine * p[i])] for i in AXES]
 
@@ -87,7 +89,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
     record: Record = F[0][0].record
     f = [[plain(a) for a in row] for row in F]
     values, U = symmetric_eigen(_symmetric(lambda i, j: _dot(f[i], f[j])))
-    beta = [keep(ti.max(x, SMALLEST_BETA)) for x in values]
+    beta = [largest(x, SMALLEST_BETA) for x in values]
     columns = _transposed(U)
     turned = _product(columns, f)
     across: dict[tuple[int, int], Any] = {}
@@ -100,7 +102,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         return _flat(_product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]]))
 
     operands = _flat(F)
-    trial = record.step([0.5 * ti.log(x) for x in beta], operands, strain_adjoint)
+    trial = record.step([0.5 * log(x) for x in beta], operands, strain_adjoint)
     strain = [maximum(x, LOG_SMALLEST_STRETCH) for x in trial]
     mean = (strain[0] + strain[1] + strain[2]) * (1.0 / 3.0)
     deviator = [x - mean for x in strain]
@@ -143,14 +145,14 @@ def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int,
     for i, j in ((0, 1), (0, 2), (1, 2)):
         gap, total = keep(beta[i] - beta[j]), keep(1.0 / (beta[i] + beta[j]))
         x, inverse = keep(gap * total), keep(1.0 / gap)
-        near, square = keep(ti.abs(x) < NEAR), keep(x * x)
+        near, square = keep(absolute(x) < NEAR), keep(x * x)
         limit = keep(total * (1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7)))))
-        floored = keep(ti.select(beta[i] > SMALLEST_STRETCH_SQUARE, limit, 0.0))
+        floored = select(beta[i] > SMALLEST_STRETCH_SQUARE, limit, 0.0)
         exponent = keep(kept * floored - limit)
         y = keep(0.25 * (exponent * gap) * (exponent * gap))
         mean = 0.5 * (ratio[i] + ratio[j]) * (1.0 - y * (1.0 / 3 - y * (2.0 / 15)))
-        of_ratio = keep(ti.select(near, mean * exponent, (ratio[i] - ratio[j]) * inverse))
-        result[i, j] = of_ratio, keep(ti.select(near, floored, (strain[i] - strain[j]) * inverse))
+        of_ratio = select(near, mean * exponent, (ratio[i] - ratio[j]) * inverse)
+        result[i, j] = of_ratio, select(near, floored, (strain[i] - strain[j]) * inverse)
     return result
 
 
@@ -158,8 +160,8 @@ def _kernel(M: Tensor3) -> list[Any]:
     """Unit vector in the kernel of a semidefinite matrix of rank 2: its cofactors are c a aᵀ; their longest column."""
     A = _cofactors(M)
     first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
-    a = [keep(ti.select(first, A[0][k], ti.select(second, A[1][k], A[2][k]))) for k in AXES]
-    scale = keep(1.0 / ti.sqrt(_dot(a, a)))
+    a = [select(first, A[0][k], select(second, A[1][k], A[2][k])) for k in AXES]
+    scale = keep(1.0 / root(_dot(a, a)))
     return [keep(scale * x) for x in a]
 
 

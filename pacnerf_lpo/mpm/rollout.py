@@ -12,9 +12,11 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm import kernels
-from pacnerf_lpo.mpm.arrays import CAUSES, NOT_YET, START, Numbers
+from pacnerf_lpo.mpm.arrays import ALIVE, CAUSES, MASS, NOT_YET, START, Bench, Numbers, V, packed, unpacked
+from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
 from pacnerf_lpo.mpm.runtime import LAUNCHING, heed
+from pacnerf_lpo.mpm.schedule_cpu import DONE, FIRST_SLICE, LINE, STOPPED
 from pacnerf_lpo.mpm.taichi_calls import Launcher
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
@@ -61,15 +63,22 @@ class Engine:
     def prepare(self, state: Tensor, constants: Tensor, coefficients: Tensor) -> "Run":
         """Pack the inputs of one rollout; see :class:`Rollout`."""
         dt = self.frame_dt / self.substeps
-        lightest = MASS_FLOOR * float(constants[:, 0].mean())
+        lightest = MASS_FLOOR * float(constants[:, MASS].mean())
         x, y, z = self.gravity
         head = Numbers(self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, x, y, z, lightest, 0.0)
         numbers = torch.cat([state.new_tensor(astuple(head)), coefficients.to(state)])
-        return Run(self, state.contiguous(), constants.contiguous(), numbers, len(coefficients))
+        alive = torch.cat([constants, torch.ones_like(constants[:, :1])], 1)
+        filling = torch.cat([constants[-1], constants.new_zeros(1)])
+        return Run(self, packed(state, state[-1]), packed(alive, filling), numbers, len(coefficients), len(state))
 
     def slices(self, particles: int) -> int:
-        """How many slices so many particles are worth; on CUDA a slice is one particle."""
-        return particles if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
+        """How many slices so many particles are worth; on CUDA they are not sliced."""
+        return 1 if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
+
+    def launches(self) -> list[tuple[int, int]]:
+        """First and last pass of each launch of a frame; on CUDA, threads meet at the end of a launch only."""
+        passes = self.substeps + 1
+        return [(n, n + 1) for n in range(passes)] if self.cuda else [(0, passes)]
 
     def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
         """Forward and adjoint kernel for so many particles."""
@@ -78,7 +87,7 @@ class Engine:
 
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
-        matching = [tape for tape in self._spare if tape.states[0].numel() == run.state.numel()]
+        matching = [tape for tape in self._spare if tape.states[0].shape == run.state.shape]
         self._spare = matching[1:]
         return matching[0] if matching else Tape(self.substeps, run.state, keep=True)
 
@@ -92,22 +101,29 @@ class Engine:
 
 
 class Run:
-    """One rollout in progress: its inputs and its grid buffers."""
+    """One rollout in progress: its inputs and its grid buffers. Particles lie in blocks, see
+    :mod:`~pacnerf_lpo.mpm.arrays`.
+    """
 
-    def __init__(self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int):
+    def __init__(
+        self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int, particles: int
+    ):
         self._engine, self.state, self._constants, self._numbers = engine, state, constants, numbers
-        self.particles, self._coefficients = len(state), coefficients
-        self._forward, self._adjoint = engine.kernels(self.particles)
-        self._slices = engine.slices(self.particles)
-        self._chunk = -(-self.particles // self._slices)
-        self._rows = 1 if engine.cuda else self._slices
-        self._spans = torch.zeros(6 * self._rows, dtype=torch.int32, device=state.device)
+        self.particles, self._coefficients = particles, coefficients
+        self._forward, self._adjoint = engine.kernels(particles)
+        self._slices = engine.slices(particles)
+        self._spans = torch.zeros(6 * self._slices, dtype=torch.int32, device=state.device)
+        self._bench = state.new_zeros(self._slices * Bench.ROWS, LANES)
         self._momentum = state.new_zeros(0, 4)
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
-        gravity = state.new_tensor(self._engine.gravity)
-        return enclosing_grid(state.view(self.state.shape), self._engine.dx, self._engine.frame_dt, gravity, margin)
+        x, v = state[:, : V + 3].transpose(0, 1).reshape(2, 3, -1)
+        return enclosing_grid(x, v, self._engine.dx, self._engine.frame_dt, self._engine.gravity, margin)
+
+    def positions(self, state: Tensor) -> Tensor:
+        """Of the particles [m, (N, 3)]."""
+        return unpacked(state[:, :3], self.particles)
 
     def frame(self, index: int, tape: Tape) -> None:
         """Fill the tape of frame interval ``index`` from its first state; widen the grid until it holds the motion.
@@ -122,8 +138,9 @@ class Run:
                 raise SimulationError(
                     index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells"
                 )
+            tape.fit(grid)
             with LAUNCHING:
-                failures = self._advance(index, tape, grid)
+                failures = self._launch(self._forward, index, tape, self._engine.launches())
             if min(failures) == NOT_YET:
                 return
             self._momentum.zero_()
@@ -132,91 +149,68 @@ class Run:
             margin *= 4
             tape.states[0].copy_(start)
 
-    def _advance(self, index: int, tape: Tape, grid: Grid) -> list[int]:
-        tape.fit(grid)
-        common, status = self._common(index, grid)
-        S, x, u, contacts = self._engine.substeps, tape.state_arrays, tape.velocities, tape.contacts
-        step = self._forward
-        step.bind(
-            before=x[0],
-            now=x[0],
-            ahead=x[1],
-            velocity_in=u[0],
-            velocity_out=u[0],
-            contact=contacts[0],
-            substep=0,
-            finish=0,
-            begin=1,
-            keep_all=int(tape.keep),
-            **common,
-        )
-        step()
-        for s in range(1, S):
-            step(
-                before=x[s - 1],
-                now=x[s],
-                ahead=x[s + 1],
-                velocity_in=u[s - 1],
-                velocity_out=u[s],
-                contact=contacts[s],
-                substep=s,
-                finish=1,
-            )
-        step(before=x[S - 1], now=x[S], velocity_in=u[S - 1], substep=S, finish=1, begin=0, keep_all=1)
-        return status.tolist()
-
     def start_adjoint(self) -> None:
         """Set the adjoints of state, constants and coefficients to zero."""
-        self.of_state = torch.zeros_like(self.state)
-        self.of_constants = torch.zeros_like(self._constants)
-        self.of_coefficients = torch.zeros(
-            self._rows, self._coefficients, dtype=torch.float64, device=self.state.device
+        self._of_state = torch.zeros_like(self.state)
+        self._of_constants = torch.zeros_like(self._constants)
+        self._of_coefficients = torch.zeros(
+            self._slices, self._coefficients, dtype=torch.float64, device=self.state.device
         )
+
+    def add_to_adjoint(self, of_positions: Tensor) -> None:
+        """Add the adjoint of the positions at a frame [(N, 3)]."""
+        self._of_state[:, :3] += packed(of_positions, torch.zeros_like(of_positions[0]))
 
     def frame_adjoint(self, index: int, tape: Tape) -> None:
         """Pull the adjoint of the state back over frame interval ``index``."""
-        common, _ = self._common(index, tape.grid)
-        S, x, u, contacts = self._engine.substeps, tape.state_arrays, tape.velocities, tape.contacts
-        node = self.state.new_empty(tape.grid.nodes, 4)
-        step = self._adjoint
-        step.bind(
-            now=x[S],
-            before=x[S - 1],
-            gradient=self.of_state.view(-1),
-            node=node,
-            velocity=u[S - 1],
-            contact=contacts[S - 1],
-            of_constants=self.of_constants.view(-1),
-            of_coefficients=self.of_coefficients.view(-1),
-            substep=S,
-            begun=0,
-            finished=1,
-            **common,
-        )
-        step()
-        for s in range(S - 1, 0, -1):
-            step(now=x[s], before=x[s - 1], velocity=u[s - 1], contact=contacts[s - 1], substep=s, begun=1)
-        step(now=x[0], substep=0, begun=1, finished=0)
+        adjoints = {
+            "gradient": self._of_state.view(-1, LANES),
+            "node": self.state.new_empty(tape.grid.nodes, 4),
+            "of_constants": self._of_constants.view(-1, LANES),
+            "of_coefficients": self._of_coefficients.view(-1),
+        }
+        self._launch(self._adjoint, index, tape, self._engine.launches()[::-1], adjoints)
 
-    def _common(self, index: int, grid: Grid) -> tuple[dict, Tensor]:
-        wanted = grid.nodes * self._rows
+    def adjoints(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Of the state [(N, width)], the constants [(N, 5)] and the coefficients [(P,)]."""
+        of_constants = unpacked(self._of_constants, self.particles)[:, :ALIVE]
+        return unpacked(self._of_state, self.particles), of_constants, self._of_coefficients.sum(0).to(self.state)
+
+    def _launch(
+        self, kernel: Launcher, index: int, tape: Tape, launches: list[tuple[int, int]], others: dict | None = None
+    ) -> list[int]:
+        """Passes of a frame; the first substep that each cause of failure befell."""
+        wanted = tape.grid.nodes * self._slices
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
         self._numbers[START] = index * self._engine.frame_dt
-        self._dims = torch.tensor(
-            [self.particles, *grid.size, *grid.origin], dtype=torch.int32, device=self.state.device
+        blocks, device = len(self.state), self.state.device
+        dims = torch.tensor([blocks, *tape.grid.size, *tape.grid.origin], dtype=torch.int32, device=device)
+        status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=device)
+        progress = torch.zeros(LINE * (FIRST_SLICE + self._slices), dtype=torch.int32, device=device)
+        kernel.bind(
+            momentum=self._momentum,
+            constants=self._constants.view(-1, LANES),
+            numbers=self._numbers,
+            dims=dims,
+            spans=self._spans,
+            status=status,
+            bench=self._bench,
+            progress=progress,
+            slices=self._slices,
+            chunk=-(-blocks // self._slices),
+            substeps=self._engine.substeps,
+            first=0,
+            last=0,
+            **tape.arguments(),
+            **(others or {}),
         )
-        self._status = torch.full((len(CAUSES),), NOT_YET, dtype=torch.int32, device=self.state.device)
-        return {
-            "momentum": self._momentum,
-            "constants": self._constants.view(-1),
-            "numbers": self._numbers,
-            "dims": self._dims,
-            "spans": self._spans,
-            "status": self._status,
-            "slices": self._slices,
-            "chunk": self._chunk,
-        }, self._status
+        for first, last in launches:
+            kernel(first=first, last=last)
+            while self._slices > 1 and int(progress[DONE]) < 2 * self._slices * (last - first):
+                progress[STOPPED] = 0
+                kernel()
+        return status.tolist()
 
 
 class Rollout(torch.autograd.Function):
@@ -234,7 +228,7 @@ class Rollout(torch.autograd.Function):
         run = engine.prepare(state, constants, coefficients)
         intervals = frames - 1
         kept_from = intervals - engine.kept_frames(run) if recording else intervals
-        latest, scratch = run.state.reshape(-1), Tape(engine.substeps, run.state, keep=False)
+        latest, scratch = run.state, Tape(engine.substeps, run.state, keep=False)
         checkpoints, tapes = [], {}
         out = state.new_empty(frames, len(state), 3)
         out[0] = state[:, :3]
@@ -245,7 +239,7 @@ class Rollout(torch.autograd.Function):
             checkpoints.append(latest.clone() if recording else None)
             run.frame(index, tape)
             latest = tape.states[-1]
-            out[index + 1] = latest.view(state.shape)[:, :3]
+            out[index + 1] = run.positions(latest)
         if recording:
             ctx.run, ctx.engine, ctx.checkpoints = run, engine, checkpoints
             ctx.tapes = {index: tape for index, tape in tapes.items() if tape.keep}
@@ -256,7 +250,7 @@ class Rollout(torch.autograd.Function):
         run, engine = ctx.run, ctx.engine
         run.start_adjoint()
         for index in reversed(range(len(ctx.checkpoints))):
-            run.of_state[:, :3] += of_out[index + 1]
+            run.add_to_adjoint(of_out[index + 1])
             tape = ctx.tapes.pop(index, None)
             if tape is None:
                 tape = engine.tape(run)
@@ -265,5 +259,5 @@ class Rollout(torch.autograd.Function):
             with LAUNCHING:
                 run.frame_adjoint(index, tape)
             engine.give_back(tape)
-        run.of_state[:, :3] += of_out[0]
-        return None, None, None, run.of_state, run.of_constants, run.of_coefficients.sum(0).to(run.of_state)
+        run.add_to_adjoint(of_out[0])
+        return None, None, None, *run.adjoints()

@@ -1,98 +1,156 @@
-"""The passes of a launch on the CPU: each thread owns a slice of the particles and a field on the nodes.
+"""The passes on the CPU: slices of the blocks of particles, each with a field on the nodes, and a thread for each.
 
 So no sum is atomic; the pass over the grid adds the fields up and clears them, over the nodes in reach of a particle
-only.
+only. A launch goes through all substeps of a frame. After each pass a thread waits, busily, for slices that others have
+begun, since putting it to sleep and waking it takes as long as a pass of some thousand particles. Where the operating
+system does not let all threads run, those that run do the slices of the others; and where one is interrupted in the
+middle of a slice, the launch is stopped, and the next one goes on from there.
 """
 
-from pacnerf_lpo.mpm.arrays import NOT_YET, Setting, reach, store_span
+from pacnerf_lpo.mpm.arrays import Bench, Group, Setting, begin_pass, end_pass, reach
 from pacnerf_lpo.mpm.operators import grid_update, grid_update_adjoint
-from pacnerf_lpo.mpm.substep import adjoint_particle, forward_particle
+from pacnerf_lpo.mpm.substep import add_to_slice, adjoint_group, forward_group
 from pacnerf_lpo.mpm.taichi_calls import ti
-from pacnerf_lpo.mpm.transfer import Sums
 
 LEAST_SHARE = 512
 """Taichi gives a CPU thread at least so many iterations of a loop, whatever block_dim says: so far apart slices lie."""
+LINE = 16
+"""Integers of a cache line: so far apart are numbers that several threads change."""
+DONE, STOPPED, FIRST_SLICE = 0, LINE, 2
+"""Of the progress of a frame: how many slices are done, and whether the launch is stopped; by slice, in lines from
+FIRST_SLICE on, in how many passes it was begun."""
+PATIENCE = 50000
+"""How often a waiting thread looks: a third of a millisecond, several times as long as sleeping and waking take."""
 
 
 @ti.func
-def forward(a: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid; with ``parallel`` one thread per slice, else one slice in the calling thread."""
+def forward(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
+    """Particles, then grid, pass by pass; with ``parallel`` by as many threads as there are slices."""
     apart = ti.static(LEAST_SHARE if parallel else 1)
     ti.loop_config(serialize=not parallel)
-    for n in range(call.slices * apart):
-        if n % apart == 0:
-            t = n // apart
-            s = Setting.of(call, laws, False)
-            sums = Sums(a.momentum, first_of(t, s), False)
-            low, high = nowhere()
-            for p in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.particles)):
-                cell = forward_particle(a, s, sums, p)
-                low, high = ti.min(low, cell), ti.max(high, cell)
-            store_span(call.spans, t, low, high)
-    ti.loop_config(serialize=not parallel)
-    for n in range(call.slices * apart):
-        if n % apart == 0:
-            s = Setting.of(call, laws, False)
-            low, high = reach(call)
-            first, last = share(n // apart, call.slices, low[0], a.begin * (high[0] + 1 - low[0]))
-            for i in range(first, last):
-                for j in range(low[1], high[1] + 1):
-                    for k in range(low[2], high[2] + 1):
-                        grid_update(a, s, i, j, k)
+    for t in range(call.slices * apart):
+        if t % apart == 0:
+            for n in range(call.first, call.last):
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 1, parallel):
+                        particles(arrays, call, laws, u, n)
+                        done(call, parallel)
+                meet(call, 2 * n + 1, parallel)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 2, parallel):
+                        nodes(arrays, call, laws, u, n)
+                        done(call, parallel)
+                meet(call, 2 * n + 2, parallel)
 
 
 @ti.func
-def adjoint(a: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid; each slice adds the adjoints of the coefficients up by itself."""
+def adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
+    """The same backward, from the last pass to the first."""
     apart = ti.static(LEAST_SHARE if parallel else 1)
     ti.loop_config(serialize=not parallel)
-    for n in range(call.slices * apart):
-        if n % apart == 0:
-            t = n // apart
-            s = Setting.of(call, laws, False)
-            sums = Sums(a.momentum, first_of(t, s), False)
-            low, high = nowhere()
-            mine = ti.Vector.zero(ti.f64, len(laws.names))
-            for p in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.particles)):
-                cell = adjoint_particle(a, s, sums, p, mine)
-                low, high = ti.min(low, cell), ti.max(high, cell)
-            store_span(call.spans, t, low, high)
-            add_to_slice(a.of_coefficients, t, mine)
-    ti.loop_config(serialize=not parallel)
-    for n in range(call.slices * apart):
-        if n % apart == 0:
-            s = Setting.of(call, laws, False)
-            low, high = reach(call)
-            mine = ti.Vector.zero(ti.f64, len(laws.names))
-            first, last = share(n // apart, call.slices, low[0], a.finished * (high[0] + 1 - low[0]))
-            for i in range(first, last):
-                for j in range(low[1], high[1] + 1):
-                    for k in range(low[2], high[2] + 1):
-                        mine += grid_update_adjoint(a, s, i, j, k)
-            add_to_slice(a.of_coefficients, n // apart, mine)
+    for t in range(call.slices * apart):
+        if t % apart == 0:
+            for n in range(call.last - call.first):
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 1, parallel):
+                        particles_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        done(call, parallel)
+                meet(call, 2 * n + 1, parallel)
+                for k in range(call.slices):
+                    u = (t // apart + k) % call.slices
+                    if begun(call, u, 2 * n + 2, parallel):
+                        nodes_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        done(call, parallel)
+                meet(call, 2 * n + 2, parallel)
 
 
 @ti.func
-def nowhere():
-    """First and last node of no stencil."""
-    return ti.Vector([NOT_YET, NOT_YET, NOT_YET]), ti.Vector([-3, -3, -3])
+def begun(call: ti.template(), u, count, parallel: ti.template()):
+    """Whether this thread is the first that comes to slice ``u`` in pass ``count``, and the passes before are done."""
+    mine = True
+    if ti.static(parallel):
+        mine = False
+        if ti.atomic_max(call.progress[DONE], 0) >= (count - 1) * call.slices:  # noqa: SIM102 Taichi's "and" evaluates both
+            if ti.atomic_max(call.progress[STOPPED], 0) == 0:
+                mine = ti.atomic_max(call.progress[LINE * (u + FIRST_SLICE)], count) < count
+    return mine
 
 
 @ti.func
-def first_of(t, s: ti.template()):
-    """First node of the field of slice ``t``."""
-    return t * s.dims.nodes
+def done(call: ti.template(), parallel: ti.template()):
+    """Count a slice that is done."""
+    if ti.static(parallel):
+        ti.atomic_add(call.progress[DONE], 1)
 
 
 @ti.func
-def share(t, slices, first, count):
-    """Beginning and end of the share of slice ``t`` in ``count`` planes from ``first`` on."""
-    return first + t * count // slices, first + (t + 1) * count // slices
+def meet(call: ti.template(), count, parallel: ti.template()):
+    """Wait until all slices of ``count`` passes are done. If that takes long, some thread does not run: stop the
+    launch, so that this one sleeps meanwhile.
+    """
+    if ti.static(parallel):
+        waited = PATIENCE * ti.atomic_max(call.progress[STOPPED], 0)
+        while ti.atomic_max(call.progress[DONE], 0) < count * call.slices and waited < PATIENCE:
+            waited += 1
+        if waited == PATIENCE:
+            ti.atomic_max(call.progress[STOPPED], 1)
 
 
 @ti.func
-def add_to_slice(sums: ti.template(), t, values: ti.template()):
-    """sums[t] += values, of an array with a row per slice."""
-    count = ti.static(values.n)
-    for c in ti.static(range(count)):
-        sums[count * t + c] = sums[count * t + c] + values[c]
+def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
+    """What slice ``t`` does with its particles."""
+    s = Setting.of(call, laws, substep)
+    a = arrays.at(call, substep)
+    base, first = t * Bench.ROWS, t * s.dims.nodes
+    begin_pass(Group(0, None, call.bench, base))
+    for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
+        forward_group(a, s, first, Group(b, None, call.bench, base))
+    end_pass(Group(0, None, call.bench, base), s, t)
+
+
+@ti.func
+def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
+    """What slice ``t`` does with its share of the rows of nodes."""
+    s = Setting.of(call, laws, substep)
+    a = arrays.at(call, substep)
+    low, high = reach(call)
+    rows = high[1] + 1 - low[1]
+    count = rows * (high[0] + 1 - low[0])
+    if substep == call.substeps:
+        count = 0
+    for n in range(t * count // call.slices, (t + 1) * count // call.slices):
+        for k in range(low[2], high[2] + 1):
+            grid_update(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+
+
+@ti.func
+def particles_adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
+    """Adjoint of :func:`particles`."""
+    s = Setting.of(call, laws, substep)
+    a = arrays.at(call, substep)
+    base, first = t * Bench.ROWS, t * s.dims.nodes
+    begin_pass(Group(0, None, call.bench, base))
+    for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
+        adjoint_group(a, s, first, Group(b, None, call.bench, base), t * len(laws.names))
+    end_pass(Group(0, None, call.bench, base), s, t)
+
+
+@ti.func
+def nodes_adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
+    """Adjoint of :func:`nodes`."""
+    s = Setting.of(call, laws, substep)
+    a = arrays.at(call, substep)
+    low, high = reach(call)
+    rows = high[1] + 1 - low[1]
+    count = rows * (high[0] + 1 - low[0])
+    if substep == 0:
+        count = 0
+    mine = ti.Vector.zero(ti.f64, len(laws.names))
+    for n in range(t * count // call.slices, (t + 1) * count // call.slices):
+        for k in range(low[2], high[2] + 1):
+            mine += grid_update_adjoint(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+    for c in ti.static(range(len(laws.names))):
+        add_to_slice(a.of_coefficients, t * len(laws.names), c, mine[c], False)

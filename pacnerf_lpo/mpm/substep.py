@@ -1,52 +1,76 @@
-"""What one particle does in a launch, forward and backward: the order of the operators, and what is stored.
+"""What a group of particles does in a pass, forward and backward: the order of the operators, and what is stored.
 
-Launch s of a frame completes substep s - 1 (G2P and the motion) and begins substep s (local laws and P2G) in one pass
-over the particles, so that a particle is read once per substep. The adjoint runs the same passes backward.
+Pass s of a frame completes substep s - 1 (G2P and the motion) and begins substep s (local laws and P2G) in one go over
+the particles, so that a particle is read once per substep. The adjoint goes through the same passes backward.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
-from pacnerf_lpo.mpm.arrays import CONSTANTS, STATE, C, F, V, check_velocity, matrix, store, store_matrix, vector
-from pacnerf_lpo.mpm.operators import affine_momentum, g2p, g2p_adjoint, local_laws, p2g, p2g_adjoint, stress_impulse
-from pacnerf_lpo.mpm.taichi_calls import Emitted, entries, ti
+from pacnerf_lpo.mpm.arrays import (
+    ALIVE,
+    CONSTANTS,
+    MASS,
+    STATE,
+    C,
+    F,
+    Group,
+    Launch,
+    Setting,
+    V,
+    check_stencil,
+    check_velocity,
+    flat,
+)
+from pacnerf_lpo.mpm.lanes import keep, new_scope, summed
+from pacnerf_lpo.mpm.operators import g2p, g2p_adjoint, kept, local_laws, p2g, p2g_adjoint, stress_impulse
+from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
+from pacnerf_lpo.mpm.tensors import AXES, added, contraction, product, scaled, transposed
 from pacnerf_lpo.mpm.transfer import stencil
 
 
 @dataclass(frozen=True)
 class Forward(Emitted):
-    """Arrays of a forward launch, and what it does.
+    """Arrays of a forward launch; :meth:`at` says where those of a substep begin in them.
 
-    before, now, ahead: states of the particles before the substep that is completed, after it, and after the next
-    (which begins with their deformation).  velocity_in, velocity_out: of the nodes, with their mass.
-    contact: velocity of nodes before the ground.  momentum: of the nodes, summed per slice.
-    finish, begin: complete a substep, begin one.  keep_all: store v and C, too, which the last launch and a tape need.
+    states: of the particles.  velocity: of the nodes, with their mass.  contact: velocity of nodes before the ground.
+    momentum: of the nodes, summed per slice.
+    before, now, ahead: states before the substep that is completed, after it, and after the next (which begins with
+    their deformation).  velocity_before, velocity_now, contact_now: of the substep completed, and of the one begun.
     """
 
-    before: Any
-    now: Any
-    ahead: Any
-    velocity_in: Any
-    velocity_out: Any
+    states: Any
+    velocity: Any
     contact: Any
     momentum: Any
     constants: Any
-    finish: Any
-    begin: Any
-    keep_all: Any
+    before: Any = None
+    now: Any = None
+    ahead: Any = None
+    velocity_before: Any = None
+    velocity_now: Any = None
+    contact_now: Any = None
+
+    def at(self, call: Launch, substep: Any) -> "Forward":
+        """With the places of a substep."""
+        earlier = keep(ti.max(substep - 1, 0))
+        return Forward(
+            self.states, self.velocity, self.contact, self.momentum, self.constants,
+            keep(call.state * earlier), keep(call.state * substep), keep(call.state * (substep + 1)),
+            keep(call.nodes * earlier), keep(call.nodes * substep), keep(call.contact * substep),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Adjoint(Emitted):
-    """Arrays of an adjoint launch, and what it does.
+    """Arrays of an adjoint launch; :meth:`at` says where those of a substep begin in them.
 
-    now, before: states after and before the substep that is completed.  gradient: adjoint of the state.
-    node: adjoints of the nodes' momentum and mass.  velocity, contact, momentum: as forward, of that substep.
-    of_constants, of_coefficients: adjoints, summed up.  begun, finished: undo a beginning, undo a completion.
+    states, velocity, contact, momentum: as forward.  gradient: adjoint of the state.
+    node: adjoints of the nodes' momentum and mass.  of_constants, of_coefficients: adjoints, summed up.
+    now, before: states after and before the substep that is completed.  velocity_before, contact_before: of it.
     """
 
-    now: Any
-    before: Any
+    states: Any
     gradient: Any
     node: Any
     velocity: Any
@@ -55,82 +79,115 @@ class Adjoint(Emitted):
     constants: Any
     of_constants: Any
     of_coefficients: Any
-    begun: Any
-    finished: Any
+    now: Any = None
+    before: Any = None
+    velocity_before: Any = None
+    contact_before: Any = None
+
+    def at(self, call: Launch, substep: Any) -> "Adjoint":
+        """With the places of a substep."""
+        earlier = keep(ti.max(substep - 1, 0))
+        return Adjoint(
+            self.states, self.gradient, self.node, self.velocity, self.contact, self.momentum, self.constants,
+            self.of_constants, self.of_coefficients,
+            keep(call.state * substep), keep(call.state * earlier), keep(call.nodes * earlier),
+            keep(call.contact * earlier),
+        )  # fmt: skip
 
 
 @ti.func
-def forward_particle(a: ti.template(), s: ti.template(), sums: ti.template(), p):
-    """Completes a substep and begins the next; returns the first node of the stencil that momentum went to."""
-    o = s.width * p
-    cell = ti.Vector([0, 0, 0])
-    x = vector(a.before, o)
-    v, grad = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
-    if a.finish == 1:
-        left = stencil(x, s, s.call.substep - 1)
-        v, grad = g2p(a.velocity_in, left, s)
-        x += s.n.dt * v
-        check_velocity(v, s, s.call.substep - 1)
-        store(a.now, o, x)
-        if a.keep_all == 1:
-            store(a.now, o + V, v)
-            store_matrix(a.now, o + C, grad)
-    else:
-        v, grad = vector(a.now, o + V), matrix(a.now, o + C)
-    if a.begin == 1:
-        here = stencil(x, s, s.call.substep)
-        laws = local_laws(a, s, p, x, v, grad, matrix(a.now, o + F))
-        store_matrix(a.ahead, o + F, ti.Matrix(laws.F_new))
-        for h in ti.static(range(s.laws.history)):
-            a.ahead[o + STATE + h] = laws.history[h]
-        mass = a.constants[CONSTANTS * p]
-        A = affine_momentum(ti.Matrix(laws.tau), grad, mass, s)
-        p2g(sums, here, s, mass, ti.Vector(laws.velocity), A)
-        cell = here.cell
-    return cell
+def forward_group(a: ti.template(), s: ti.template(), first, group: ti.template()):
+    """Completes a substep and begins the next; momentum goes to the field from node ``first`` on."""
+    if s.substep > 0:
+        complete(a, s, group)
+    if s.substep < s.call.substeps:
+        begin(a, s, first, group)
+
+
+def complete(a: Forward, s: Setting, group: Group) -> None:
+    """G2P and the motion."""
+    new_scope()
+    o = keep(group.block * s.width)
+    x = group.numbers(a.states, a.before + o, 3)
+    v, grad = g2p(a.velocity, a.velocity_before, stencil(x, s), s, group)
+    check_velocity(v, s, group)
+    group.write(a.states, a.now + o, [keep(x[i] + s.n.dt * v[i]) for i in AXES])
+    group.write(a.states, a.now + o + V, [*v, *flat(grad)])
+
+
+def begin(a: Forward, s: Setting, first: Any, group: Group) -> None:
+    """The local laws and P2G."""
+    new_scope()
+    o = keep(group.block * s.width)
+    x, v = group.numbers(a.states, a.now + o, 3), group.numbers(a.states, a.now + o + V, 3)
+    grad, deformation = group.tensor(a.states, a.now + o + C), group.tensor(a.states, a.now + o + F)
+    history = group.numbers(a.states, a.now + o + STATE, s.laws.history)
+    constants = group.numbers(a.constants, group.block * CONSTANTS, CONSTANTS)
+    here = stencil(x, s)
+    check_stencil(here.cell, here.outside, s, group)
+    laws = local_laws(s, x, v, grad, deformation, history, constants)
+    group.write(a.states, a.ahead + o + F, [*flat(laws.F_new), *laws.history])
+    mass = keep(constants[ALIVE] * constants[MASS])
+    A = kept(added(scaled(grad, mass), stress_impulse(laws.tau, constants[ALIVE], s)))
+    p2g(a.momentum, first, here, s, mass, laws.velocity, A, group)
 
 
 @ti.func
-def adjoint_particle(a: ti.template(), s: ti.template(), sums: ti.template(), p, of_coefficients: ti.template()):
-    """Undoes the beginning of a substep and the completion of the one before; returns the first node it scattered to.
-
-    Adjoints of the coefficients are added to ``of_coefficients``.
+def adjoint_group(a: ti.template(), s: ti.template(), first, group: ti.template(), row):
+    """Undoes the beginning of a substep and the completion of the one before, whose adjoint goes to the field from node
+    ``first`` on; adjoints of the coefficients are added to those of ``slice``.
     """
-    o, constant = s.width * p, CONSTANTS * p
-    cell = ti.Vector([0, 0, 0])
-    gx, gv = vector(a.gradient, o), vector(a.gradient, o + V)
-    gC, gF = matrix(a.gradient, o + C), matrix(a.gradient, o + F)
-    if a.begun == 1:
-        x, v, grad, deformation = (vector(a.now, o), vector(a.now, o + V), matrix(a.now, o + C), matrix(a.now, o + F))
-        mass = a.constants[constant]
-        laws = local_laws(a, s, p, x, v, grad, deformation)
-        u = ti.Vector(laws.velocity)
-        A = affine_momentum(ti.Matrix(laws.tau), grad, mass, s)
-        here = stencil(x, s, s.call.substep)
-        gx_weights, gu, gA, gmass = p2g_adjoint(a.node, here, s, mass, u, A)
-        gtau = stress_impulse(gA, s)
-        ghistory = [a.gradient[o + STATE + h] for h in ti.static(range(s.laws.history))]
-        back = laws.pull_back(entries(gF), entries(gtau), [gu[0], gu[1], gu[2]], ghistory)
-        gF = ti.Matrix(back.F)  # of the trial (I + dt C) F
-        gC = mass * gA + s.n.dt * (gF @ deformation.transpose()) + ti.Matrix(back.C)
-        gF += s.n.dt * (grad.transpose() @ gF)
-        gv = ti.Vector(back.v)
-        gx += gx_weights + ti.Vector(back.x)
-        a.of_constants[constant] = a.of_constants[constant] + gmass + (gA * grad).sum() + back.mass
-        a.of_constants[constant + 1] = a.of_constants[constant + 1] + back.stiffness
-        for i in ti.static(range(3)):
-            a.of_constants[constant + 2 + i] = a.of_constants[constant + 2 + i] + back.X[i]
-        for h in ti.static(range(s.laws.history)):
-            a.gradient[o + STATE + h] = back.history[h]
-        for c in ti.static(range(len(s.coefficients))):
-            of_coefficients[c] += back.coefficients[c]
-    if a.finished == 1:
-        left = stencil(vector(a.before, o), s, s.call.substep)
-        gx += g2p_adjoint(sums, a.velocity, left, s, vector(a.now, o + V), gv + s.n.dt * gx, gC)
-        cell = left.cell
+    if s.substep < s.call.substeps:
+        undo_begin(a, s, group, row)
+    if s.substep > 0:
+        undo_complete(a, s, first, group)
+
+
+def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
+    """Adjoint of :func:`begin`."""
+    new_scope()
+    o, constant = keep(group.block * s.width), keep(group.block * CONSTANTS)
+    x, v = group.numbers(a.states, a.now + o, 3), group.numbers(a.states, a.now + o + V, 3)
+    grad, deformation = group.tensor(a.states, a.now + o + C), group.tensor(a.states, a.now + o + F)
+    history = group.numbers(a.states, a.now + o + STATE, s.laws.history)
+    constants = group.numbers(a.constants, constant, CONSTANTS)
+    laws, here = local_laws(s, x, v, grad, deformation, history, constants), stencil(x, s)
+    alive, mass = constants[ALIVE], keep(constants[ALIVE] * constants[MASS])
+    A = kept(added(scaled(grad, mass), stress_impulse(laws.tau, alive, s)))
+    gx, gu, gA, gmass = p2g_adjoint(a.node, here, s, mass, laws.velocity, A, group)
+    gF, ghistory = group.tensor(a.gradient, o + F), group.numbers(a.gradient, o + STATE, s.laws.history)
+    back = laws.pull_back(gF, stress_impulse(gA, alive, s), gu, ghistory)
+    gtrial = kept(back.F)
+    gC = added(added(scaled(gA, mass), back.C), scaled(product(gtrial, transposed(deformation)), s.n.dt))
+    gF = added(gtrial, scaled(product(transposed(grad), gtrial), s.n.dt))
+    known = group.numbers(a.gradient, o, 3)
+    group.write(a.gradient, o, [known[i] + gx[i] + back.x[i] for i in AXES])
+    group.write(a.gradient, o + V, [*back.v, *flat(gC), *flat(gF), *back.history])
+    own = [alive * (gmass + contraction(gA, grad)) + back.mass, back.stiffness, *back.X]
+    summed_before = group.numbers(a.of_constants, constant, len(own))
+    group.write(a.of_constants, constant, [x + y for x, y in zip(summed_before, own, strict=True)])
+    for c, of_coefficient in enumerate(back.coefficients):
+        add_to_slice(a.of_coefficients, row, c, summed(keep(of_coefficient)), group.lane is not None)
+
+
+def undo_complete(a: Adjoint, s: Setting, first: Any, group: Group) -> None:
+    """Adjoint of :func:`complete`."""
+    new_scope()
+    o = keep(group.block * s.width)
+    gx, gv, gC = group.numbers(a.gradient, o, 3), group.numbers(a.gradient, o + V, 3), group.tensor(a.gradient, o + C)
+    left = stencil(group.numbers(a.states, a.before + o, 3), s)
+    check_stencil(left.cell, 0.0, s, group)
+    v = group.numbers(a.states, a.now + o + V, 3)
+    gv = [keep(gv[i] + s.n.dt * gx[i]) for i in AXES]
+    through_weights = g2p_adjoint(a.momentum, first, a.velocity, a.velocity_before, left, s, v, gv, gC, group)
+    group.write(a.gradient, o, [gx[i] + through_weights[i] for i in AXES])
+
+
+@ti.func
+def add_to_slice(sums: ti.template(), row, c: ti.template(), value, atomic: ti.template()):
+    """sums[row + c] += value, atomically where other threads add there, too."""
+    if ti.static(atomic):
+        if value != 0.0:
+            ti.atomic_add(sums[row + c], value)
     else:
-        store(a.gradient, o + V, gv)
-        store_matrix(a.gradient, o + C, gC)
-    store(a.gradient, o, gx)
-    store_matrix(a.gradient, o + F, gF)
-    return cell
+        sums[row + c] = sums[row + c] + value

@@ -4,10 +4,12 @@ A law emits expressions while a kernel is compiled, and a rollout launches one k
 arguments changed; for neither has Taichi a public call.
 """
 
+import contextlib
+import functools
 import os
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,10 @@ from pacnerf_lpo.errors import UserInputError
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 import taichi as ti
-from taichi.lang import impl
+from taichi.lang import impl, kernel_impl
+from taichi.lang.any_array import AnyArray
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+from taichi.lang.expr import Expr as Expr
 
 OURS = Path(__file__).parents[1].as_posix() + "/"
 """Files of this package."""
@@ -35,8 +40,22 @@ def keep(value: Any) -> Any:
 
 
 def entry(array: Any, *indices: Any) -> Any:
-    """While a kernel is compiled: an entry of an array, a vector or a matrix."""
-    return keep(impl.subscript(impl.get_runtime().compiling_callable.ast_builder(), array, *indices))
+    """While a kernel is compiled: an entry of an array, a vector or a matrix; of an array of vectors, the vector or,
+    with one more index, a number of it.
+    """
+    return keep(_place(array, indices))
+
+
+def assign(array: Any, value: Any, *indices: Any) -> None:
+    """While a kernel is compiled: store an entry, as :func:`entry` reads it."""
+    _place(array, indices)._assign(value)
+
+
+def _place(array: Any, indices: tuple) -> Any:
+    builder = impl.get_runtime().compiling_callable.ast_builder()
+    if isinstance(array, AnyArray):
+        return _place(impl.subscript(builder, array, indices[0]), indices[1:])
+    return impl.subscript(builder, array, *indices) if indices else array
 
 
 def components(vector: Any) -> list[Any]:
@@ -68,6 +87,27 @@ def _mistake_in_a_law(error: BaseException) -> UserInputError | None:
         if own:
             return UserInputError(f"{own[-1][0]}, line {own[-1][1]}: {said}")
     return chain[-1] if isinstance(chain[-1], UserInputError) else None
+
+
+_source_lines = functools.cache(kernel_impl.getsourcelines)
+
+
+def _place_in_source(context: Any, node: Any) -> str:
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: '
+
+
+@contextlib.contextmanager
+def _quick_translation() -> Iterator[None]:
+    """Taichi reads a function's source at each of its calls, and quotes the line of every expression for errors: half
+    the time of its translation, which a kernel from its cache takes, too. Here a source is read once, and a place is a
+    line number.
+    """
+    known = kernel_impl.getsourcelines, ASTTransformerContext.get_pos_info
+    kernel_impl.getsourcelines, ASTTransformerContext.get_pos_info = _source_lines, _place_in_source
+    try:
+        yield
+    finally:
+        kernel_impl.getsourcelines, ASTTransformerContext.get_pos_info = known
 
 
 class Emitted:
@@ -134,7 +174,7 @@ class Launcher:
         runtime = impl.get_runtime()
         runtime.set_default_fp(REAL[self._dtype])
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _quick_translation():
                 warnings.simplefilter("ignore", SyntaxWarning)
                 shown = [value.tensor if isinstance(value, Array) else value for value in arguments]
                 handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*shown)]

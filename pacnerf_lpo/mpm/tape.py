@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.taichi_calls import Array
+from pacnerf_lpo.mpm.lanes import LANES
 
 
 @dataclass(frozen=True)
@@ -28,23 +28,27 @@ class Grid:
         return self.size[0] * max(0, 1 - self.origin[1]) * self.size[2]
 
 
-def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, margin: int) -> Grid:
+def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tuple[float, ...], margin: int) -> Grid:
     """The grid that holds the particles while they fly freely, and ``margin`` cells more on every side.
 
     Args:
-        state: particle states [(N, 24 or more)], position and velocity first [m, m/s].
+        x: positions [m, (3, N)].
+        v: velocities [m/s, (3, N)].
         dx: node spacing [m].
         duration: [s].
-        gravity: [m/s^2, (3,)].
+        gravity: [m/s^2].
         margin: cells.
     """
-    x = state[:, :3]
-    straight = x + duration * state[:, 3:6]
-    reached = torch.stack([x, straight, straight + (0.5 * duration**2) * gravity])
-    low, high = reached.amin((0, 1)), reached.amax((0, 1))
-    low[1] = torch.maximum(low[1], torch.clamp(x[:, 1].amin(), max=0.0))
+    straight = x + duration * v
+    fallen = x.new_tensor(gravity) * (0.5 * duration**2)
+    low, high = (
+        torch.minimum(x.amin(1), straight.amin(1) + fallen.clamp(max=0)),
+        torch.maximum(x.amax(1), straight.amax(1) + fallen.clamp(min=0)),
+    )
+    low[1] = torch.maximum(low[1], x[1].amin().clamp(max=0.0))
     first = torch.floor(low / dx - 0.5).long() - margin
     last = torch.floor(high / dx - 0.5).long() + 2 + margin
+    last[2] += 1  # rows of nodes along z are longer than a stencil by one
     a, b = first.tolist(), last.tolist()
     return Grid((a[0], a[1], a[2]), (b[0] - a[0] + 1, b[1] - a[1] + 1, b[2] - a[2] + 1))
 
@@ -52,21 +56,17 @@ def enclosing_grid(state: Tensor, dx: float, duration: float, gravity: Tensor, m
 class Tape:
     """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
 
-    states: S + 1 views, [(N * width,)] each, width = 24 and the history; ``state_arrays``: the same for launches
-    velocities: S arrays [(nodes, 4)]: velocity [m/s] and mass [kg]
+    states: S + 1 slots or one [(slots, B, width, LANES)], width = 24 and the history.
+    velocities: S slots or one [(slots, nodes, 4)]: velocity [m/s] and mass [kg]
+    contacts: S slots or one [(slots, 3 contact nodes)]: velocity before the ground of every node at y <= 0 [m/s]
     grid: where they lie
-    contacts: S arrays, velocity before the ground of every node at y <= 0 [m/s]
     """
 
     def __init__(self, substeps: int, like: Tensor, keep: bool):
         self.keep, self._substeps = keep, substeps
-        self._states = like.new_empty((substeps + 1 if keep else 1, like.numel()))
-        self.states = list(self._states) if keep else [self._states[0]] * (substeps + 1)
-        self.state_arrays = self._repeated(self._states, substeps + 1)
+        self.states = like.new_empty((substeps + 1 if keep else 1, *like.shape))
         self._buffer = like.new_empty(0)
-        self.grid = Grid((0, 0, 0), (0, 0, 0))
-        self.velocities: list[Array] = []
-        self.contacts: list[Array] = []
+        self.fit(Grid((0, 0, 0), (0, 0, 0)))
 
     def fit(self, grid: Grid) -> None:
         """Make room for the nodes of a grid."""
@@ -76,14 +76,19 @@ class Tape:
         if self._buffer.numel() < slots * sum(sizes):
             self._buffer = self._buffer.new_empty(slots * sum(sizes) * 5 // 4)
         velocities, contacts = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
-        self.velocities = self._repeated(velocities.view(slots, -1, 4), self._substeps)
-        self.contacts = self._repeated(contacts.view(slots, -1), self._substeps)
+        self.velocities, self.contacts = velocities.view(slots, -1, 4), contacts.view(slots, -1)
 
-    @staticmethod
-    def _repeated(slots: Tensor, count: int) -> list[Array]:
-        """The slots as launches take them; the only one as often as there are substeps."""
-        found = [Array(slot) for slot in slots]
-        return found if len(found) > 1 else found * count
+    def arguments(self) -> dict[str, Tensor | int]:
+        """Its arrays as launches take them, and from one substep to the next."""
+        apart = int(self.keep)
+        return {
+            "states": self.states.view(-1, LANES),
+            "velocity": self.velocities.view(-1, 4),
+            "contact": self.contacts.reshape(-1),
+            "state": apart * self.states[0].numel() // LANES,
+            "nodes": apart * self.velocities.shape[1],
+            "contacts": apart * self.contacts.shape[1],
+        }
 
     @staticmethod
     def bytes(substeps: int, grid: Grid, like: Tensor) -> int:

@@ -16,6 +16,11 @@ def product(a: Tensor3, b: Tensor3) -> Tensor3:
     return [[a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in AXES] for i in AXES]
 
 
+def transposed(a: Tensor3) -> Tensor3:
+    """aᵀ."""
+    return [[a[j][i] for j in AXES] for i in AXES]
+
+
 def left_cauchy_green(F: Tensor3) -> Tensor3:
     """b = F Fᵀ, each of its six numbers computed once."""
     b = {(i, j): F[i][0] * F[j][0] + F[i][1] * F[j][1] + F[i][2] * F[j][2] for i in AXES for j in range(i, 3)}

@@ -1,178 +1,134 @@
-"""Sums over the 27 nodes around a particle with quadratic B-splines, and the contractions that their adjoints need.
+"""What P2G and G2P have in common: quadratic B-splines on the 27 nodes around a particle, and sums over them.
 
-A field on the nodes is an array of 4-vectors (one SIMD register). What a particle gives to its nodes is linear in the
-node index, q + i q_i + j q_j + k q_k, so sums factor by axis: 2 to 3 times fewer operations than node by node.
+A field on the nodes is an array of 4-vectors. What a particle gives to its nodes is linear in the node index, q + i qi
++ j qj + k qk, so sums factor by axis. How they are taken is another matter for a group of one particle
+(:mod:`~pacnerf_lpo.mpm.transfer_single`) and for one that fills a register (:mod:`~pacnerf_lpo.mpm.transfer_rows`).
 """
 
 from dataclasses import dataclass
 from typing import Any
 
-from pacnerf_lpo.mpm.arrays import inside
+from pacnerf_lpo.mpm import transfer_rows, transfer_single
+from pacnerf_lpo.mpm.arrays import Bench, Group, Setting, flat
+from pacnerf_lpo.mpm.lanes import floor, keep, select
 from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3
 
 
 @dataclass(frozen=True)
 class Stencil(Emitted):
-    """The 27 nodes around a particle.
+    """The 27 nodes around each particle of a group.
 
-    cell: index of the first of them along each axis; start: its place in memory; row, plane: steps there along y, x.
-    offset: of the particle from it [cells]; w, dw: weights and their derivatives [per cell], by node and axis [(3, 3)].
+    cell: index of the first of them along each axis, whole [(3,)]; outside: 1 where it was moved into the grid, else 0.
+    offset: of the particle from it [cells, (3,)]; w, dw: weights, derivatives [per cell], by axis and node [(3, 3)].
     """
 
-    cell: Any
-    start: Any
-    row: Any
-    plane: Any
-    offset: Any
-    w: Any
-    dw: Any
+    cell: list[Any]
+    outside: Any
+    offset: list[Any]
+    w: Tensor3
+    dw: Tensor3
 
 
 @dataclass(frozen=True)
 class Linear(Emitted):
-    """Four numbers at every node of a stencil, linear in its index: q + i qi + j qj + k qk."""
+    """Four numbers at every node of a stencil: q [(4,)], and their slope per node along each axis [(3, 3)]; that of the
+    fourth is zero.
+    """
 
-    q: Any
-    qi: Any
-    qj: Any
-    qk: Any
+    q: list[Any]
+    slope: Tensor3
 
 
 @dataclass(frozen=True)
 class Moments(Emitted):
-    """Sums over the nodes of a stencil: of w u, w u i, w u j and w u k."""
+    """Sums over the nodes of a stencil: of w u [(4,)], and of w u (i, j, k) [(3, 3)]."""
 
-    m: Any
-    mi: Any
-    mj: Any
-    mk: Any
+    m: list[Any]
+    first: Tensor3
 
 
-@dataclass(frozen=True)
-class Sums(Emitted):
-    """A field on the nodes that a thread adds to, from node ``first`` on; atomically where others add, too."""
-
-    field: Any
-    first: Any
-    atomic: bool
-
-
-@ti.func
-def stencil(x, s: ti.template(), substep):
-    """The nodes around position ``x``; one outside the grid is reported of ``substep``."""
-    lowest = ti.floor(x * s.n.inv_dx - 0.5)
-    f = x * s.n.inv_dx - lowest
-    w = ti.Matrix.rows([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2])
-    dw = ti.Matrix.rows([f - 1.5, -2.0 * (f - 1.0), f - 0.5])
-    cell = inside(ti.Vector([int(lowest[0]), int(lowest[1]), int(lowest[2])]), s, substep)
-    row, plane = s.dims.row, s.dims.plane
-    start = cell[0] * plane + cell[1] * row + cell[2]
-    return Stencil(cell, start, row, plane, f, w, dw)
+def stencil(x: list[Any], s: Setting) -> Stencil:
+    """The nodes around positions ``x`` [m]."""
+    cell, offset, w, dw, inside = [], [], [], [], []
+    for axis, (size, first) in enumerate(zip(s.dims.last_cells, s.dims.firsts, strict=True)):
+        scaled = keep(x[axis] * s.n.inv_dx)
+        lowest = floor(scaled - 0.5)
+        f = keep(scaled - lowest)
+        wanted = keep(lowest - ti.cast(first, float))
+        last = keep(ti.cast(size, float))
+        risen = select(wanted >= 0.0, wanted, 0.0)  # which NaN is not
+        cell.append(select(risen <= last, risen, last))
+        inside.append(select(cell[axis] == wanted, 1.0, 0.0))
+        offset.append(f)
+        w.append(
+            [keep(0.5 * (1.5 - f) * (1.5 - f)), keep(0.75 - (f - 1.0) * (f - 1.0)), keep(0.5 * (f - 0.5) * (f - 0.5))]
+        )
+        dw.append([keep(f - 1.5), keep(-2.0 * (f - 1.0)), keep(f - 0.5)])
+    return Stencil(cell, keep(1.0 - inside[0] * inside[1] * inside[2]), offset, w, dw)
 
 
-@ti.func
-def with_fourth(a, last):
-    return ti.Vector([a[0], a[1], a[2], last])
-
-
-@ti.func
-def column(a, j: ti.template()):
-    """Column j of a 3x3 matrix, as the first three of four numbers."""
-    return ti.Vector([a[0, j], a[1, j], a[2, j], 0.0])
-
-
-@ti.func
-def linear(value, slope, last, here: ti.template()):
+def linear(value: list[Any], slope: Tensor3, last: Any, here: Stencil) -> Linear:
     """``value + slope (i - offset)`` at node i of a stencil, in cells from the particle; ``last`` as fourth number."""
-    q = with_fourth(value - slope @ here.offset, last)
-    qi, qj, qk = column(slope, 0), column(slope, 1), column(slope, 2)
-    return Linear(q, qi, qj, qk)
+    q = [
+        keep(value[a] - slope[a][0] * here.offset[0] - slope[a][1] * here.offset[1] - slope[a][2] * here.offset[2])
+        for a in AXES
+    ]
+    return Linear([*q, last], slope)
 
 
-@ti.func
-def about(moments: ti.template(), here: ti.template(), scale):
-    """scale times the sum of w u (i - offset)ᵀ over the nodes i of a stencil [(3, 3)]."""
-    B = ti.Matrix.zero(float, 3, 3)
-    for a in ti.static(range(3)):
-        B[a, 0] = scale * (moments.mi[a] - moments.m[a] * here.offset[0])
-        B[a, 1] = scale * (moments.mj[a] - moments.m[a] * here.offset[1])
-        B[a, 2] = scale * (moments.mk[a] - moments.m[a] * here.offset[2])
-    return B
+def about(moments: Moments, here: Stencil, scale: Any) -> Tensor3:
+    """scale times the sum of w u (i - offset)ᵀ over the nodes i of a stencil."""
+    return [[keep(scale * (moments.first[a][b] - moments.m[a] * here.offset[b])) for b in AXES] for a in AXES]
 
 
-@ti.func
-def add(sums: ti.template(), node, value):
-    """Add four numbers to a node; without atomics where the thread has its own field (``+=`` is atomic)."""
-    if ti.static(sums.atomic):
-        for c in ti.static(range(4)):
-            ti.atomic_add(sums.field[node][c], value[c])
+def scatter(field: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group) -> None:
+    """Add w (q + slope · (i, j, k)) to every node of a stencil; the field begins with node ``first`` of an array."""
+    numbers = [*given.q, *flat(given.slope)]
+    if group.lane is None:
+        _place(here, group)
+        group.put(Bench.GIVEN, numbers)
+        transfer_rows.scatter(field, first, s, group)
     else:
-        sums.field[node] = sums.field[node] + value
+        transfer_single.scatter(field, first, here, s, numbers)
 
 
-@ti.func
-def scatter(sums: ti.template(), here: ti.template(), given: ti.template()):
-    """Add w (q + i qi + j qj + k qk) to every node of a stencil."""
-    start = sums.first + here.start
-    for i in range(3):
-        for j in range(3):
-            wij = here.w[i, 0] * here.w[j, 1]
-            base = wij * (given.q + float(i) * given.qi + float(j) * given.qj)
-            step = wij * given.qk
-            for k in ti.static(range(3)):
-                add(sums, start + i * here.plane + j * here.row + k, here.w[k, 2] * (base + float(k) * step))
-
-
-@ti.func
-def gather(field: ti.template(), here: ti.template()):
+def gather(field: Any, first: Any, here: Stencil, s: Setting, group: Group) -> Moments:
     """The moments of a field over a stencil."""
-    zero = ti.Vector.zero(float, 4)
-    m, mi, mj, mk = zero, zero, zero, zero
-    for i in range(3):
-        t, tj, tk = zero, zero, zero
-        for j in range(3):
-            o = here.start + i * here.plane + j * here.row
-            u1 = here.w[1, 2] * field[o + 1]
-            u2 = here.w[2, 2] * field[o + 2]
-            s = here.w[0, 2] * field[o] + u1 + u2
-            t += here.w[j, 1] * s
-            tj += (here.w[j, 1] * j) * s
-            tk += here.w[j, 1] * (u1 + 2.0 * u2)
-        m += here.w[i, 0] * t
-        mi += (here.w[i, 0] * i) * t
-        mj += here.w[i, 0] * tj
-        mk += here.w[i, 0] * tk
-    return Moments(m, mi, mj, mk)
+    if group.lane is None:
+        _place(here, group)
+        transfer_rows.gather(field, first, s, group)
+        found = group.on_bench(Bench.MOMENTS, 13)
+    else:
+        found = transfer_single.gather(field, first, here, s)
+    return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]])
 
 
-@ti.func
-def gather_with_slope(field: ti.template(), here: ti.template(), given: ti.template()):
-    """The moments of a field u, and the sum of (u · (q + i qi + j qj + k qk)) grad w [per cell]."""
-    zero = ti.Vector.zero(float, 4)
-    m, mi, mj, mk = zero, zero, zero, zero
-    gx, gy, gz = zero, zero, zero
-    for i in range(3):
-        t, tj, tk = zero, zero, zero
-        ax, ay, az = zero, zero, zero
-        for j in range(3):
-            o = here.start + i * here.plane + j * here.row
-            u0, u1, u2 = field[o], field[o + 1], field[o + 2]
-            w1, w2 = here.w[1, 2] * u1, here.w[2, 2] * u2
-            s, sk = here.w[0, 2] * u0 + w1 + w2, w1 + 2.0 * w2
-            d1, d2 = here.dw[1, 2] * u1, here.dw[2, 2] * u2
-            payload = given.q + float(i) * given.qi + float(j) * given.qj
-            value = s * payload + sk * given.qk
-            ax += here.w[j, 1] * value
-            ay += here.dw[j, 1] * value
-            az += here.w[j, 1] * ((here.dw[0, 2] * u0 + d1 + d2) * payload + (d1 + 2.0 * d2) * given.qk)
-            t += here.w[j, 1] * s
-            tj += (here.w[j, 1] * j) * s
-            tk += here.w[j, 1] * sk
-        gx += here.dw[i, 0] * ax
-        gy += here.w[i, 0] * ay
-        gz += here.w[i, 0] * az
-        m += here.w[i, 0] * t
-        mi += (here.w[i, 0] * i) * t
-        mj += here.w[i, 0] * tj
-        mk += here.w[i, 0] * tk
-    return Moments(m, mi, mj, mk), ti.Vector([gx.sum(), gy.sum(), gz.sum()])
+def gather_with_slope(
+    field: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group
+) -> tuple[Moments, list[Any]]:
+    """The moments of a field u, and the sum of (u · (q + slope · (i, j, k))) grad w [per cell, (3,)]."""
+    numbers = [*given.q, *flat(given.slope)]
+    if group.lane is None:
+        _place(here, group)
+        group.put(Bench.GIVEN, numbers)
+        transfer_rows.gather_with_slope(field, first, s, group, True)
+        found = group.on_bench(Bench.MOMENTS, 16)
+    else:
+        found = transfer_single.gather_with_slope(field, first, here, s, numbers)
+    return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]]), found[13:16]
+
+
+def scatter_and_slope(
+    field: Any, to: Any, other: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group
+) -> list[Any]:
+    """:func:`scatter` to one field, and the slope of :func:`gather_with_slope` of another [per cell, (3,)]."""
+    scatter(field, to, here, given, s, group)
+    if group.lane is None:
+        transfer_rows.gather_with_slope(other, first, s, group, False)
+        return group.on_bench(Bench.SLOPE, 3)
+    return transfer_single.gather_with_slope(other, first, here, s, [*given.q, *flat(given.slope)])[13:]
+
+
+def _place(here: Stencil, group: Group) -> None:
+    group.put(Bench.W, [*flat(here.w), *flat(here.dw), *here.cell])

@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Residual, fit, fit_or_none, sensitivities
+from pacnerf_lpo.identification.least_squares import Fit, Residual, fit, fit_or_none, sensitivities
 from pacnerf_lpo.identification.problem import relative
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.standardised import noise_of
@@ -28,6 +28,7 @@ WITHIN = 0.1
 LONGEST_STEP = 8.0
 RIVALS = 3
 RANGE = (1e-3, 1e3)
+LEAST_SNR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,24 +67,43 @@ class Ruler:
         self.problem = problem = KnownShape("ruler", setting, setting.video(), recorded.summaries)
         self.model = model = problem.model((), self.true)
         found, sensor = replicates(problem, (), model.start, model, count, seed=0)
+        self._sensitivities: dict[str, np.ndarray] = {}
         self.masks = {
             "motion": problem.fitted,
             "camera": problem.usable & problem.split.frames[..., None],
         }
         self.noises = {key: noise_of(problem, found, sensor, mask) for key, mask in self.masks.items()}
 
-    def snr(self, effect: Effect, values: dict[str, float], iterations: int = ITERATIONS) -> float:
+    def snr(self, effect: Effect, values: dict[str, float]) -> float:
         """What an effect leaves in noise-free data after material and velocity were refitted without it, in units of
         the noise; infinite where the motion is unstable. The refit matters: a lower stiffness imitates much softening.
+        """
+        found = self._refit(effect, values, ITERATIONS, self._begun(self._key(effect)))
+        return np.inf if found is None else float(np.sqrt(found.cost))
+
+    def _refit(self, effect: Effect, values: dict[str, float], iterations: int, start: Fit) -> Fit | None:
+        """Material and velocity refitted without an effect, from a fit to other data; None where the motion with the
+        effect is unstable.
         """
         try:
             seen = self._seen(effect, values)
         except SimulationError:
-            return np.inf
+            return None
+        left, model = self._left(seen, self.model, self._key(effect)), self.model
+        return fit(left, start, model.scales, model.bounds, iterations)
+
+    def _begun(self, key: str) -> Fit:
+        """The truth as a fit, with the sensitivities there, which are the same whatever was recorded."""
+        if key not in self._sensitivities:
+            model = self.model
+            left = self._left(self.problem.measured, model, key)
+            changes = sensitivities(left, model.start, left(model.start), model.scales, model.bounds)
+            self._sensitivities[key] = changes
+        return Fit(self.model.start, np.zeros(0), self._sensitivities[key])
+
+    def _key(self, effect: Effect) -> str:
         view = getattr(effect, "view", None)
-        key = "camera" if view is not None and not self.problem.split.views[view] else "motion"
-        left, model = self._left(seen, self.model, key), self.model
-        return float(np.sqrt(fit(left, model.start, model.scales, model.bounds, iterations).cost))
+        return "camera" if view is not None and not self.problem.split.views[view] else "motion"
 
     def sized_beyond(self, effect: Effect, course: Callable[[float], dict[str, float]], wanted: float) -> Sized | None:
         """The point on a course of values where the best imitation by a known effect leaves the wanted signal-to-noise
@@ -154,21 +174,45 @@ class Ruler:
         wanted one; None where there is none.
         """
         (low, high), strength, iterations = RANGE, 1.0, FIRST_ITERATIONS
+        start, tried = self._begun(self._key(effect)), list[tuple[float, float]]()
         for _ in range(TRIALS):
-            snr = self.snr(effect, course(strength), iterations)
-            if abs(snr / wanted - 1) < WITHIN and iterations == FIRST_ITERATIONS:
-                (low, high), iterations = RANGE, ITERATIONS
-                snr = self.snr(effect, course(strength))
-            if abs(snr / wanted - 1) < WITHIN:
+            found = self._refit(effect, course(strength), iterations, start)
+            if found is not None and _near(found, wanted) and iterations == FIRST_ITERATIONS:
+                (low, high), iterations, tried = RANGE, ITERATIONS, []
+                found = self._refit(effect, course(strength), iterations, found)
+            if found is None:
+                high = min(high, strength)
+                strength = max(strength / LONGEST_STEP, float(np.sqrt(low * high)))
+                continue
+            snr, start = float(np.sqrt(found.cost)), found
+            if _near(found, wanted):
                 return Sized(course(strength), strength, snr)
             if snr > wanted:
                 high = min(high, strength)
             else:
                 low = max(low, strength)
-            factor = np.clip(wanted / snr, 1 / LONGEST_STEP, LONGEST_STEP) if snr > 0 else LONGEST_STEP
-            proposed = strength * float(factor)
+            tried.append((float(np.log(strength)), float(np.log(max(snr, LEAST_SNR)))))
+            proposed = strength * float(np.exp(_step(tried, float(np.log(wanted)))))
             strength = proposed if low < proposed < high else float(np.sqrt(low * high))
         return None
+
+
+def _near(found: Fit, wanted: float) -> bool:
+    """Whether a fit leaves the wanted signal-to-noise ratio."""
+    return abs(np.sqrt(found.cost) / wanted - 1) < WITHIN
+
+
+def _step(tried: list[tuple[float, float]], wanted: float) -> float:
+    """Change of the logarithm of a strength by the secant through the last two of logarithms of strength and
+    signal-to-noise ratio; in proportion where there is one, or where the ratio falls.
+    """
+    slope = 1.0
+    if len(tried) > 1:
+        (x0, y0), (x1, y1) = tried[-2:]
+        slope = (y1 - y0) / (x1 - x0)
+    return float(
+        np.clip((wanted - tried[-1][1]) / (slope if slope > 0 else 1.0), *np.log([1 / LONGEST_STEP, LONGEST_STEP]))
+    )
 
 
 def _linear(model: Model, residual: Residual) -> np.ndarray:

@@ -1,0 +1,221 @@
+"""Numbers inside a kernel: one, or lanes, the same quantity of several particles in one vector register.
+
+While a kernel is compiled an expression stands for a number (on CUDA, and at the nodes) or for :data:`LANES` of them
+(particles on the CPU), on which arithmetic and comparisons act lane by lane. What Taichi has for numbers only is here.
+Exponential and logarithm of single precision are computed from their series, to rounding: a library would be called for
+one lane at a time.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pacnerf_lpo.mpm import taichi_calls
+from pacnerf_lpo.mpm.taichi_calls import Expr, compiling_double, ti
+
+LANES = 16
+"""Particles in a register: as many floats as AVX-512 has. Machines with narrower registers take several for them."""
+LN2_HIGH, LN2_LOW = 0.693145751953125, 1.4286068203094172e-06
+"""ln 2 in two parts; an exponent times the first is exact in single precision."""
+MANTISSA, HALF_ROOT = 0x007FFFFF, 0x3F3504F3
+"""Which bits of a float are its mantissa; the bits of sqrt(1/2)."""
+
+_spread: dict[Any, tuple[Any, Any]] = {}
+
+
+class Lanes(Expr):
+    """An expression of LANES numbers. Taichi writes a number that meets one LANES times into its program; here it is
+    spread once per scope.
+    """
+
+    def __neg__(self) -> Any:
+        return 0.0 - self
+
+    def __and__(self, other: Any) -> Any:
+        return select(self, select(other, 1.0, wide(0.0)), 0.0) > 0.5
+
+    def __or__(self, other: Any) -> Any:
+        return select(self, 1.0, select(other, 1.0, wide(0.0))) > 0.5
+
+
+def _lane_by_lane(name: str) -> Callable[[Lanes, Any], Lanes]:
+    operator = getattr(Expr, name)
+    return lambda self, other: Lanes(operator(self, wide(other, self)))
+
+
+for _name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "gt", "lt", "ge", "le", "eq"):
+    setattr(Lanes, f"__{_name}__", _lane_by_lane(f"__{_name}__"))
+Lanes.__hash__ = Expr.__hash__  # type: ignore[method-assign]
+
+
+def new_scope() -> None:
+    """Call it where a block of a kernel begins: what is spread in one block is unknown in another."""
+    _spread.clear()
+
+
+def is_wide(value: Any) -> bool:
+    """Whether this is an expression of LANES numbers."""
+    return isinstance(value, Lanes)
+
+
+def keep(value: Any) -> Any:
+    """Store an expression in a local variable, so that using it twice computes it once."""
+    return _typed(taichi_calls.keep(value))
+
+
+def entry(array: Any, *indices: Any) -> Any:
+    """An entry of an array, a vector or a matrix; of an array of vectors, the vector or, with one more index, a number
+    of it.
+    """
+    return _typed(taichi_calls.entry(array, *indices))
+
+
+def _typed(value: Any) -> Any:
+    return Lanes(value) if isinstance(value, Expr) and value.is_tensor() and value.get_shape() == (LANES,) else value
+
+
+def wide(number: Any, like: Any = None) -> Any:
+    """The same number in every lane; lanes as they are. ``like``: any lanes, which save writing 16 zeros."""
+    if is_wide(number):
+        return number
+    key = ("expression", id(number)) if isinstance(number, Expr) else float(number)
+    if key not in _spread:  # the number is kept so that its id stays its own
+        _spread[key] = number, keep(_in_every_lane(number, ti.Vector([0.0] * LANES) if like is None else like))
+    return _spread[key][1]
+
+
+@ti.func
+def _in_every_lane(number, like):
+    found = like
+    for lane in range(LANES):
+        found[lane] = number
+    return found
+
+
+def summed(number: Any) -> Any:
+    """The sum over all lanes; one number is its own sum. Halves are added, so that rounding grows with log2(lanes)."""
+    return keep(_summed(number)) if is_wide(number) else number
+
+
+@ti.func
+def _summed(x):
+    found = x
+    for half in ti.static((8, 4, 2, 1)):
+        for lane in range(half):
+            found[lane] = found[lane] + found[lane + half]
+    return found[0]
+
+
+def select(condition: Any, yes: Any, no: Any) -> Any:
+    """``yes`` where a condition holds, else ``no``."""
+    if is_wide(condition) or is_wide(yes) or is_wide(no):
+        like = yes if is_wide(yes) else no if is_wide(no) else None
+        yes, no = wide(yes, like), wide(no, like)
+    return keep(ti.select(condition, yes, no))
+
+
+def largest(a: Any, b: Any) -> Any:
+    """The larger of two numbers."""
+    return keep(ti.max(*_alike(a, b)))
+
+
+def smallest(a: Any, b: Any) -> Any:
+    """The smaller of two numbers."""
+    return keep(ti.min(*_alike(a, b)))
+
+
+def _alike(a: Any, b: Any) -> tuple[Any, Any]:
+    return (wide(a), wide(b)) if is_wide(a) or is_wide(b) else (a, b)
+
+
+def sqrt(x: Any) -> Any:
+    """Square root."""
+    return keep(ti.sqrt(x))
+
+
+def floor(x: Any) -> Any:
+    """Largest whole number that is not larger."""
+    return keep(ti.floor(x))
+
+
+def absolute(x: Any) -> Any:
+    """Absolute value."""
+    return largest(x, -x)
+
+
+def log(x: Any) -> Any:
+    """Natural logarithm; of no positive number it is NaN.
+
+    x = 2^e m with m in [1/sqrt 2, sqrt 2), and ln m = 2 artanh s with s = (m - 1) / (m + 1), |s| < 0.172: the series is
+    cut off at 2e-9 of it.
+    """
+    if not is_wide(x):
+        return keep(ti.log(x))
+    if compiling_double():
+        return keep(_log_of_each(x))
+    e = keep(_exponents(x))
+    m = keep(_mantissas(x))
+    s = keep((m - 1.0) / (m + 1.0))
+    square = keep(s * s)
+    series = keep(1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7 + square * (1.0 / 9)))))
+    return select(x > 0.0, e * LN2_HIGH + (e * LN2_LOW + 2.0 * s * series), math.nan)
+
+
+def exp(x: Any) -> Any:
+    """Exponential; 0 and infinity where it is out of range.
+
+    x = n ln 2 + r with |r| < 0.35, and the series of exp r is cut off at 1e-8 of it.
+    """
+    if not is_wide(x):
+        return keep(ti.exp(x))
+    if compiling_double():
+        return keep(_exp_of_each(x))
+    n = floor(largest(smallest(x * (1.0 / math.log(2.0)), 128.0), -127.0) + 0.5)
+    r = keep((x - n * LN2_HIGH) - n * LN2_LOW)
+    series: Any = 1.0
+    for k in range(7, 0, -1):
+        series = keep(1.0 + r * series * (1.0 / k))
+    return select(x < -88.0, 0.0, series * keep(_powers_of_two(n)))
+
+
+@ti.func
+def _exponents(x):
+    """e of x = 2^e m with m in [1/sqrt 2, sqrt 2)."""
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.cast((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) >> 23, float)
+    return found
+
+
+@ti.func
+def _mantissas(x):
+    """m of x = 2^e m."""
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.bit_cast(((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) & MANTISSA) + HALF_ROOT, float)
+    return found
+
+
+@ti.func
+def _powers_of_two(n):
+    """2^n for whole n from -127 (counts as 0) to 128 (infinity)."""
+    found = n
+    for lane in range(LANES):
+        found[lane] = ti.bit_cast((ti.cast(n[lane], ti.i32) + 127) << 23, float)
+    return found
+
+
+@ti.func
+def _log_of_each(x):
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.log(x[lane])
+    return found
+
+
+@ti.func
+def _exp_of_each(x):
+    found = x
+    for lane in range(LANES):
+        found[lane] = ti.exp(x[lane])
+    return found
