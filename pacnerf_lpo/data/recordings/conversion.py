@@ -112,18 +112,29 @@ def convert(recording: Recording, folder: Path) -> Scene:
     )
 
 
+def _mattes_beside(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}_mattes")
+
+
+def forget_mattes(folder: Path) -> None:
+    """Remove the mattes that an earlier, refused attempt left beside the folder of a scene."""
+    beside = _mattes_beside(folder)
+    for old in beside.glob("*_[0-9][0-9][0-9][0-9].png"):
+        old.unlink()
+    if beside.is_dir() and not any(beside.iterdir()):
+        beside.rmdir()
+
+
 @contextmanager
 def _kept_to_look_at(images: Path, names: Sequence[str], folder: Path) -> Iterator[None]:
     """Where the recording is refused, keep its mattes beside the folder of the scene, and say where."""
     try:
         yield
     except UserInputError as error:
-        beside, made = folder.with_name(f"{folder.name}_mattes"), [*images.glob("own_*.png"), *images.glob("m_*.png")]
+        beside, made = _mattes_beside(folder), [*images.glob("own_*.png"), *images.glob("m_*.png")]
         if not made:
             raise
         beside.mkdir(exist_ok=True)
-        for old in beside.glob("*_[0-9][0-9][0-9][0-9].png"):
-            old.unlink()
         for path in made:
             _, view, frame = path.stem.split("_")
             shutil.move(path, beside / f"{names[int(view)]}_{int(frame):04}.png")

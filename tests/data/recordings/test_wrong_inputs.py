@@ -138,7 +138,7 @@ def narrow(cameras: dict) -> None:
 
 
 CASES = {
-    "a file for a folder": Wrong("opencv_shared", nowhere, ("no such folder",)),
+    "a file for a folder": Wrong("opencv_shared", nowhere, ("is a file", "give the folder")),
     "calibration is no JSON": Wrong(
         "opencv_shared", lambda f: (f / "calibration.json").write_text("{"), ("calibration.json: cannot be read",)
     ),
