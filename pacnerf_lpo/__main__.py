@@ -1,7 +1,5 @@
 """The command line: ``pacnerf-lpo COMMAND ...``, or ``python -m pacnerf_lpo COMMAND ...``."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Mistakes in a configuration, each as one line: what is wrong, in which file, and the nearest right name."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import inspect

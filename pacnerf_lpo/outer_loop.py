@@ -1,7 +1,5 @@
 """Algorithm 1 of the paper as a callback: it decides which phase comes next; the command line executes it."""
 
-from __future__ import annotations
-
 import io
 import json
 import time
@@ -102,7 +100,7 @@ class OuterLoop(pl.Callback):
         self.compare_methods, self.reuse = compare_methods, reuse
         self.state: ParticleState | None = None
 
-    def check(self, data: VideoData, correction: bool) -> None:
+    def check(self, data: "VideoData", correction: bool) -> None:
         """Raise UserInputError when images are to be held out and that is not possible."""
         if self.stop_when == "held_out" and not correction:
             raise UserInputError(

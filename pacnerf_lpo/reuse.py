@@ -1,7 +1,5 @@
 """Phases of a finished run taken over by another one, where nothing differs that they depend on."""
 
-from __future__ import annotations
-
 import io
 import shutil
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@
 the ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -31,7 +29,7 @@ class Rays:
     origins: Tensor
     directions: Tensor
 
-    def to(self, device: torch.device) -> Rays:
+    def to(self, device: torch.device) -> "Rays":
         """The same rays on a device."""
         return Rays(self.origins.to(device), self.directions.to(device))
 
@@ -117,7 +115,7 @@ class ParticleState:
         """Raw densities of the particles [(N,)] as far as they make mass and stiffness."""
         return density if self.erosion is None else density - self.erosion
 
-    def with_(self, **changes) -> ParticleState:
+    def with_(self, **changes) -> "ParticleState":
         """A copy with the named fields replaced."""
         return replace(self, **changes)
 
@@ -126,6 +124,6 @@ class ParticleState:
         torch.save(dict(self.__dict__), path)
 
     @staticmethod
-    def load(path: str | Path) -> ParticleState:
+    def load(path: str | Path) -> "ParticleState":
         """Read what :meth:`save` wrote."""
         return ParticleState(**torch.load(path, weights_only=True))

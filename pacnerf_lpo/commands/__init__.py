@@ -1,7 +1,5 @@
 """One module per command; the arguments and the docstring of its function ``run`` are the command line and its help."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -72,7 +70,7 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
     return result
 
 
-def _instantiated(parser: ArgumentParser, config: Namespace) -> Namespace:
+def _instantiated(parser: "ArgumentParser", config: "Namespace") -> "Namespace":
     """The arguments with their objects made; a wrong value inside one is the user's mistake, whatever wraps it."""
     try:
         return parser.instantiate(config)

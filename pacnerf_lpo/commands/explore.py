@@ -1,7 +1,5 @@
 """``pacnerf-lpo explore``: a page on which a model, its measurement and their error are side by side."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import webbrowser

@@ -4,8 +4,6 @@ The arguments and the docstring of a command's function ``run`` are its help; of
 sections of its configuration make.
 """
 
-from __future__ import annotations
-
 import ast
 import textwrap
 from collections.abc import Iterator

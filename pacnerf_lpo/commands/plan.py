@@ -1,7 +1,5 @@
 """``pacnerf-lpo plan``: which recording to make next."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``pacnerf-lpo synthesize``: a multi-view video of a simulated scene, with its truth."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Any

@@ -5,8 +5,6 @@ range explains it. Along the rim the opacity a solves the compositing equation I
 object's inside and B the shaded plate from just outside.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 

@@ -3,8 +3,6 @@
 Every reader raises UserInputError, one line: what is wrong, in which file and row, and how to mend it.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import itertools
@@ -46,17 +44,17 @@ class TrackedPoints:
     sigma: np.ndarray
     source: str = ""
 
-    def thinned(self, most: int) -> TrackedPoints:
+    def thinned(self, most: int) -> "TrackedPoints":
         """At most so many of the points, evenly spread over their names."""
         names = np.unique(self.ids)
         return self._where(np.isin(self.ids, names[:: -(-len(names) // most)]))
 
-    def seen_until(self, time: float) -> TrackedPoints:
+    def seen_until(self, time: float) -> "TrackedPoints":
         """The points that are first seen until then [s], with all of their rows."""
         early = self.ids[self.times <= time + TIME_TOLERANCE]
         return self._where(np.isin(self.ids, early))
 
-    def _where(self, rows: np.ndarray) -> TrackedPoints:
+    def _where(self, rows: np.ndarray) -> "TrackedPoints":
         return TrackedPoints(self.times[rows], self.ids[rows], self.positions[rows], self.sigma[rows], self.source)
 
 

@@ -1,7 +1,5 @@
 """Measured points against simulated particles: tracked points by attachment to the material, clouds by summaries."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

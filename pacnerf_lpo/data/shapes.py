@@ -1,7 +1,5 @@
 """Solid shapes to drop, filled with particles."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path

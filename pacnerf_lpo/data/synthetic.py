@@ -4,8 +4,6 @@ Good enough to test and to try things on: one directional light and an ambient t
 cameras see the same colours, antialiased rims, camera noise. There is no shadow, no highlight and no ground.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Image quality and parameter errors of every phase of a run: ``results.json``."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

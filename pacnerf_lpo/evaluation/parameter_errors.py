@@ -4,8 +4,6 @@ Absolute difference of log10 for the moduli, viscosities and yield stress, plain
 friction angle. Truth and fit may use different elastic pairs: (E, nu) is converted to (mu, kappa) and back.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

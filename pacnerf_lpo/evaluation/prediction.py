@@ -4,8 +4,6 @@
 phase has one frame. They are read memory-mapped and are made anew when the particle state is newer.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The whole diagnosis, and what to record next, asked from a session."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
 
-def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, list[str]]:
+def diagnose(session: "Session", progress: Callable[[str], None]) -> tuple[Step, list[str]]:
     """The step that a whole diagnosis ends with, and its verdict in sentences. Raises as :meth:`Session.diagnose`."""
     source, folder = session.source, session.source.store.folder
     Settings(list(source.runs), source.phase, source.options).write(folder)
@@ -43,12 +41,12 @@ def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, l
     return session.stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
 
 
-def plan(session: Session, progress: Callable[[str], None]) -> list[Proposal]:
+def plan(session: "Session", progress: Callable[[str], None]) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
     return propose(session.problem, last_open(_rounds(session, progress)), progress)
 
 
-def _rounds(session: Session, progress: Callable[[str], None]) -> list[Round]:
+def _rounds(session: "Session", progress: Callable[[str], None]) -> list[Round]:
     """Of the diagnosis, as far as it is stored; the rest is done now."""
     source, problem = session.source, session.problem
     keep = partial(write, problem, source.store.folder)

@@ -1,7 +1,5 @@
 """Everything that can be changed: numbers of the model, and the effects it has or could have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path

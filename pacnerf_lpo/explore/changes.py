@@ -1,7 +1,5 @@
 """The steps that changes make of a step, before they are simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from pacnerf_lpo.errors import UserInputError

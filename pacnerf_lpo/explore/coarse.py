@@ -1,7 +1,5 @@
 """A problem on its coarse body, without pictures: for questions that take many rollouts, in several processes."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What a session hands out: plain records with numbers, units and words, for a page, a notebook or a script."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

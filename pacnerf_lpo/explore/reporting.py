@@ -1,7 +1,5 @@
 """A step as a page: the model of the first step and that of another beside the measurement, as a diagnosis draws it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 STATED = "Changed by hand or by a fit; a diagnosis has not judged it."
 
 
-def report(session: Session, folder: Path, step: Step, progress: Callable[[str], None]) -> Path:
+def report(session: "Session", folder: Path, step: Step, progress: Callable[[str], None]) -> Path:
     """Write the page of a step, with its numbers and pictures, into a folder; returns the page.
 
     Raises:
@@ -55,7 +53,7 @@ def _errors(step: Step) -> list[tuple[str, float]]:
     return [(name, value) for name, value in named if value is not None]
 
 
-def _round(session: Session, step: Step, progress: Callable[[str], None]) -> Round:
+def _round(session: "Session", step: Step, progress: Callable[[str], None]) -> Round:
     """A step as the comparison of a diagnosis has a model, with the noise that is known and as it stands."""
     problem, effects = session.problem, session.catalogue.chosen(step.effects)
     progress(f"the page of step {step.number}")

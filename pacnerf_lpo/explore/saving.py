@@ -1,7 +1,5 @@
 """A session on disk: one JSON file that a person can read, with all that cannot be computed again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -23,7 +21,7 @@ DIGITS = 5
 """Of an error in a table: far below what a coarse body tells."""
 
 
-def save(session: Session, folder: Path) -> Path:
+def save(session: "Session", folder: Path) -> Path:
     """Write ``session.json`` into a folder, which is made where it is missing; returns the file.
 
     Raises:
@@ -51,7 +49,7 @@ def save(session: Session, folder: Path) -> Path:
     return folder / FILE
 
 
-def reopen(kind: type[Session], folder: Path, jobs: int | None) -> Session:
+def reopen(kind: "type[Session]", folder: Path, jobs: int | None) -> "Session":
     """A saved session with its whole history; nothing is simulated before it is looked at.
 
     Raises:

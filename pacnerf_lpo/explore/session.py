@@ -1,7 +1,5 @@
 """A session: a model that is changed step by step, and simulated at once beside what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -68,7 +66,7 @@ class Session:
         candidates: str | None = None,
         options: Options | None = None,
         jobs: int | None = None,
-    ) -> Session:
+    ) -> "Session":
         """Open a run, its scene, the folder of a study, several runs or scenes of one object, scenes of measured
         flights, or a saved session.
 
@@ -92,7 +90,7 @@ class Session:
         return cls.of(open_source(given, phase, options), candidates, jobs)
 
     @classmethod
-    def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> Session:
+    def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> "Session":
         """Begin with a source that was read; arguments and errors as of :meth:`open`."""
         session = cls(source, candidates, jobs)
         installed = tuple(session.catalogue.installed)
@@ -449,7 +447,7 @@ class Session:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""
         self.stepper.close()
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> "Session":
         return self
 
     def __exit__(self, *_: Any) -> None:

@@ -1,7 +1,5 @@
 """One rollout of every recording, and how far it is from what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a session is about: the problem of a run, of a study or of measured flights, and what a diagnosis has stored."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Steps that are simulated as they are made: the history, the rollouts that are remembered, and who waits for whom."""
 
-from __future__ import annotations
-
 import threading
 import warnings
 from collections import OrderedDict

@@ -1,7 +1,5 @@
 """What would help a model as it stands: every effect of the catalogue, scored by the change that it would make."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -34,7 +32,7 @@ NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 
 
-def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
+def suggest(session: "Session", step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
     """Every effect that could be added to a step and changes something, best first.
 
     The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
@@ -80,7 +78,7 @@ def _fitted(
     return found
 
 
-def warm(session: Session, progress: Callable[[str], None], copies: int) -> None:
+def warm(session: "Session", progress: Callable[[str], None], copies: int) -> None:
     """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
     problem, step = on_coarse_body(session.problem), session.current
     candidates = session.catalogue.candidates(step.effects)

@@ -1,7 +1,5 @@
 """What a finished phase knows of its particles at every frame, ready to be written."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -41,7 +39,7 @@ class Motion:
     frame_rate: float
     parameters: dict[str, float]
 
-    def thinned(self, most: int | None) -> Motion:
+    def thinned(self, most: int | None) -> "Motion":
         """At most so many of the particles, drawn at random with a fixed seed: their order follows the cells."""
         if most is None or most >= len(self.numbers):
             return self

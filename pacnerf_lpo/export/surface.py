@@ -3,8 +3,6 @@
 It encloses as much space at frame 0 as the particles fill; the same level then shows how the body is squeezed.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +61,7 @@ class FilledSpace:
     matter: float
 
     @staticmethod
-    def around(positions: Tensor, fraction: Tensor, distance: float) -> FilledSpace:
+    def around(positions: Tensor, fraction: Tensor, distance: float) -> "FilledSpace":
         """Positions [m, (N, 3)] of particles that each fill a ``fraction`` [0..1, (N,)] of distance^3."""
         first = (positions.amin(0) / distance).floor() - LAYER
         x, y, z = ((positions.amax(0) / distance).floor() - first + 2 + LAYER).long().tolist()

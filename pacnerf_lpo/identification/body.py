@@ -1,7 +1,5 @@
 """The body of a run, resampled for a diagnosis: other spacing, other particles, the same occupied volume."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

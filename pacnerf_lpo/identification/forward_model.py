@@ -1,7 +1,5 @@
 """The forward model of a diagnosis: physical parameters in, outline summaries of every view and frame out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ shape), as in a diagnosis. What they leave, and what part of their priors the da
 approximation); how well they predict held-out views and frames is reported with it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy

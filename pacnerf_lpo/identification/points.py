@@ -1,7 +1,5 @@
 """Tracked points and point clouds as further rows of the measurements, behind those of the views."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -49,7 +47,7 @@ class Points:
     from_first_sight: ClassVar[bool] = True
 
     @classmethod
-    def of(cls, data: VideoData, body: Tensor) -> Points | None:
+    def of(cls, data: VideoData, body: Tensor) -> "Points | None":
         """The points of a video; None where it has none. ``body``: particles at frame 0 [m, (N, 3)]."""
         if data.tracked_points is None and data.point_clouds is None:
             return None

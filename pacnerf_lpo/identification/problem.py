@@ -1,7 +1,5 @@
 """What is under diagnosis: what was measured, what the model says, and where the two may be compared."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +50,7 @@ class Part:
     """
 
     name: str
-    recording: Problem
+    recording: "Problem"
     effects: tuple[Effect, ...]
     known: dict[str, float]
 

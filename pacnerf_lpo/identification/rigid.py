@@ -5,8 +5,6 @@ time of its release: no velocity jumps as a hand opens. Coordinates that were no
 not move along them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace

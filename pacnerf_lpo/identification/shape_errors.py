@@ -5,8 +5,6 @@ A few replicates show the size of such errors, but hardly any of their direction
 shape and of the matter moves once, by as much as it may be wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 

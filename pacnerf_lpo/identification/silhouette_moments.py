@@ -1,7 +1,5 @@
 """An outline in ten numbers, each in pixels: robust against appearance, and readable by a person."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

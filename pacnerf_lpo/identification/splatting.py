@@ -1,7 +1,5 @@
 """Outlines of moving particles by splatting: thousands of times cheaper than rendering, and as good for summaries."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.nn import functional

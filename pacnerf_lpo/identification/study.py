@@ -5,8 +5,6 @@ effect that is declared per recording (a wind that blew in one of them only). Th
 first the views of all, then the points of all. Shorter recordings are filled up with frames in which nothing was seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -202,7 +200,7 @@ class StudyProblem(Problem):
             of_row[self.stack.rows(number)] = number
         return replace(found, frame=found.frame + mask.shape[1] * of_row[row])
 
-    def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> StudyModel:
+    def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> "StudyModel":
         names = [share.names for share in self._shares(effects)]
         return StudyModel(models, names, self.names, effects, self.stack)
 

@@ -1,7 +1,5 @@
 """A physical parameter: its name, its SI unit, its range, and the coordinate in which it is optimised."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -150,7 +148,7 @@ class Parameter:
         """The value with its unit, as a person reads it."""
         return f"{value:.4g}" if self.unit == "1" else f"{value:.4g} {self.unit}"
 
-    def of_recording(self, recording: str) -> Parameter:
+    def of_recording(self, recording: str) -> "Parameter":
         """The parameter as one recording of several has it."""
         return replace(self, name=name_in(self.name, recording), label=f"{self.label} in {recording}")
 

@@ -1,7 +1,5 @@
 """The physical model of a run, as configured in YAML: material, ground, effects, and how finely time is resolved."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -104,7 +102,7 @@ class Physics:
         return {n: v for n, v in values.items() if self.decided or n not in self.material.parameters}
 
     @property
-    def candidates(self) -> list[Physics]:
+    def candidates(self) -> "list[Physics]":
         """The model with every law that competes and suits ground and effects; itself, where the law is known."""
         found = []
         for law in self.material.laws if isinstance(self.material, Auto) else ():
@@ -112,7 +110,7 @@ class Physics:
                 found.append(self.of(law))
         return found or [self]
 
-    def of(self, material: Material) -> Physics:
+    def of(self, material: Material) -> "Physics":
         """The same model of another material. Raises UserInputError where ground or effects do not suit it."""
         check_model("physics", material, self.ground, self.effects)
         found = copy(self)

@@ -1,7 +1,5 @@
 """The paper's kinds of tables: which figures stand in which place."""
 
-from __future__ import annotations
-
 import statistics
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """All runs of a plan, by joblib; one failed run does not end the others."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

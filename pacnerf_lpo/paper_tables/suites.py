@@ -1,7 +1,5 @@
 """Every suite as data: its scenes and its tables; the columns of the tables say which runs are needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What velocity estimation, physical identification and LPO share: a particle state that moves and is filmed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """+GO: correct the Eulerian grid of frame 0 by the whole video, as LPO corrects particles (LPO paper, section 4)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

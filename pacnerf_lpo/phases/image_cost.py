@@ -1,7 +1,5 @@
 """Predicted against measured images of a moving particle set: the cost that every dynamic phase minimises."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -32,7 +30,7 @@ class ImageCost:
         pool: images are averaged over blocks of pool x pool pixels before they are compared (1: not at all).
     """
 
-    def __init__(self, data: VideoData, state: ParticleState, silhouette_weight: float = 0.0, pool: int = 1):
+    def __init__(self, data: "VideoData", state: ParticleState, silhouette_weight: float = 0.0, pool: int = 1):
         self.data, self.silhouette_weight, self.pool = data, silhouette_weight, pool
         self.spacing, self.base_spacing = state.spacing, state.base_spacing
         self.colour = ColourNetwork()

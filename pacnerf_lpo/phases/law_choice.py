@@ -1,7 +1,5 @@
 """Which law the body moves by, where nobody has said it: between the velocity and the first identification."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Lagrangian Particle Optimization: correct frame-0 positions and features by the whole video (Algorithm 1, step 3)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

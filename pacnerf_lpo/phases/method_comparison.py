@@ -5,8 +5,6 @@ outline hides what happens inside it. Run on the same body, the errors of its co
 what differs between their answers is the methods' own.
 """
 
-from __future__ import annotations
-
 import time
 from copy import copy
 from dataclasses import replace

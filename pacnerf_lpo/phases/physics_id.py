@@ -1,7 +1,5 @@
 """Physical identification: warm-up on the frames around contact, then all frames (steps (b) and (c) of PAC-NeRF)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -1,7 +1,5 @@
 """Phase 1: a voxel radiance field of frame 0, fitted to the training views, becomes particles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -97,7 +95,7 @@ class StaticGridModule(AbstractPhase):
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
 
-    def attach(self, data: VideoData, physics: Physics) -> None:
+    def attach(self, data: "VideoData", physics: "Physics") -> None:
         """See :meth:`AbstractPhase.attach`; whole outlines must be seen where they decide what is matter.
 
         Raises:
@@ -125,7 +123,7 @@ class StaticGridModule(AbstractPhase):
         self.field = VoxelField.create(self.data.box, self.base_spacing)
         self._rays_through_box: dict[int, Tensor] = {}
 
-    def batches(self, data: VideoData) -> Iterable:
+    def batches(self, data: "VideoData") -> Iterable:
         """The step numbers; each step draws its own view and rays."""
         return StepNumbers(self.length.steps, lambda: self.global_step)
 

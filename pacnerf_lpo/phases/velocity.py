@@ -1,7 +1,5 @@
 """Initial velocity from the frames before contact (identification step (a) of PAC-NeRF)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

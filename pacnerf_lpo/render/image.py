@@ -1,7 +1,5 @@
 """Whole images, rendered in chunks without gradients."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

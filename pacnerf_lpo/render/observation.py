@@ -4,8 +4,6 @@ Effects act in the order in which the model lists them. Without any, nothing is 
 are handed on as they are. The static phase looks at frame 0 before any value is known, through the believed cameras.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -64,7 +62,7 @@ class Observer:
         paths = [seen_positions(trajectory, velocity, times, clock, self.observations, self.values) for clock in clocks]
         return torch.stack(paths) if len(paths) > 1 else paths[0][None]
 
-    def rays(self, data: VideoData, view: int, frame: int) -> Rays:
+    def rays(self, data: "VideoData", view: int, frame: int) -> Rays:
         """The rays of all pixels of a view at a frame (indices into the video), row by row.
 
         Differentiable in the values.

@@ -3,8 +3,6 @@
 C(r) = sum_i T_i alpha_i c_i + T_end * background,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """Sums over, and copies to, the samples of each ray: stored ray after ray, ``lengths`` (R,) of them on each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Soft silhouettes: opacity alone, at a fraction of the cost of an image."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Small pieces of HTML that the parts of a diagnosis' page share."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """``diagnosis.json`` and ``effects.yaml``: what a diagnosis has found, as plain numbers and sentences."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """Images, numbers and files as text inside an HTML page."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -2,8 +2,6 @@
 itself says of the effects that were found.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -77,7 +75,7 @@ class Side:
     angle: float
 
     @staticmethod
-    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> Side:
+    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> "Side":
         """From an acceleration [m/s^2, (3,)] with its covariance, the mean velocity, and the mean spin x velocity."""
         along = velocity / np.linalg.norm(velocity)
         across = np.eye(3) - np.outer(along, along)

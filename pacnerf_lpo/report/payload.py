@@ -1,7 +1,5 @@
 """The data behind the report's pictures and charts, small enough to travel inside the page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``plan.json`` and ``plan.html``: which recording to make next, ranked, in words and as bars."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Sequence

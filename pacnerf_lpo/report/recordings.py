@@ -1,7 +1,5 @@
 """The recordings of a study on the page of a diagnosis: what each shows, and what it contributes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ On a white background orange means matter that the video does not show, blue mea
 Orange and blue stay apart for every common colour deficiency, and both ends are about equally dark.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

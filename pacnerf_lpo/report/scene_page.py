@@ -1,7 +1,5 @@
 """``scene.html``: shows a person whether a scene is right, one page that opens without network."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Sequence

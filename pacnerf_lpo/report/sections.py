@@ -1,7 +1,5 @@
 """The parts of the report that are plain HTML: what was recovered, tables, times."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence

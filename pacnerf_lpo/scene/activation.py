@@ -3,8 +3,6 @@
 Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as PAC-NeRF uses it (Li et al., ICLR 2023).
 """
 
-from __future__ import annotations
-
 import math
 
 from torch import Tensor

@@ -5,8 +5,6 @@ prod_axis (f_a or 1 - f_a). Nodes are numbered row-major, z fastest. Sorting poi
 segmented sums and eight shifted additions, free of atomics, hence deterministic and the same on CPU and CUDA.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +30,7 @@ class Stencil:
     weights: Tensor
     shape: Shape
 
-    def select(self, keep: Tensor) -> Stencil:
+    def select(self, keep: Tensor) -> "Stencil":
         """The stencil of the points numbered by ``keep`` [(K,), int64]."""
         return Stencil(self.cell.index_select(0, keep), self.weights.index_select(0, keep), self.shape)
 

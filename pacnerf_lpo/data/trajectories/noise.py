@@ -11,8 +11,6 @@ Thompson 1971), and so is the time, or the longest one that is about as likely. 
 counts as error, so that noise is rather found too large than too small.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -119,7 +117,7 @@ class _Left:
     rest: np.ndarray
 
     @staticmethod
-    def of(times: np.ndarray, values: np.ndarray) -> _Left:
+    def of(times: np.ndarray, values: np.ndarray) -> "_Left":
         paths = polynomial.polyvander((times - times[0]) / (times[-1] - times[0]), ORDER)
         basis = np.linalg.svd(paths, full_matrices=True)[0][:, paths.shape[1] :]
         return _Left(times, basis, basis.T @ values)

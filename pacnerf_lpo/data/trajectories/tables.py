@@ -4,8 +4,6 @@ Columns are known by their names: ``time_s``, ``x_mm``, ``height [m]``; a unit m
 recording (or drop, trial, throw, take ...) numbers several recordings in one file, one called id the points of a body.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import re

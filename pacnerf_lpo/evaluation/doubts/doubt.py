@@ -1,7 +1,5 @@
 """A reason to doubt a result, as a careful colleague would say it."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 

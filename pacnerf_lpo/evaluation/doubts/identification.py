@@ -1,7 +1,5 @@
 """Doubts about what was identified: velocity, physical parameters, and how the search for them ended."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page of a session: what a person sees and touches. Its viewer is the optional dependency ``explore``."""
 
-from __future__ import annotations
-
 import socket
 from typing import TYPE_CHECKING
 
@@ -16,7 +14,7 @@ LOCAL = "127.0.0.1"
 PORT = 8080
 
 
-def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> Page:
+def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> "Page":
     """The page of a session, served until it is closed.
 
     Args:
@@ -46,7 +44,7 @@ def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool 
     return Page(session, host, port, dark)
 
 
-def show(session: Session, height: int = 800, dark: bool = False) -> Page:
+def show(session: Session, height: int = 800, dark: bool = False) -> "Page":
     """The page inside a notebook's cell; close it with ``close()``.
 
     Args:

@@ -1,7 +1,5 @@
 """Errors as small SVG pictures, for the live page and for one without a server: no NaN is ever drawn."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence

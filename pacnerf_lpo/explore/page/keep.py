@@ -1,7 +1,5 @@
 """Keeping: an overlay for fit, the session itself, and a page for others."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +19,7 @@ OVERLAY = "effects.yaml"
 class Keep:
     """The tab of what is saved."""
 
-    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+    def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, gui = page, page.server.gui
         with tabs.add_tab("Keep", viser.Icon.DEVICE_FLOPPY):
             self.folder = gui.add_text("folder", str(page.session.folder))

@@ -1,7 +1,5 @@
 """What every open page of a session shows, and the threads behind it."""
 
-from __future__ import annotations
-
 import io
 import threading
 from collections.abc import Callable, Iterator

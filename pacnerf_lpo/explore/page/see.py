@@ -1,7 +1,5 @@
 """The body in space, and a camera's picture of it: which frame, which camera, which colours."""
 
-from __future__ import annotations
-
 import html
 from typing import TYPE_CHECKING
 
@@ -44,7 +42,7 @@ SHARE = 99.5
 class See:
     """The left upper panel, and what stands in the scene."""
 
-    def __init__(self, page: Page):
+    def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
         self._pictures: dict[tuple[int, int], np.ndarray] = {}
         self._paint: tuple[object, dict[str, np.ndarray], float] = (None, {}, 1.0)

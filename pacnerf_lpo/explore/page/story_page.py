@@ -1,7 +1,5 @@
 """The history of a session as one self-contained page: motion in 3-D, steps and errors, without a server."""
 
-from __future__ import annotations
-
 import html
 import io
 import math

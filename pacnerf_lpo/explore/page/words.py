@@ -1,7 +1,5 @@
 """Values, evidence and differences as a person reads them."""
 
-from __future__ import annotations
-
 import html
 import math
 

@@ -1,7 +1,5 @@
 """Matter of which nobody has said what it is: laws compete for it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pacnerf_lpo.errors import UserInputError

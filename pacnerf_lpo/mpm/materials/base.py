@@ -1,7 +1,5 @@
 """What a material is: named parameters, and one local law. Add one by adding one file like those beside this one."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -48,7 +46,7 @@ class Material(ABC):
         """Names of the parameters that are identified."""
         return [name for name in self.parameters if name not in self.known]
 
-    def guessed(self, values: Mapping[str, float | None]) -> Material:
+    def guessed(self, values: Mapping[str, float | None]) -> "Material":
         """The same law with another guess of some parameters [SI]; those of value None keep theirs."""
         given = {name: value for name, value in values.items() if value is not None}
         return type(self)(**{**self.guess, **given}, known=self.known)  # type: ignore[arg-type]
