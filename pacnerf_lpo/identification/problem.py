@@ -14,7 +14,7 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification import body as bodies
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import MARGIN, Model, with_effects
+from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel, Model, with_effects
 from pacnerf_lpo.identification.points import Points
 from pacnerf_lpo.identification.silhouette_moments import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
 from pacnerf_lpo.identification.split import Split
@@ -163,11 +163,15 @@ class Problem(ABC):
             valid=one.expand(video.valid.shape),
         )
 
+    @abstractmethod
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
-        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
-        body = body or self.body
-        physics = with_effects(self.physics, effects, body.spacing, self.voxel)
-        return Model(body, physics, self.without_pictures, known, self.points)
+        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI].
+
+        Args:
+            effects: of the model.
+            known: values to start from.
+            body: that moves; that of the problem when not given.
+        """
 
     def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
         """The same on the coarse body."""
@@ -221,7 +225,13 @@ class Problem(ABC):
         row, frame, kind = np.nonzero(mask)
         names = np.broadcast_to(np.array([*KINDS, BRIGHTNESS], dtype=object), (self.views, len(KINDS) + 1))
         names = np.concatenate((names, self.point_kinds))
-        return Layout(np.where(row < self.views, row, self.views - 1 - row), frame, names[row, kind].astype(str))
+        places = np.where(row < self.views, row, self.views - 1 - row)
+        return Layout(places, frame + self.first_frames[row], names[row, kind].astype(str))
+
+    @property
+    def first_frames(self) -> np.ndarray:
+        """What the frames of each row are counted from [V + R]: rows of two recordings have no frame in common."""
+        return np.zeros(len(self.usable), int)
 
     def relative(self, difference: np.ndarray) -> np.ndarray:
         """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
@@ -234,6 +244,7 @@ class Problem(ABC):
             return "px", 1.0
         return "mm", 1000 * self.pixel
 
+    @abstractmethod
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Noise of relative summaries: what every entry has of its own [(V + R, F, 11)], and what it has in common with
         others of its view or row: from the frame to which all are relative, with its sign [(V + R, F, 11, 1)]; or a
@@ -242,13 +253,6 @@ class Problem(ABC):
         Args:
             sensor: standard deviation of the noise of summaries [(V + R, F, 11)]
         """
-        own, shared = sensor.copy(), np.zeros_like(sensor)
-        own[: self.views, 0, :-1] = 0.0
-        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
-        shared[: self.views, 0, :-1] *= -1
-        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
-        shared[self.views :] = -first.sum(1, keepdims=True)
-        return own, shared[..., None]
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
@@ -280,7 +284,25 @@ class Problem(ABC):
         return summarise(model.outlines(body.positions[None]), MARGIN)[:, 0]
 
 
-class StateProblem(Problem):
+class BodyProblem(Problem):
+    """One recording of a deforming body, whose entries have independent noise. Arguments as of :class:`Problem`."""
+
+    def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
+        body = body or self.body
+        physics = with_effects(self.physics, effects, body.spacing, self.voxel)
+        return BodyModel(body, physics, self.without_pictures, known, self.points)
+
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own, shared = sensor.copy(), np.zeros_like(sensor)
+        own[: self.views, 0, :-1] = 0.0
+        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
+        shared[: self.views, 0, :-1] *= -1
+        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
+        shared[self.views :] = -first.sum(1, keepdims=True)
+        return own, shared[..., None]
+
+
+class StateProblem(BodyProblem):
     """A particle state before the cameras of its video.
 
     Args:

@@ -20,7 +20,6 @@ from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effec
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.rigid import PLACE, RELEASE
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF, Parameter, name_in, own_name
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
@@ -192,13 +191,12 @@ class StudyProblem(Problem):
         found = [problem.pixel for problem in self.recordings if problem.pixel]
         return float(np.mean(found)) if found else 0.0
 
-    def layout(self, mask: np.ndarray) -> Layout:
-        """Names of the entries of a mask [(R, F, 11), bool]; no two recordings have a frame in common."""
-        found, row = super().layout(mask), np.nonzero(mask)[0]
-        of_row = np.zeros(len(mask), int)
+    @property
+    def first_frames(self) -> np.ndarray:
+        found = np.zeros(len(self.usable), int)
         for number in range(len(self.recordings)):
-            of_row[self.stack.rows(number)] = number
-        return replace(found, frame=found.frame + mask.shape[1] * of_row[row])
+            found[self.stack.rows(number)] = number * self.usable.shape[1]
+        return found
 
     def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> "StudyModel":
         names = [share.names for share in self._shares(effects)]

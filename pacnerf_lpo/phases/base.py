@@ -32,6 +32,11 @@ class AbstractPhase(pl.LightningModule, ABC):
     def attach(self, data: VideoData, physics: Physics) -> None:
         """Give the phase the video and the physical model of the run; called once, before :meth:`import_state`."""
         self.data, self.physics = data, physics
+        self.check()
+
+    def check(self) -> None:
+        """Raise UserInputError where video, physical model and settings do not agree, before long work."""
+        return
 
     @abstractmethod
     def import_state(self, state: ParticleState | None) -> None:

@@ -54,9 +54,8 @@ class GridOptimizationModule(DynamicPhase):
         """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Make a grid of the particles, trainable."""
-        super().import_state(state)
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)

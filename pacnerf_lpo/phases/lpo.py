@@ -64,9 +64,8 @@ class LPOModule(DynamicPhase):
         """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Make the particles trainable."""
-        super().import_state(state)
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
         self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
         self.features = nn.Parameter(self.state.features.clone(), requires_grad=self.corrects_features)

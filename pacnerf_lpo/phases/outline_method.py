@@ -23,7 +23,13 @@ from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.phases.identification_methods import TRIALS, GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.identification_methods import (
+    TRIALS,
+    DampedLeastSquares,
+    IdentificationMethod,
+    PixelLeastSquares,
+    finite_loss,
+)
 from pacnerf_lpo.phases.work import Work
 
 if TYPE_CHECKING:
@@ -52,7 +58,7 @@ SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
 
-class OutlineGaussNewton(GaussNewton):
+class OutlineGaussNewton(DampedLeastSquares):
     """Levenberg-Marquardt on ten numbers for each outline (centroid, area, widths, edges; see
     :mod:`pacnerf_lpo.identification.silhouette_moments`), relative to frame 0, instead of on pixels.
 
@@ -90,7 +96,7 @@ class OutlineGaussNewton(GaussNewton):
         scan_particles: int = 700,
         jobs: int | None = None,
     ):
-        super().__init__(0, iterations, scan_decades, pool=1)
+        super().__init__(0, iterations, scan_decades)
         if samples < 0 or starts < 1 or not 100 <= scan_particles < coarse_particles < particles:
             raise UserInputError(
                 f"OutlineGaussNewton: samples = {samples}, starts = {starts}, particles = {particles}, "
@@ -116,11 +122,11 @@ class OutlineGaussNewton(GaussNewton):
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""
-        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
+        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades) if state.corrected else self
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space."""
-        if self._searches:
+        if self.searches:
             with processes(self.jobs):
                 self._fit_fall(module)
                 self._search(module)
@@ -193,7 +199,7 @@ class OutlineGaussNewton(GaussNewton):
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
     @property
-    def _searches(self) -> bool:
+    def searches(self) -> bool:
         return self.samples > 0
 
     def _outline_cost(self, module: PhysicsIDModule) -> OutlineCost:
@@ -201,18 +207,16 @@ class OutlineGaussNewton(GaussNewton):
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration, then back into the bounds."""
-        loss, outline_cost = super().iterate(module, optimiser, step), self._outline_cost(module)
+    def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Back into the bounds."""
+        outline_cost = self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
-        return loss
 
-    def _trial_loss(self, module: PhysicsIDModule) -> float:
+    def trial_loss(self, module: PhysicsIDModule) -> float:
         outline_cost = self._outline_cost(module)
         return finite_loss(lambda: float(np.mean(outline_cost.residual(outline_cost.free(module)) ** 2)))
 
-    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        """In the order of ``module.unknowns``."""
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         outline_cost = self._outline_cost(module)
         free, model = outline_cost.free(module), outline_cost.model
         now = outline_cost.residual(free)
@@ -232,35 +236,24 @@ class OutlineGaussNewton(GaussNewton):
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
 
 
-class PixelsAfterOutlines(GaussNewton):
+class PixelsAfterOutlines(PixelLeastSquares):
     """Gauss-Newton on the pixels of a corrected body, for which the prior counts as much as one image: an image is
     known by as much as it differs from the model at the start. So a Poisson's ratio of which the images tell little is
     not left to errors of the correction.
     """
 
-    _image_error = 0.0
+    def trial_loss(self, module: PhysicsIDModule) -> float:
+        return self.pixel_loss(module) + self._unusual(module)[0]
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration; the error of an image goes with the optimiser's state."""
-        group = optimiser.param_groups[0]
-        self._image_error = group.get("image_error", 0.0)
-        loss = super().iterate(module, optimiser, step)
-        group["image_error"] = self._image_error
-        return loss
-
-    def _trial_loss(self, module: PhysicsIDModule) -> float:
-        return super()._trial_loss(module) + self._unusual(module)[0]
-
-    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        pixels = super()._normal_equations(module)
-        if self._image_error == 0.0:
-            self._image_error = pixels.loss
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        pixels = self.pixel_equations(module)
+        self.group.setdefault("image_error", pixels.loss)
         loss, gradient, hessian = self._unusual(module)
         return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
 
     def _unusual(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
-        weight = self._image_error / sum(map(len, self._views))
+        weight = self.group["image_error"] / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
         hessian = torch.zeros(size, size, dtype=torch.float64)

@@ -27,7 +27,6 @@ from pacnerf_lpo.types import ParticleState, Rays
 
 if TYPE_CHECKING:
     from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 
 class StaticGridModule(AbstractPhase):
@@ -95,17 +94,17 @@ class StaticGridModule(AbstractPhase):
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
 
-    def attach(self, data: "VideoData", physics: "Physics") -> None:
-        """See :meth:`AbstractPhase.attach`; whole outlines must be seen where they decide what is matter.
+    def check(self) -> None:
+        """Whole outlines must be seen where they decide what the body occupies.
 
         Raises:
             UserInputError: every training view cuts the outline at frame 0.
         """
-        super().attach(data, physics)
-        outlines = summarise(data.video.silhouettes[data.train, 0])
-        if physics.matter == "outlined" and not np.isfinite(outlines).any():
+        video = self.data.video
+        outlines = summarise(video.silhouettes[self.data.train, 0])
+        if self.physics.matter == "outlined" and not np.isfinite(outlines).any():
             raise UserInputError(
-                f"{data.video.source}: physics.matter = outlined needs a training view that shows the whole outline at "
+                f"{video.source}: physics.matter = outlined needs a training view that shows the whole outline at "
                 "frame 0, but in all of them it touches the border of the image; set physics.matter to visible"
             )
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification import laws
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.laws import Competition, as_solid, as_text, impact
 from pacnerf_lpo.identification.problem import LEAST_SHAPE_ERROR
 from pacnerf_lpo.mpm.effects import Cohesion, ShearThinning, UniformForce
@@ -39,7 +39,7 @@ NEVER = 1e6  # Pa, of a yield stress
 pytestmark = pytest.mark.usefixtures("small_threads")
 
 
-def motion(model: Model, free: np.ndarray) -> Tensor:
+def motion(model: BodyModel, free: np.ndarray) -> Tensor:
     """Particles at every frame [m, (F, N, 3)] of a ball on a spring, a dashpot, or a spring that yields."""
     c, law = model.physical(free), model.physics.material
     position = model.body.positions.numpy().astype(float)
@@ -67,12 +67,12 @@ def unstable(monkeypatch) -> Callable[[type[Material]], None]:
     """All models move like that; a test may make some laws unstable."""
     kinds: list[type[Material]] = []
 
-    def path(model: Model, free: np.ndarray) -> Tensor:
+    def path(model: BodyModel, free: np.ndarray) -> Tensor:
         if isinstance(model.physics.material, tuple(kinds)):
             raise SimulationError(3, 1, "made unstable by a test")
         return motion(model, free)
 
-    monkeypatch.setattr(Model, "path", path)
+    monkeypatch.setattr(BodyModel, "path", path)
     monkeypatch.setattr(laws, "REPLICATES", 5)
     monkeypatch.setattr(laws, "SAMPLES", 8)
     return kinds.append

@@ -236,7 +236,7 @@ def test_what_is_usual_counts_as_much_as_one_image(data, state):
     resumed.free["nu"].data.copy_(module.free["nu"])
     resumed.velocity.data.copy_(module.velocity)
     assert resumed.method.iterate(resumed, other, 1) == module.method.iterate(module, optimiser, 1)
-    assert resumed.method._image_error == pytest.approx(of_images, rel=1e-6)
+    assert resumed.method.group["image_error"] == pytest.approx(of_images, rel=1e-6)
 
     index, step = list(module.free).index("nu"), 1e-3
     _, gradient, hessian = module.method._unusual(module)

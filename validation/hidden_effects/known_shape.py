@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.identification.body import LEAST_FRACTION, SUBSAMPLES, Body
-from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.replicates import distorted
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise, summarise
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
@@ -21,7 +21,7 @@ from validation.hidden_effects.setting import FRAME_RATE, Setting
 SETTING, VIDEO, TRUTH = "setting.json", "video.npz", "truth.json"
 
 
-class KnownShape(Problem):
+class KnownShape(BodyProblem):
     """Outlines of a body of known shape.
 
     Args:
