@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from pacnerf_lpo.errors import UserInputError
-
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
@@ -73,10 +71,9 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
 
 def _instantiated(parser: "ArgumentParser", config: "Namespace") -> "Namespace":
     """The arguments with their objects made; a wrong value inside one is the user's mistake, whatever wraps it."""
+    from pacnerf_lpo.config_errors import cause_of
+
     try:
         return parser.instantiate(config)
     except ValueError as error:
-        cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, UserInputError):
-            cause = cause.__cause__
-        raise cause or error from None
+        raise cause_of(error) from None

@@ -202,12 +202,9 @@ class Model(ABC):
             low[index], high[index] = self.physics.ground_height - reach, self.physics.ground_height + reach
         for effect in self.physics.effects:
             for name, null in effect.null.items() if effect.one_sided else ():
-                index, side = self.names.index(name), sum(probe[name] - null for probe in effect.probes)
-                end = self.unknowns[index].transform.to_free(null)
-                if side > 0:
-                    low[index] = max(low[index], end)
-                else:
-                    high[index] = min(high[index], end)
+                index = self.names.index(name)
+                end, ends = self.unknowns[index].transform.to_free(null), low if effect.side(name)[0] == null else high
+                ends[index] = np.clip(end, low[index], high[index])
         return low, high
 
 

@@ -18,6 +18,11 @@ def table(head: Sequence[str], rows: Sequence[str], kind: str = "") -> str:
     return f"<table{named}><thead><tr>{cells}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
+def row(cells: Sequence[str]) -> str:
+    """A row of a table; the cells are HTML."""
+    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+
+
 def bullets(sentences: Sequence[str]) -> str:
     """A list; nothing where there is none."""
     return f"<ul>{''.join(f'<li>{text(capitalised(s))}</li>' for s in sentences)}</ul>" if sentences else ""

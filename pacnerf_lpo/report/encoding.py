@@ -22,6 +22,13 @@ def json_text(values: Mapping[str, Any]) -> str:
     return json.dumps(values, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
+def plain(values: np.ndarray, digits: int = 5) -> list[Any]:
+    """Numbers as JSON has them, nested as the array is; None where there is none."""
+    if values.ndim > 1:
+        return [plain(row, digits) for row in values]
+    return [round(float(value), digits) if np.isfinite(value) else None for value in values]
+
+
 def data_uri(content: bytes, kind: str) -> str:
     """A data URI, such as ``data:image/webp;base64,...``."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -78,6 +78,13 @@ class Effect(ABC):
         mean = free.mean() if self.null_is_far(name) else parameter.transform.to_free(null)
         return float(mean), max(self.reach * float(np.abs(free - mean).max()), parameter.prior(null)[1])
 
+    def side(self, name: str) -> tuple[float, float]:
+        """Between which values a coefficient may lie [SI]: a one-sided effect does not cross its null."""
+        if not self.one_sided:
+            return -np.inf, np.inf
+        null = self.null[name]
+        return (null, np.inf) if sum(probe[name] - null for probe in self.probes) > 0 else (-np.inf, null)
+
     def null_is_far(self, name: str) -> bool:
         """Whether the null of a coefficient stands for infinity."""
         null = abs(self.null[name])
