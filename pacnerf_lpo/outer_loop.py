@@ -5,18 +5,16 @@ import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import pytorch_lightning as pl
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.held_out import held_out_error, held_out_images
 from pacnerf_lpo.types import ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 Role = Literal["static", "velocity", "law", "physics", "correction", "refit"]
 
@@ -100,7 +98,7 @@ class OuterLoop(pl.Callback):
         self.compare_methods, self.reuse = compare_methods, reuse
         self.state: ParticleState | None = None
 
-    def check(self, data: "VideoData", correction: bool) -> None:
+    def check(self, data: VideoData, correction: bool) -> None:
         """Raise UserInputError when images are to be held out and that is not possible."""
         if self.stop_when == "held_out" and not correction:
             raise UserInputError(

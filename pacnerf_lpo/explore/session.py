@@ -351,10 +351,7 @@ class Session:
             return suggesting.suggest(self, self.current, told)[:most]
 
     def fit(
-        self,
-        names: Sequence[str],
-        progress: Progress = lambda _: None,
-        stop: Callable[[], bool] = lambda: False,
+        self, names: Sequence[str], progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
     ) -> Step:
         """Identify some settings by the fitted views and frames, all others held; a step with 90 % intervals.
 

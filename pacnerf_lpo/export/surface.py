@@ -130,10 +130,6 @@ def _write(subject: Subject, folder: Path, ending: str) -> None:
             if ending == "glb":
                 colours = (linear_light(colours) * 255 + 0.5).astype(np.uint8)
             mesh = trimesh.Trimesh(
-                surface.vertices,
-                surface.faces,
-                vertex_normals=surface.normals,
-                vertex_colors=colours,
-                process=False,
+                surface.vertices, surface.faces, vertex_normals=surface.normals, vertex_colors=colours, process=False
             )
             mesh.export(part / f"frame_{frame:03d}.{ending}", include_normals=True)

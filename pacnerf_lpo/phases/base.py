@@ -1,20 +1,16 @@
 """What every phase of Algorithm 1 is: a LightningModule that takes a particle state and gives one back."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytorch_lightning as pl
 import torch
 
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 
 class AbstractPhase(pl.LightningModule, ABC):

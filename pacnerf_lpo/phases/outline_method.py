@@ -1,11 +1,9 @@
 """Identification by outlines alone: so cheap that the whole parameter space is searched before the first step."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from copy import copy
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -30,11 +28,9 @@ from pacnerf_lpo.phases.identification_methods import (
     PixelLeastSquares,
     finite_loss,
 )
+from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.work import Work
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.phases.physics_id import PhysicsIDModule
-    from pacnerf_lpo.types import ParticleState
+from pacnerf_lpo.types import ParticleState
 
 Item = TypeVar("Item")
 FALL_ITERATIONS, SEARCH_ITERATIONS, FINER_ITERATIONS = 4, 6, 3
@@ -160,7 +156,7 @@ class OutlineGaussNewton(DampedLeastSquares):
         bodies: tuple[int, int],
         starts: Sequence[Fit],
         rows: Sequence[np.ndarray | None] = (None,),
-    ) -> tuple[OutlineCost, list[Fit]]:
+    ) -> "tuple[OutlineCost, list[Fit]]":
         """Short fits that end apart, the best first, and of what; all at the same time step. Every step costs some of
         the rebound, so a stiffness that needs half the step must not be compared with one that does not.
         """
@@ -172,7 +168,7 @@ class OutlineGaussNewton(DampedLeastSquares):
         return self._fits(module, bodies, found, rows[-1:])
 
     @staticmethod
-    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> OutlineCost:
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> "OutlineCost":
         """The cost of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
         outline_cost = OutlineCost(module, *bodies)
         outline_cost.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
@@ -202,7 +198,7 @@ class OutlineGaussNewton(DampedLeastSquares):
     def searches(self) -> bool:
         return self.samples > 0
 
-    def _outline_cost(self, module: PhysicsIDModule) -> OutlineCost:
+    def _outline_cost(self, module: PhysicsIDModule) -> "OutlineCost":
         if self._kept is None:
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept

@@ -1,13 +1,14 @@
 """Phase 1: a voxel radiance field of frame 0, fitted to the training views, becomes particles."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.silhouette_moments import summarise
 from pacnerf_lpo.identification.split import Split
@@ -24,9 +25,6 @@ from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import ParticleState, Rays
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 
 class StaticGridModule(AbstractPhase):
@@ -122,7 +120,7 @@ class StaticGridModule(AbstractPhase):
         self.field = VoxelField.create(self.data.box, self.base_spacing)
         self._rays_through_box: dict[int, Tensor] = {}
 
-    def batches(self, data: "VideoData") -> Iterable:
+    def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own view and rays."""
         return StepNumbers(self.length.steps, lambda: self.global_step)
 

@@ -6,17 +6,14 @@ are handed on as they are. The static phase looks at frame 0 before any value is
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.render.camera_faults.base import Observation
 from pacnerf_lpo.types import Rays, Video
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 NEWTON_STEPS = 8
 NEWTON_TOLERANCE = 1e-9  # in image coordinates
@@ -62,7 +59,7 @@ class Observer:
         paths = [seen_positions(trajectory, velocity, times, clock, self.observations, self.values) for clock in clocks]
         return torch.stack(paths) if len(paths) > 1 else paths[0][None]
 
-    def rays(self, data: "VideoData", view: int, frame: int) -> Rays:
+    def rays(self, data: VideoData, view: int, frame: int) -> Rays:
         """The rays of all pixels of a view at a frame (indices into the video), row by row.
 
         Differentiable in the values.

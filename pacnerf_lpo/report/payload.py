@@ -7,13 +7,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.evaluation.parameter_errors import Truth
-from pacnerf_lpo.evaluation.prediction import (
-    Prediction,
-    StateRenderer,
-    read_prediction,
-    to_bytes,
-    visible_particles,
-)
+from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report.curves import Curve, read_curves

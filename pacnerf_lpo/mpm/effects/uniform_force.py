@@ -27,11 +27,7 @@ class UniformForce(BodyForce):
     signature = "the body drifts sideways along a parabola from frame 0 on, in all views"
     confused_with = ("CentralForce", "CameraRotation")
     separating_experiment = "a plumb line in the picture tells tilt from wind; a second start position, a central force"
-    probes = (
-        {"push_x": 0.5, "push_z": 0.0},
-        {"push_x": 0.0, "push_z": 0.5},
-        {"push_x": 1.0, "push_z": 1.0},
-    )
+    probes = ({"push_x": 0.5, "push_z": 0.0}, {"push_x": 0.0, "push_z": 0.5}, {"push_x": 1.0, "push_z": 1.0})
 
     def __init__(self, push_x: float = 0.0, push_z: float = 0.0):
         super().__init__({"push_x": push_x, "push_z": push_z})
