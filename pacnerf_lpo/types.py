@@ -90,8 +90,8 @@ class ParticleState:
         spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
         base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
         colour_network: weights of the colour MLP, frozen after the static phase
-        erosion: raw density above that of the visible surface at which matter begins, with
-            ``physics.matter: outlined``; None otherwise
+        surface_offset: raw density above that of the visible surface at which the body begins, with
+            ``physics.mass_from: outline``; None otherwise
         corrected: the particles were changed until their own motion fits the video; another sampling would not move so
     """
 
@@ -103,7 +103,7 @@ class ParticleState:
     spacing: float
     base_spacing: float
     colour_network: dict[str, Tensor] = field(default_factory=dict)
-    erosion: float | None = None
+    surface_offset: float | None = None
     corrected: bool = False
 
     @property
@@ -113,7 +113,7 @@ class ParticleState:
 
     def massive(self, density: Tensor) -> Tensor:
         """Raw densities of the particles [(N,)] as far as they make mass and stiffness."""
-        return density if self.erosion is None else density - self.erosion
+        return density if self.surface_offset is None else density - self.surface_offset
 
     def with_(self, **changes) -> "ParticleState":
         """A copy with the named fields replaced."""

@@ -28,7 +28,7 @@ from pacnerf_lpo.types import ParticleState, Rays
 
 FOLDER = "predictions"
 INSIDE = 0.5
-"""Part of a particle that is matter, at the surface that is seen."""
+"""Part of a particle that is full, at the surface that is seen."""
 CONTACT_CELLS = 1.5
 
 

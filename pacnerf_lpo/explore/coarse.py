@@ -42,7 +42,7 @@ def fitted(
         problem: on its coarse body.
         effects, values: of the model [SI]
         noise: a comparison of the same data.
-        progress: told what happens.
+        progress: receives a line about each step.
 
     Raises:
         SimulationError: the motion is unstable where it stands.

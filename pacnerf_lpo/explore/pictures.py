@@ -37,7 +37,7 @@ def seen_by(session: "Session", camera: Camera, frame: int, step: int, recording
 
 
 def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:
-    """The measured image with both outlines, large; model and residual, half as large, below each other beside it.
+    """The measured image with both outlines, large; model and residual, half as large, below each other on its right.
 
     Args:
         seen: one camera at one frame.

@@ -1,4 +1,4 @@
-"""A step as a page: the model of the first step and that of another beside the measurement, as a diagnosis draws it."""
+"""A step as a page: its model and that of the first step next to the measurement, as a diagnosis draws it."""
 
 import json
 from collections.abc import Callable

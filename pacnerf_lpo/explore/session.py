@@ -1,4 +1,4 @@
-"""A session: a model that is changed step by step, and simulated at once beside what was measured."""
+"""A session: a model that is changed step by step, and simulated at once, next to what was measured."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -111,7 +111,7 @@ class Session:
 
     @property
     def folder(self) -> Path:
-        """Where a session of this source is kept where nobody says otherwise: in the run, or beside the study."""
+        """Where a session of this source is kept where nobody says otherwise: in the run, or next to the study."""
         return self.source.store.folder.parent / "explore"
 
     @property
@@ -293,7 +293,7 @@ class Session:
     def picture(
         self, camera: int, frame: int, number: int | None = None, recording: str | int = 0, side: int = 300
     ) -> np.ndarray:
-        """The measured body with its outline and the model's; smaller beside it, the model and the residual
+        """The measured body with its outline and the model's; on its right, smaller, the model and the residual
         [0..255, (side, W, 3), uint8]; as :meth:`outlines`.
         """
         at = self._seen.number(recording)
@@ -308,7 +308,7 @@ class Session:
         return self._seen.measured(at, frame)
 
     def compare(self, before: int, after: int) -> Difference:
-        """Two steps beside each other. Raises UserInputError where there is no such step."""
+        """Two steps compared. Raises UserInputError where there is no such step."""
         a, b = self.history.step(before), self.history.step(after)
         names = [name for name in {**a.values, **b.values} if a.values.get(name) != b.values.get(name)]
         changed = {name: (a.values.get(name), b.values.get(name)) for name in names}
@@ -339,7 +339,7 @@ class Session:
 
         Args:
             most: so many are returned.
-            progress: told what happens.
+            progress: receives a line about each step.
             stop: asked again and again whether the answer is still wanted.
 
         Raises:
@@ -421,13 +421,13 @@ class Session:
         return Path(path)
 
     def report(self, folder: str | Path, number: int | None = None, progress: Progress = lambda _: None) -> Path:
-        """Write a page that shows a step beside the first one, as a diagnosis shows a model before and after: the video
+        """Write a page that shows a step and the first one, as a diagnosis shows a model before and after: the video
         next to both, errors by camera and frame, and every parameter.
 
         Args:
             folder: where the page and what it is made of go.
             number: of the step; None: the current one.
-            progress: told what happens.
+            progress: receives a line about each step.
 
         Returns:
             The page.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
 MOST = 4
-"""Effects that are fitted: those that move the body alike, such as drags, gravity and a wind, are no more than that."""
+"""Effects that are fitted: no more than these move a body in the same way, such as drags, gravity and a wind."""
 NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 
@@ -133,7 +133,7 @@ def _suggestion(candidate: Candidate, score: Score, screening: Screening, again:
 
 
 def _intervals(candidate: Candidate, score: Score, values: dict[str, float]) -> dict[str, tuple[float, float]]:
-    """Of coefficients that a score tells, as far as the effect can have them: none where the value to begin with is
+    """Of coefficients that a score gives, as far as the effect can have them: none where the value to begin with is
     not that of the score, which is a straight line and leads too far.
     """
     if candidate.discrete or len(score.error) != len(candidate.effect.null):

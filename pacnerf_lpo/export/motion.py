@@ -21,7 +21,7 @@ class Motion:
     velocities: [m/s, (F, N, 3), float32]
     colours: as displayed, seen from one side [0..255, (N, 3), uint8]
     density: raw volume density [(N,)]
-    fraction: how much of a particle's volume is matter [0..1, (N,)]
+    fraction: how much of a particle's volume is full [0..1, (N,)]
     numbers: which particles of the run they are [(N,)]
     distance: edge of the cube that a particle fills at frame 0 [m]
     frame_rate: of the recording [1/s]

@@ -52,13 +52,13 @@ class FilledSpace:
     share: filtered volume of the particles [1, (X, Y, Z)]
     lower: position of node (0, 0, 0) [m, (3,)]
     distance: between nodes [m]
-    matter: volume of the particles, in cubes of the nodes' distance
+    volume: volume of the particles, in cubes of the nodes' distance
     """
 
     share: np.ndarray
     lower: np.ndarray
     distance: float
-    matter: float
+    volume: float
 
     @staticmethod
     def around(positions: Tensor, fraction: Tensor, distance: float) -> "FilledSpace":
@@ -72,11 +72,11 @@ class FilledSpace:
 
     @property
     def enclosing_level(self) -> float:
-        """The share whose surface encloses as much space as there is matter; not less than ``LEAST_LEVEL``.
+        """The share whose surface encloses as much space as the particles fill; not less than ``LEAST_LEVEL``.
 
         At 1/2, the filter would take away the faint rim of a radiance field, edges and thin limbs.
         """
-        cubes = min(int(self.matter), self.share.size - 1)
+        cubes = min(int(self.volume), self.share.size - 1)
         return max(LEAST_LEVEL, float(np.partition(self.share, -cubes - 1, axis=None)[-cubes - 1]))
 
     def surface(self, level: float) -> Surface:

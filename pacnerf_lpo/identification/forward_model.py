@@ -11,7 +11,7 @@ from pacnerf_lpo.data import cameras
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
-from pacnerf_lpo.identification.silhouette_moments import KINDS, summarise
+from pacnerf_lpo.identification.silhouette_moments import KINDS, silhouette_moments
 from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
@@ -258,7 +258,7 @@ class BodyModel(RecordingModel):
         found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
         found[:count, :, -1] = self.brightness(free)
         if views:
-            found[views, :, :-1] = summarise(self.outlines(path, free, views), MARGIN)
+            found[views, :, :-1] = silhouette_moments(self.outlines(path, free, views), MARGIN)
         if before is None and self.points is not None:
             found = np.concatenate((found, self.points.predict(path)))
         return found

@@ -131,10 +131,10 @@ class Points:
         """Index of the nearest frame of times [s, (M,)]."""
         return np.abs(when[:, None] - self.times).argmin(1)
 
-    def _cloud_rows(self, summaries: np.ndarray, when: np.ndarray) -> np.ndarray:
-        """Summaries of clouds (C, 16) at times (C,) as rows (2, F, 11); of several in one frame the last counts."""
+    def _cloud_rows(self, statistics: np.ndarray, when: np.ndarray) -> np.ndarray:
+        """Statistics of clouds (C, 16) at times (C,) as rows (2, F, 11); of several in one frame the last counts."""
         rows = np.full((CLOUD_ROWS, len(self.times), CLOUD_COLUMNS), np.nan)
-        parts = summaries.reshape(len(summaries), CLOUD_ROWS, CLOUD_COLUMNS)
+        parts = statistics.reshape(len(statistics), CLOUD_ROWS, CLOUD_COLUMNS)
         rows[:, self._frames(when)] = parts.transpose(1, 0, 2)
         return _padded(rows)
 

@@ -1,4 +1,4 @@
-"""Outlines of moving particles by splatting: thousands of times cheaper than rendering, and as good for summaries."""
+"""Outlines of moving particles by splatting: thousands of times cheaper than rendering, as good for moments."""
 
 import torch
 from torch import Tensor

@@ -67,7 +67,7 @@ class Stack:
         return values[tuple([*at, self.rows(number), slice(self.frames[number])])]
 
     def relative(self, compared: Sequence[Callable[[np.ndarray], np.ndarray]], difference: np.ndarray) -> np.ndarray:
-        """Differences of summaries [(..., R, F, 11)], each recording's as it is compared."""
+        """Differences of moments [(..., R, F, 11)], each recording's as it is compared."""
         return self.join([one(self.part(difference, n, -3)) for n, one in enumerate(compared)], -3)
 
 

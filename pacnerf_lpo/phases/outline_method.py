@@ -66,7 +66,7 @@ class OutlineGaussNewton(DampedLeastSquares):
     which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and a fit on it ends in a wrong local minimum. So what
-    outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
+    outlines say is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
     :class:`OutlineCost`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has
     made those agree with the images, and neither its outlines by splats nor another sampling of it do.
 
@@ -234,20 +234,20 @@ class OutlineGaussNewton(DampedLeastSquares):
 
 class PixelsAfterOutlines(PixelLeastSquares):
     """Gauss-Newton on the pixels of a corrected body, for which the prior counts as much as one image: an image is
-    known by as much as it differs from the model at the start. So a Poisson's ratio of which the images tell little is
+    known by as much as it differs from the model at the start. So a Poisson's ratio of which the images say little is
     not left to errors of the correction.
     """
 
     def trial_loss(self, module: PhysicsIDModule) -> float:
-        return self.pixel_loss(module) + self._unusual(module)[0]
+        return self.pixel_loss(module) + self._prior_terms(module)[0]
 
     def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         pixels = self.pixel_equations(module)
         self.group.setdefault("image_error", pixels.loss)
-        loss, gradient, hessian = self._unusual(module)
+        loss, gradient, hessian = self._prior_terms(module)
         return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
 
-    def _unusual(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
+    def _prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
         weight = self.group["image_error"] / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
@@ -255,9 +255,9 @@ class PixelsAfterOutlines(PixelLeastSquares):
         hessian = torch.zeros(size, size, dtype=torch.float64)
         for index, (name, free) in enumerate(module.free.items()):
             parameter = module.physics.parameters[name]
-            if parameter.usual is None:
+            if parameter.prior_value is None:
                 continue
-            mean, deviation = parameter.usual
+            mean, deviation = parameter.prior_value
             with torch.enable_grad():
                 moved = free.detach().double().requires_grad_()
                 residual = (parameter.transform.to_physical(moved) - mean) / deviation
@@ -323,7 +323,7 @@ class OutlineCost:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
         free = np.clip(free, *self.model.bounds)
         self.model.physics.halvings = 0
-        found = np.append(self._weighted(free), self.unusual(free))
+        found = np.append(self._weighted(free), self.prior_terms(free))
         if self._coarser is None:
             return found
         coarse, ratio = self._coarser.model, self._coarser.model.body.spacing / self.model.body.spacing
@@ -333,7 +333,7 @@ class OutlineCost:
 
     def rows(self, frames: int) -> np.ndarray:
         """Which rows of the residual are of the first frames, or of no frame [(D,), bool]."""
-        return np.append(self._frames < frames, np.ones(len(self.unusual(self.model.start)), bool))
+        return np.append(self._frames < frames, np.ones(len(self.prior_terms(self.model.start)), bool))
 
     def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
         """Short fits of the cost, as a stage of a search; arguments as of :class:`Stage`."""
@@ -348,13 +348,13 @@ class OutlineCost:
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)
 
-    def unusual(self, free: np.ndarray) -> list[float]:
-        """How far unknowns are from what is usual, at free coordinates [(K,)]."""
+    def prior_terms(self, free: np.ndarray) -> list[float]:
+        """How far unknowns are from their prior means, at free coordinates [(K,)]."""
         values = self.model.physical(free)
         return [
-            len(KINDS) ** 0.5 * (values[parameter.name] - parameter.usual[0]) / parameter.usual[1]
+            len(KINDS) ** 0.5 * (values[parameter.name] - parameter.prior_value[0]) / parameter.prior_value[1]
             for parameter in self.model.unknowns
-            if parameter.usual is not None
+            if parameter.prior_value is not None
         ]
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:

@@ -10,7 +10,7 @@ from torch.nn.functional import normalize
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.identification.silhouette_moments import summarise
+from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
@@ -99,11 +99,11 @@ class StaticGridModule(AbstractPhase):
             UserInputError: every training view cuts the outline at frame 0.
         """
         video = self.data.video
-        outlines = summarise(video.silhouettes[self.data.train, 0])
-        if self.physics.matter == "outlined" and not np.isfinite(outlines).any():
+        outlines = silhouette_moments(video.silhouettes[self.data.train, 0])
+        if self.physics.mass_from == "outline" and not np.isfinite(outlines).any():
             raise UserInputError(
-                f"{video.source}: physics.matter = outlined needs a training view that shows the whole outline at "
-                "frame 0, but in all of them it touches the border of the image; set physics.matter to visible"
+                f"{video.source}: physics.mass_from = outline needs a training view that shows the whole outline at "
+                "frame 0, but in all of them it touches the border of the image; set physics.mass_from to opacity"
             )
 
     def import_state(self, state: ParticleState | None) -> None:
@@ -212,9 +212,9 @@ class StaticGridModule(AbstractPhase):
             base_spacing=self.base_spacing,
             colour_network=weights,
         )
-        return state.with_(erosion=self._erosion(state)) if self.physics.matter == "outlined" else state
+        return state.with_(surface_offset=self._surface_offset(state)) if self.physics.mass_from == "outline" else state
 
-    def _erosion(self, state: ParticleState) -> float:
+    def _surface_offset(self, state: ParticleState) -> float:
         """Raw density above that of the visible surface where the body is as large as in the mattes of the training
         views.
         """
@@ -223,7 +223,7 @@ class StaticGridModule(AbstractPhase):
         video = self.data.video
         views = np.isin(np.arange(len(video.images)), self.data.train)
         first = Split(views, np.arange(len(video.times)) == 0)
-        return StateProblem("", self.data, state, self.physics, first, bright=False).erosion
+        return StateProblem("", self.data, state, self.physics, first, bright=False).surface_offset
 
     def progress_metrics(self) -> dict[str, str]:
         """Batch PSNR and voxel size."""

@@ -198,7 +198,7 @@ def project(
     """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame (indices).
 
     Differentiable in the points and in the values; pose and lens are corrected. The points are where the view sees
-    them: time offsets are the matter of :func:`seen_positions`.
+    them: time offsets are left to :func:`seen_positions`.
     """
     observer, view_id = Observer(observations, values or {}), video.view_ids[view]
     pose = observer.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))

@@ -116,7 +116,7 @@ def test_the_right_law_is_named(true, unstable):
         found = finished(Competition(Dropped(true, seed)))
         assert found.chosen.law == type(true).__name__
         if seed == 0 and not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
-            assert [trial.law for trial in found.alike] == [found.chosen.law]
+            assert [trial.law for trial in found.indistinguishable] == [found.chosen.law]
         # a lower ground and a stiffer ball look nearly the same, so a factor of two is what outlines tell here
         assert np.log10(found.chosen.known[told] / true.guess[told]) == pytest.approx(0.0, abs=within)
         assert sum(trial.probability for trial in found.trials.values()) == pytest.approx(1.0)
@@ -128,7 +128,7 @@ def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstabl
     """A body that yields at a stress which it never meets is an elastic one."""
     found = finished(Competition(Dropped(VonMises(E=6e4, tau_y=NEVER)))).summary()
     assert found["chosen"] == "NeoHookean"
-    assert set(found["alike"]) == {"NeoHookean", "VonMises"}
+    assert set(found["indistinguishable"]) == {"NeoHookean", "VonMises"}
     (sentence,) = found["sentences"]
     assert "does not separate these laws" in sentence
     assert "NeoHookean" in sentence

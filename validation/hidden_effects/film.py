@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel
-from pacnerf_lpo.identification.silhouette_moments import summarise
+from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from validation.hidden_effects.setting import FRAME_RATE, Setting
@@ -44,7 +44,7 @@ class Film:
     @property
     def summaries(self) -> np.ndarray:
         """Of the outlines [pixels], and the brightness [(V, F, 11)]."""
-        return np.concatenate((summarise(self.silhouettes), self.brightness[..., None]), axis=-1)
+        return np.concatenate((silhouette_moments(self.silhouettes), self.brightness[..., None]), axis=-1)
 
 
 def film(

@@ -27,7 +27,7 @@ class Keep:
             session = gui.add_button("Save session", icon=viser.Icon.DEVICE_FLOPPY, hint="to open it again")
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")
             self.saved = gui.add_html("")
-            report = gui.add_button("Save report", icon=viser.Icon.REPORT, hint="this step beside the first one")
+            report = gui.add_button("Save report", icon=viser.Icon.REPORT, hint="this step and the first one")
         report.on_click(page.by_hand(page.ask.asker(self._report)))
         for button, save in ((overlay, self._overlay), (session, self._session), (story, self._story)):
             button.on_click(page.by_hand(self._saver(save)))

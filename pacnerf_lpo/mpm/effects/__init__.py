@@ -1,4 +1,4 @@
-"""Physical effects beside material, ground and gravity, one per file."""
+"""Physical effects in addition to material, ground and gravity, one per file."""
 
 from pacnerf_lpo.mpm.effects.adhesion import Adhesion
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect, GroundEffect, InitialState, LawEffect, Softening

@@ -21,7 +21,7 @@ of the noise, and an effect that stands out by a hundred is as many times strong
 
 
 class Effect(ABC):
-    """Physics beside material, ground and gravity, with named coefficients that can be identified.
+    """Physics in addition to material, ground and gravity, with named coefficients that can be identified.
 
     Subclasses are one of the kinds below (where the effect acts) and fill in what the kind is known by:
 

@@ -17,7 +17,7 @@ class Auto(Material):
 
     Args:
         laws: what competes, from the simple to the complex: of two that cannot be told apart the first is used. None:
-            elastic, viscous, granular, plastic and viscoplastic matter, with guesses from the speed of the impact. E
+            elastic, viscous, granular, plastic and viscoplastic laws, with guesses from the speed of the impact. E
             and nu of grains are known, as in the papers: a heap slides, and hardly shows them.
     Raises:
         UserInputError: fewer than two laws, one of them twice, or Auto among them.

@@ -1,4 +1,4 @@
-"""What a material is: named parameters, and one local law. Add one by adding one file like those beside this one."""
+"""What a material is: named parameters, and one local law. Add one by adding one file like those next to this one."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ class Material(ABC):
 
     parameters: ClassVar[dict[str, Parameter]]
     family: ClassVar[str] = ""
-    """How a person calls matter of this kind, such as elastic."""
+    """How a person calls a material of this kind, such as elastic."""
     deforms: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
