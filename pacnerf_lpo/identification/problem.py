@@ -425,8 +425,8 @@ def shading(brightness: np.ndarray) -> np.ndarray:
 
 def relative(difference: np.ndarray, views: int | None = None, anchored: bool = True) -> np.ndarray:
     """Differences of moments [(..., V + R, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself,
-    and for the brightness in every frame, relative to the median of all views, which moves with a common bias. Those of points are
-    relative to their first sight.
+    and for the brightness in every frame, relative to the median of all views, which moves with a common bias. Those of
+    points are relative to their first sight.
 
     Args:
         difference: of moments; NaN where there is none.
