@@ -29,11 +29,6 @@ HOLE_FRACTION = 0.002
 """Enclosed gaps smaller than this fraction of the object are misses, larger ones are holes."""
 
 
-def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Opacity of the object [0..1, (H, W)] from an image and its background plate [0..1, (H, W, 3)]."""
-    return matte(image, background)[1]
-
-
 def matte(image: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)]."""
     shade = shade_factor(image, background)

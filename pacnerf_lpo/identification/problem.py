@@ -446,15 +446,6 @@ def relative(difference: np.ndarray, views: int | None = None, anchored: bool = 
     return found
 
 
-def absolute(values: np.ndarray, view: int) -> np.ndarray:
-    """Residuals [(..., V + R, F, 11)] with those of one view as they were before frame 0 was subtracted: what is wrong
-    with its camera in every frame shows in every frame.
-    """
-    found = values.copy()
-    found[..., view, 1:, :-1] += np.nan_to_num(values[..., view, :1, :-1])  # NaN where unseen
-    return found
-
-
 def first_sight(rows: np.ndarray) -> np.ndarray:
     """True at the first frame in which something was measured [(..., R, F, 11), bool]."""
     seen = np.isfinite(rows)

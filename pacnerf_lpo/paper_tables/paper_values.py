@@ -8,7 +8,6 @@ from typing import Any
 import yaml
 
 AVERAGE = "average"
-DEVIATION = "deviation"
 
 
 @cache

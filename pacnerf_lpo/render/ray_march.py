@@ -54,7 +54,6 @@ def render_rays(
     rays: Rays,
     base_dx: float,
     background: float = 1.0,
-    directions: Tensor | None = None,
     min_weight: float = MIN_WEIGHT,
 ) -> Rendering:
     """Render rays through a grid. Differentiable in the grid's density and features, the colour weights and rays.
@@ -65,10 +64,9 @@ def render_rays(
         rays: R rays [m].
         base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
         background: grey value behind everything.
-        directions: view directions given to the colour network instead of the rays' own [(R, 3)].
         min_weight: samples that would add less to their ray are not coloured; they still attenuate.
     """
-    return shade(march(grid, rays, base_dx, min_weight), colour, background, directions)
+    return shade(march(grid, rays, base_dx, min_weight), colour, background)
 
 
 def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT) -> March:
@@ -121,11 +119,6 @@ def _blocks(lengths: Tensor) -> tuple[list[int], list[int]]:
     last = torch.cat((ray[ray < len(lengths)], torch.tensor([len(lengths)])))
     count = end[last - 1]
     return last.diff(prepend=last.new_zeros(1)).tolist(), count.diff(prepend=count.new_zeros(1)).tolist()
-
-
-def ray_opacity(grid: FieldGrid, rays: Rays, base_dx: float) -> Tensor:
-    """Opacity 1 - transmittance [0..1, (R,)] along rays, without colours. Differentiable in ``grid.density``."""
-    return 1 - _attenuate(grid, rays, base_dx)[3]
 
 
 def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.replicates import PLACES, bumps, distorted, spread
-from pacnerf_lpo.identification.shape_errors import LOCAL, MATTER_ERROR, polynomials, wrong_bodies
+from pacnerf_lpo.identification.shape_errors import DENSITY_ERROR, LOCAL, polynomials, wrong_bodies
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState
@@ -141,7 +141,7 @@ def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
 def test_the_body_is_denser_here_than_there(ball):
     denser = [body for body in bodies(ball) if body.positions is ball.coarse_body.positions]
     ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
-    assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
+    assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [DENSITY_ERROR], rel=1e-3)
     assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
 
 
