@@ -51,7 +51,6 @@ class GridOptimizationModule(DynamicPhase):
         self.relative_alpha = relative_alpha
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def begin(self) -> None:

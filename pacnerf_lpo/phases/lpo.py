@@ -61,7 +61,6 @@ class LPOModule(DynamicPhase):
         self.warm_up = check_warm_up(warm_up)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def begin(self) -> None:

@@ -50,7 +50,6 @@ class PhysicsIDModule(DynamicPhase):
         self.method.check(self.physics.free_names)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return self.method.work(self, particles)
 
     def begin(self) -> None:

@@ -125,7 +125,6 @@ class StaticGridModule(AbstractPhase):
         return StepNumbers(self.length.steps, lambda: self.global_step)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return Work(rays=self.length.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:

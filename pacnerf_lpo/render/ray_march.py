@@ -71,7 +71,9 @@ def render_rays(
 
 def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT) -> March:
     """Find the samples that contribute, their weights and features: the part of rendering that knows no colour."""
-    points, lengths, weights, transmittance = _attenuate(grid, rays, base_dx)
+    delta = sample_length(grid.dx, base_dx)
+    points, lengths = _occupied_samples(grid, rays, delta)
+    weights, transmittance = _compose(gather(grid.density.reshape(-1, 1), points).squeeze(1), lengths, delta)
     keep = (weights.detach() >= min_weight).nonzero().squeeze(1)
     ray = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
     return March(
@@ -127,14 +129,6 @@ def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tens
     directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
     one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
     return torch.minimum(one, two).amax(1).clamp_min(NEAR), torch.maximum(one, two).amin(1)
-
-
-def _attenuate(grid: FieldGrid, rays: Rays, base_dx: float) -> tuple[Stencil, Tensor, Tensor, Tensor]:
-    """The samples in occupied cells, their number on each ray, their weights, and each ray's final transmittance."""
-    delta = sample_length(grid.dx, base_dx)
-    points, lengths = _occupied_samples(grid, rays, delta)
-    density = gather(grid.density.reshape(-1, 1), points).squeeze(1)
-    return points, lengths, *_compose(density, lengths, delta)
 
 
 def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stencil, Tensor]:
