@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, changes, fitting, pictures, reporting, saving, suggesting, views
+from pacnerf_lpo.explore import asking, changes, fitting, pictures, saving, suggesting, views
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
@@ -438,7 +438,7 @@ class Session:
         step = self.history.step(number)
         self.stepper.simulated(step)
         with self.stepper.job(progress, lambda: False, self.jobs) as told:
-            return reporting.report(self, Path(folder), step, told)
+            return asking.report(self, Path(folder), step, told)
 
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""
