@@ -85,5 +85,5 @@ def _told(text: str, kind: str, default: str | None) -> str:
 
 
 def _option(name: str, text: str) -> str:
-    head, told = f"  {name}", textwrap.indent(textwrap.fill(text, WIDTH - COLUMN), " " * COLUMN)
-    return f"{head:<{COLUMN}}{told[COLUMN:]}" if len(head) < COLUMN else f"{head}\n{told}"
+    head, said = f"  {name}", textwrap.indent(textwrap.fill(text, WIDTH - COLUMN), " " * COLUMN)
+    return f"{head:<{COLUMN}}{said[COLUMN:]}" if len(head) < COLUMN else f"{head}\n{said}"

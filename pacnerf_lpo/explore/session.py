@@ -201,9 +201,9 @@ class Session:
         for key in values or {}:
             if key not in own.parameters:
                 raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
-        told = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
+        checked = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
         with self.stepper.change():
-            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, told))
+            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, checked))
 
     def remove(self, effect: str) -> Step:
         """Take an effect out of the model. Raises UserInputError where the model has it not."""
@@ -326,9 +326,9 @@ class Session:
         suggestions and intervals need, unless that is known for a model with these effects. The next question stops it.
         Raises as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs, yielding=True) as told:
-            self.noise.learn(self.current, told)
-            suggesting.warm(self, told, self.jobs or 2)
+        with self.stepper.job(progress, stop, self.jobs, yielding=True) as report:
+            self.noise.learn(self.current, report)
+            suggesting.warm(self, report, self.jobs or 2)
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -347,8 +347,8 @@ class Session:
             SimulationError: the current motion is unstable.
             UserInputError: another question is being answered.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return suggesting.suggest(self, self.current, told)[:most]
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return suggesting.suggest(self, self.current, report)[:most]
 
     def fit(
         self, names: Sequence[str], progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -365,8 +365,8 @@ class Session:
             UserInputError: no such settings, or another question is being answered.
         """
         fitting.check(self, names)
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return fitting.fit(self, self.current, list(names), told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return fitting.fit(self, self.current, list(names), report)
 
     def diagnose(
         self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -380,8 +380,8 @@ class Session:
         Raises:
             Stopped, SimulationError, UserInputError: as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return asking.diagnose(self, told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return asking.diagnose(self, report)
 
     def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
         """Which recording to make next: those that would separate what the diagnosis could not, best first, with what
@@ -391,8 +391,8 @@ class Session:
             UserInputError: the diagnosis names one cause or none, or only flights were measured.
             Stopped, SimulationError: as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return asking.plan(self, told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return asking.plan(self, report)
 
     def stop(self) -> None:
         """Stop the question that is being answered, if there is one; it raises ``Stopped`` where it was asked."""
@@ -437,8 +437,8 @@ class Session:
         """
         step = self.history.step(number)
         self.stepper.simulated(step)
-        with self.stepper.job(progress, lambda: False, self.jobs) as told:
-            return asking.report(self, Path(folder), step, told)
+        with self.stepper.job(progress, lambda: False, self.jobs) as report:
+            return asking.report(self, Path(folder), step, report)
 
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""

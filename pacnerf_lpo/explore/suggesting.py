@@ -149,8 +149,8 @@ def _intervals(candidate: Candidate, score: Score, values: dict[str, float]) -> 
     if candidate.discrete or len(score.error) != len(candidate.effect.null):
         return {}
     found = {}
-    told = zip(candidate.effect.null.items(), score.coefficient, score.error, strict=True)
-    for (name, null), coefficient, error in told:
+    estimates = zip(candidate.effect.null.items(), score.coefficient, score.error, strict=True)
+    for (name, null), coefficient, error in estimates:
         if np.isclose(values[name], null + coefficient):
             ends = (values[name] - NORMAL * error, values[name] + NORMAL * error)
             found[name] = (_within(candidate, name, ends[0]), _within(candidate, name, ends[1]))

@@ -50,8 +50,8 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
         SimulationError: the motion is unstable at a probe.
     """
     names = set(effect.parameters)
-    told = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]
-    yield Check("described", ", ".join(told) or "signature and separating experiment", not told)
+    missing = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]
+    yield Check("described", ", ".join(missing) or "signature and separating experiment", not missing)
     yield _described(effect.parameters)
     odd = [key for values in (effect.null, *effect.probes) for key in set(values) ^ names]
     kept = bool(effect.probes) and not odd

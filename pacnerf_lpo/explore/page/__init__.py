@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
 
 LOCAL = "127.0.0.1"
-"""Where a page listens unless told otherwise: it has no password."""
+"""Where a page listens where nothing else is given: it has no password."""
 PORT = 8080
 
 

@@ -65,8 +65,8 @@ class See:
         with self.panel.add_tab("Show", viser.Icon.PALETTE):
             self.paint = gui.add_dropdown("colour", tuple(PAINTS), hint="of the particles")
             self.legend = gui.add_html("")
-            told = "hull of the mattes, tracks and clouds, in space"
-            self.measured = gui.add_checkbox("measured", not page.cameras, hint=told)
+            hint = "hull of the mattes, tracks and clouds, in space"
+            self.measured = gui.add_checkbox("measured", not page.cameras, hint=hint)
             self.close = gui.add_checkbox("close-up", True, hint="the picture follows the body")
             self.dark = gui.add_checkbox("dark", page.dark, hint="colours of all pages")
         self._listen()

@@ -16,7 +16,7 @@ class Auto(Material):
     in: its flight before contact hardly depends on the law.
 
     Args:
-        laws: what competes, from the simple to the complex: of two that cannot be told apart the first is used. None:
+        laws: what competes, from the simple to the complex: of two that cannot be separated the first is used. None:
             elastic, viscous, granular, plastic and viscoplastic laws, with guesses from the speed of the impact. E
             and nu of grains are known, as in the papers: a heap slides, and hardly shows them.
     Raises:
