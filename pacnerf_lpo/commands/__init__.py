@@ -41,10 +41,10 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
 
 def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
     """Options as the parser wants them: ``--data-root`` is ``--data_root``, a switch is true, a list may be words."""
-    from inspect import formatannotation
-    from typing import get_type_hints
+    from inspect import signature
 
-    kinds = {name: formatannotation(kind) for name, kind in get_type_hints(run).items()}
+    kinds = {name: one.annotation for name, one in signature(run).parameters.items()}
+    kinds = {name: kind.__name__ if type(kind) is type else str(kind) for name, kind in kinds.items()}
     options: list[list[str]] = [[]]
     for word in words:
         name, equals, value = word.removeprefix("--").partition("=")

@@ -108,13 +108,12 @@ def read_cells(path: Path, example: str = EXAMPLE) -> Table:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
+        reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=text.partition("\n")[0].count))
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except FileNotFoundError:
         raise UserInputError(f"{path}: there is no such file; give a CSV with {example}") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserInputError(f"{path}: cannot be read as text ({error}); save it as CSV in UTF-8") from None
-    delimiter = max(",;\t", key=text.partition("\n")[0].count)
-    reader = csv.reader(text.splitlines(), delimiter=delimiter)
-    rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     if not rows:
         raise UserInputError(f"{path}: is empty; write a header line such as {example} and one row per time")
     above = next((k for k, (_, row) in enumerate(rows) if _is_number(row[0])), len(rows))
