@@ -5,8 +5,6 @@ range explains it. Along the rim the opacity a solves the compositing equation I
 object's inside and B the shaded plate from just outside.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 
@@ -29,11 +27,6 @@ PIECE_FRACTION = 0.01
 """Pieces smaller than this fraction of the largest one are noise."""
 HOLE_FRACTION = 0.002
 """Enclosed gaps smaller than this fraction of the object are misses, larger ones are holes."""
-
-
-def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Opacity of the object [0..1, (H, W)] from an image and its background plate [0..1, (H, W, 3)]."""
-    return matte(image, background)[1]
 
 
 def matte(image: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,5 @@
 """The background of a camera that stands still, from its own video."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 
