@@ -20,8 +20,6 @@ LONG = {
     "commands/diagnose.py:run": COMMAND,
     "commands/init.py:run": COMMAND,
     "mpm/kernels.py:build": "a scheduler of the kernels: Taichi wants all of them in one scope",
-    "diagnosis/comparison.py:compare": "to be divided",
-    "diagnosis/refitting.py:refit": "to be divided",
 }
 CONFIGURED = "keys of a section of the configuration, each set by name in YAML"
 KERNEL = "arrays of a kernel, which Taichi takes one by one"

@@ -1,7 +1,5 @@
 """Recordings that a person could make of the same object, and what a model would see in them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
