@@ -1,7 +1,5 @@
 """The command line: ``pacnerf-lpo COMMAND ...``, or ``python -m pacnerf_lpo COMMAND ...``."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -26,6 +24,7 @@ COMMANDS = {
     "explore": ("change a model by hand, add effects, watch the error fall", "pacnerf_lpo.commands.explore"),
     "plan": ("which recording to make next after a diagnosis", "pacnerf_lpo.commands.plan"),
     "init": ("a scene from your own recording, in any common layout", "pacnerf_lpo.commands.init"),
+    "check": ("whether an effect or a material of your own is right", "pacnerf_lpo.commands.check"),
     "report": ("the page of a run or of a scene, to look at", "pacnerf_lpo.commands.report"),
     "configs": ("configurations that --config knows by name", "pacnerf_lpo.commands.configs"),
 }

@@ -1,7 +1,5 @@
 """``pacnerf-lpo fit``: reads the configuration, then runs each phase the outer loop asks for with a fresh Trainer."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import errno

@@ -1,7 +1,5 @@
 """Mistakes in a configuration, each as one line: what is wrong, in which file, and the nearest right name."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import inspect
@@ -11,7 +9,7 @@ from abc import ABC
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import yaml
 from jsonargparse import ArgumentParser, DefaultHelpFormatter
@@ -179,7 +177,11 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
     """Names of the concrete classes which the argument ``key`` accepts."""
     action = next((action for action in parser._actions if action.dest == key), None)
     hint: Any = getattr(action, "_typehint", None)
-    bases = [base for base in (get_args(hint) or (hint,)) if inspect.isclass(base) and base is not type(None)]
+    bases = [
+        base
+        for base in (get_args(hint) or (hint,))
+        if inspect.isclass(base) and not get_origin(base) and base is not type(None)
+    ]
     return sorted({cls.__name__ for base in bases for cls in _concrete_subclasses(base)})
 
 

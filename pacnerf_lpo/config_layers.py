@@ -1,7 +1,5 @@
 """What stacked configuration files make together: which value of a scene file a later file changes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

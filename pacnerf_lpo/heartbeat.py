@@ -1,7 +1,5 @@
 """A sign of life from a command that has said nothing for a while. Imports little, since it starts before all else."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

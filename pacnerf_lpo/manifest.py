@@ -4,8 +4,6 @@
 run that is killed at any moment leaves files that can be read.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -112,7 +110,7 @@ class Manifest:
         write_atomically(self.run_dir / FILE_NAME, json.dumps(content, indent=1).encode())
 
     @staticmethod
-    def load(run_dir: Path) -> Manifest:
+    def load(run_dir: Path) -> "Manifest":
         """Read ``manifest.json``; UserInputError when the folder is not a run directory."""
         path = run_dir / FILE_NAME
         try:

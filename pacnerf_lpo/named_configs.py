@@ -1,7 +1,5 @@
 """The configurations that the package ships, by name: ``fit``, ``scenes/torus``, ``effects/linear_drag``."""
 
-from __future__ import annotations
-
 from difflib import get_close_matches
 from itertools import takewhile
 from pathlib import Path

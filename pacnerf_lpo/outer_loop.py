@@ -1,24 +1,20 @@
 """Algorithm 1 of the paper as a callback: it decides which phase comes next; the command line executes it."""
 
-from __future__ import annotations
-
 import io
 import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import pytorch_lightning as pl
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.held_out import held_out_error, held_out_images
 from pacnerf_lpo.types import ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 Role = Literal["static", "velocity", "law", "physics", "correction", "refit"]
 

@@ -1,7 +1,5 @@
 """``fit SCENE``: which configurations are stacked for a scene folder, by a preset and by what the scene is like."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

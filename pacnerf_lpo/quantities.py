@@ -1,7 +1,5 @@
 """Physical values as a person writes them: symbols, SI prefixes, few digits."""
 
-from __future__ import annotations
-
 import math
 
 NU, RHO = "\N{GREEK SMALL LETTER NU}", "\N{GREEK SMALL LETTER RHO}"

@@ -1,7 +1,5 @@
 """Phases of a finished run taken over by another one, where nothing differs that they depend on."""
 
-from __future__ import annotations
-
 import io
 import shutil
 from collections.abc import Mapping, Sequence
@@ -127,7 +125,7 @@ def _of_static(config: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "seed_everything": config["seed_everything"],
         "data": {key: value for key, value in config["data"].items() if key not in NOT_SEEN},
-        "physics": {"matter": config["physics"].get("matter")},
+        "physics": {"mass_from": config["physics"].get("mass_from")},
         "phases": {"static": config["phases"]["static"]},
         "trainer": {key: value for key, value in config["trainer"].items() if key not in MACHINE},
     }

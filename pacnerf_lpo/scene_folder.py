@@ -1,7 +1,5 @@
 """A scene folder: ``scene.yaml``, which ``init`` or a person wrote, and ``run``, which ``fit`` makes of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.errors import UserInputError

@@ -4,8 +4,6 @@
 the ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -31,7 +29,7 @@ class Rays:
     origins: Tensor
     directions: Tensor
 
-    def to(self, device: torch.device) -> Rays:
+    def to(self, device: torch.device) -> "Rays":
         """The same rays on a device."""
         return Rays(self.origins.to(device), self.directions.to(device))
 
@@ -92,8 +90,8 @@ class ParticleState:
         spacing: node spacing of the grids the particles belong to; there are 8 particles per cell [m]
         base_spacing: the coarsest spacing dx0, which sets the optical length of a sample [m]
         colour_network: weights of the colour MLP, frozen after the static phase
-        erosion: raw density above that of the visible surface at which matter begins, with
-            ``physics.matter: outlined``; None otherwise
+        surface_offset: raw density above that of the visible surface at which the body begins, with
+            ``physics.mass_from: outline``; None otherwise
         corrected: the particles were changed until their own motion fits the video; another sampling would not move so
     """
 
@@ -105,7 +103,7 @@ class ParticleState:
     spacing: float
     base_spacing: float
     colour_network: dict[str, Tensor] = field(default_factory=dict)
-    erosion: float | None = None
+    surface_offset: float | None = None
     corrected: bool = False
 
     @property
@@ -115,9 +113,9 @@ class ParticleState:
 
     def massive(self, density: Tensor) -> Tensor:
         """Raw densities of the particles [(N,)] as far as they make mass and stiffness."""
-        return density if self.erosion is None else density - self.erosion
+        return density if self.surface_offset is None else density - self.surface_offset
 
-    def with_(self, **changes) -> ParticleState:
+    def with_(self, **changes) -> "ParticleState":
         """A copy with the named fields replaced."""
         return replace(self, **changes)
 
@@ -126,6 +124,6 @@ class ParticleState:
         torch.save(dict(self.__dict__), path)
 
     @staticmethod
-    def load(path: str | Path) -> ParticleState:
+    def load(path: str | Path) -> "ParticleState":
         """Read what :meth:`save` wrote."""
         return ParticleState(**torch.load(path, weights_only=True))

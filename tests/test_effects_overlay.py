@@ -72,7 +72,7 @@ def test_it_adds_what_was_accepted_and_leaves_the_rest(before: Path, tmp_path: P
     assert [name_of(effect) for effect in after.effects] == ["GroundFriction", "LinearDrag", "CameraShift@3"]
     assert after.guess == {**model.guess, "shift_y_view3": 0.0, **values}
     assert after.free_names == ["E", "ground_height", "ground_friction", "drag", "shift_x_view3", "shift_y_view3"]
-    assert (after.rho, after.substep_rate, after.matter) == (model.rho, model.substep_rate, "visible")
+    assert (after.rho, after.substep_rate, after.mass_from) == (model.rho, model.substep_rate, "opacity")
 
 
 def test_classes_of_the_user_are_found_again(before: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -16,7 +16,7 @@ from pacnerf_lpo import __main__, cli
 from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.identification import laws
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.mpm.materials import Auto, NeoHookean, Newtonian, VonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
@@ -134,14 +134,14 @@ def test_a_third_of_the_training_views_and_the_last_frames_are_held_out(data):  
 def test_the_phase_gives_the_state_the_parameters_of_the_law(data, state, monkeypatch):  # noqa: F811
     """Real cameras and shape errors; a body that falls freely, whatever its law."""
 
-    def path(model: Model, free: np.ndarray) -> torch.Tensor:
+    def path(model: BodyModel, free: np.ndarray) -> torch.Tensor:
         c = model.physical(free)
         times = torch.arange(FRAMES)[:, None, None] / 24
         softer = 0.3 * (6 - float(np.log10(c.get("E", c.get("kappa")))))
         fallen = torch.tensor([c["v_x"], c["v_y"], c["v_z"]], dtype=torch.float32) * times
         return model.body.positions + fallen + torch.tensor([0.0, -4.9 + softer, 0.0]) * times**2
 
-    monkeypatch.setattr(Model, "path", path)
+    monkeypatch.setattr(BodyModel, "path", path)
     monkeypatch.setattr(laws, "REPLICATES", 4)
     model = Physics(Auto([NeoHookean(), Newtonian()]), substep_rate=960.0)
     before = state.with_(physics={"ground_height": 0.0})

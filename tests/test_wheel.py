@@ -1,4 +1,9 @@
-"""What is built from the repository works without it: from source distribution to report, in a folder anywhere."""
+"""What is built from the repository works without it: from source distribution to report, in a folder anywhere.
+
+By this Python alone, with the packages that it has. ``PACNERF_LPO_PYTHONS`` names others, separated by colons, or
+``all`` that can be found from 3.10 to 3.13; each gets an environment of its own with what ``constraints.txt`` pins,
+which wants a package index and some minutes.
+"""
 
 from __future__ import annotations
 
@@ -44,11 +49,31 @@ def built_wheel(folder: Path) -> Path:
     return wheel
 
 
-def installed(wheel: Path, folder: Path) -> Path:
-    """The Python of a new environment with the wheel and with the third-party packages of this one.
+def pythons() -> list[str]:
+    """The interpreters to test with."""
+    wanted = os.environ.get("PACNERF_LPO_PYTHONS", "")
+    if wanted != "all":
+        return [path for path in wanted.split(":") if path] or [sys.executable]
+    found = []
+    for minor in range(10, 14):
+        built = sorted(Path.home().glob(f".pyenv/versions/3.{minor}.*/bin/python"))
+        on_path = shutil.which(f"python3.{minor}")
+        found += [str(built[-1])] if built else [on_path] if on_path else []
+    return found
 
-    Their folder is only added to the path: an editable installation in it has a finder, which does not run then.
+
+def installed(wheel: Path, folder: Path, python: str) -> Path:
+    """The Python of a new environment with the wheel, and with the third-party packages of this Python, or, of another
+    interpreter, with those of an index.
+
+    The folder of this one's is only added to the path: an editable installation in it has a finder, which does not run
+    then.
     """
+    if python != sys.executable:
+        output(python, "-m", "venv", folder, cwd=wheel.parent)
+        pip = folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt"
+        output(*pip, wheel, cwd=wheel.parent)
+        return folder / "bin" / "python"
     venv.create(folder, symlinks=True)
     packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder), "platbase": str(folder)}))
     output(sys.executable, "-m", "pip", "install", *FROM_SOURCE, "--target", packages, wheel, cwd=folder)
@@ -57,8 +82,9 @@ def installed(wheel: Path, folder: Path) -> Path:
 
 
 @pytest.mark.end_to_end
-def test_a_wheel_fits_by_names_in_any_folder(tmp_path: Path):
-    python = installed(built_wheel(tmp_path), tmp_path / "environment")
+@pytest.mark.parametrize("interpreter", pythons())
+def test_a_wheel_fits_by_names_in_any_folder(tmp_path: Path, interpreter: str):
+    python = installed(built_wheel(tmp_path), tmp_path / "environment", interpreter)
     work = tmp_path / "work"
     work.mkdir()
     place = Path(output(python, "-c", "import pacnerf_lpo; print(pacnerf_lpo.__file__)", cwd=work).strip())

@@ -14,7 +14,7 @@ from torch.nn.functional import normalize
 
 from pacnerf_lpo.particles.sampling import interpolate, sample_particles
 from pacnerf_lpo.particles.transfer import particles_to_grid
-from pacnerf_lpo.render.ray_march import march, ray_opacity, render_rays, shade
+from pacnerf_lpo.render.ray_march import march, render_rays, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import Box, Rays
@@ -69,7 +69,6 @@ def main() -> None:
 
     seconds = {"image, forward": best_seconds(forward)}
     seconds["image, forward + backward"] = best_seconds(lambda: forward().square().mean().backward())
-    seconds["silhouette"] = best_seconds(lambda: ray_opacity(particles_to_grid(*particles, DX), rays, BASE_DX))
     seconds["  particles to grid"] = best_seconds(lambda: particles_to_grid(*particles, DX))
     seconds["  march"] = best_seconds(lambda: march(grid, rays, BASE_DX))
     seconds["  shade"] = best_seconds(lambda: shade(samples, colour))

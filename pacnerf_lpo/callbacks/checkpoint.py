@@ -1,7 +1,5 @@
 """One checkpoint per phase, replaced whole every so many seconds and when the run is asked to stop."""
 
-from __future__ import annotations
-
 import io
 import time
 from pathlib import Path

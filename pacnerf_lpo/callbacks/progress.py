@@ -1,7 +1,5 @@
 """A progress bar per phase, with the loss and the physical parameters; without a terminal, a line every 5 s."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """SIGINT and SIGTERM as a request that a phase honours at the end of its optimiser step, or within seconds."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select
@@ -40,7 +38,7 @@ class StopRequest:
         self.requested = False
         self._previous: dict[int, Any] = {}
 
-    def __enter__(self) -> StopRequest:
+    def __enter__(self) -> "StopRequest":
         self._ears, self._mouth = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._wakeup = signal.set_wakeup_fd(self._mouth, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, daemon=True).start()

@@ -1,7 +1,5 @@
 """One TensorBoard run per fit: tags carry the phase, and steps go on from phase to phase."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

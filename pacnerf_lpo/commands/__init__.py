@@ -1,11 +1,7 @@
 """One module per command; the arguments and the docstring of its function ``run`` are the command line and its help."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
-
-from pacnerf_lpo.errors import UserInputError
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -47,7 +43,8 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
     """Options as the parser wants them: ``--data-root`` is ``--data_root``, a switch is true, a list may be words."""
     from inspect import signature
 
-    kinds = {name: str(parameter.annotation) for name, parameter in signature(run).parameters.items()}
+    kinds = {name: one.annotation for name, one in signature(run).parameters.items()}
+    kinds = {name: kind.__name__ if type(kind) is type else str(kind) for name, kind in kinds.items()}
     options: list[list[str]] = [[]]
     for word in words:
         name, equals, value = word.removeprefix("--").partition("=")
@@ -72,12 +69,11 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
     return result
 
 
-def _instantiated(parser: ArgumentParser, config: Namespace) -> Namespace:
+def _instantiated(parser: "ArgumentParser", config: "Namespace") -> "Namespace":
     """The arguments with their objects made; a wrong value inside one is the user's mistake, whatever wraps it."""
+    from pacnerf_lpo.config_errors import cause_of
+
     try:
         return parser.instantiate(config)
     except ValueError as error:
-        cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, UserInputError):
-            cause = cause.__cause__
-        raise cause or error from None
+        raise cause_of(error) from None

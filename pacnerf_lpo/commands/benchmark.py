@@ -1,7 +1,5 @@
 """``pacnerf-lpo benchmark``: the paper's tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.errors import Interrupted, RunError, UserInputError

@@ -1,7 +1,5 @@
 """``pacnerf-lpo configs``: the configurations that the package ships."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from jsonargparse import ArgumentError, ArgumentParser

@@ -1,7 +1,5 @@
 """``pacnerf-lpo diagnose``: which physical effect is missing in the model of a run."""
 
-from __future__ import annotations
-
 import json
 import time
 from functools import partial

@@ -1,7 +1,5 @@
 """``pacnerf-lpo evaluate``: image quality and parameter errors of a run."""
 
-from __future__ import annotations
-
 from pacnerf_lpo.evaluation.evaluate import evaluate_run
 from pacnerf_lpo.evaluation.tables import markdown_table
 

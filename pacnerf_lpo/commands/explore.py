@@ -1,7 +1,5 @@
 """``pacnerf-lpo explore``: a page on which a model, its measurement and their error are side by side."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import webbrowser
@@ -47,8 +45,8 @@ def run(
     with Session.open(given, phase, candidates, jobs=jobs) as session:
         begun = len(session.steps)
         page = open_page(session, host, port, dark)
-        told = "" if port in (0, page.port) else f" (port {port} is taken)"
-        print(f"explore: {page.url}{told}; Ctrl-C ends it", flush=True)
+        remark = "" if port in (0, page.port) else f" (port {port} is taken)"
+        print(f"explore: {page.url}{remark}; Ctrl-C ends it", flush=True)
         if browser:
             webbrowser.open(page.url)
         try:

@@ -1,7 +1,5 @@
 """``pacnerf-lpo export``: a run for other programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.errors import UserInputError

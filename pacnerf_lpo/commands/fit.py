@@ -1,7 +1,5 @@
 """``pacnerf-lpo fit``: the phases of Algorithm 1 on a video, then evaluation and report."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

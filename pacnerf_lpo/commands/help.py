@@ -4,8 +4,6 @@ The arguments and the docstring of a command's function ``run`` are its help; of
 sections of its configuration make.
 """
 
-from __future__ import annotations
-
 import ast
 import textwrap
 from collections.abc import Iterator
@@ -87,5 +85,5 @@ def _told(text: str, kind: str, default: str | None) -> str:
 
 
 def _option(name: str, text: str) -> str:
-    head, told = f"  {name}", textwrap.indent(textwrap.fill(text, WIDTH - COLUMN), " " * COLUMN)
-    return f"{head:<{COLUMN}}{told[COLUMN:]}" if len(head) < COLUMN else f"{head}\n{told}"
+    head, said = f"  {name}", textwrap.indent(textwrap.fill(text, WIDTH - COLUMN), " " * COLUMN)
+    return f"{head:<{COLUMN}}{said[COLUMN:]}" if len(head) < COLUMN else f"{head}\n{said}"

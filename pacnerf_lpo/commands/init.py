@@ -1,7 +1,5 @@
 """``pacnerf-lpo init``: from any common recording to a scene that can be fitted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """``pacnerf-lpo plan``: which recording to make next."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from pacnerf_lpo.report.plan import sentences, write_plan
 
 
 def run(run_dir: str, jobs: int | None = None) -> None:
-    """Rank recordings that would tell apart what a diagnosis could not.
+    """Rank recordings that would separate what a diagnosis could not.
 
     Simulates recordings that a person could make of the same object (another height, a throw, a spin, another frame
     rate, a longer recording, nearer cameras) under every hypothesis that is left, and ranks them by the expected log

@@ -1,7 +1,5 @@
 """``pacnerf-lpo render``: a run seen from where no camera stood."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import torch

@@ -1,7 +1,5 @@
 """``pacnerf-lpo report``: HTML pages about a run or a scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.commands.init import look_at

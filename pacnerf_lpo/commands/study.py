@@ -1,7 +1,5 @@
 """``pacnerf-lpo fit SCENE SCENE ... --out FOLDER``: one material from several recordings of one object."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``pacnerf-lpo synthesize``: a multi-view video of a simulated scene, with its truth."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +11,7 @@ from torch import Tensor
 import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names exist once their modules are imported)
 from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.shapes import Ball, Block, Shape, Torus, fill
-from pacnerf_lpo.data.synthetic import hemisphere_rig, write_scene
+from pacnerf_lpo.data.synthetic import Drawing, hemisphere_rig, write_scene
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.parameter_errors import TRUTH_KEYS
 from pacnerf_lpo.mpm.effects import Effect
@@ -85,18 +83,10 @@ def run(
     print(f"drawing {frames * views} images")
     apart = dx / 2 / skin.FINER
     drawn = placed(solid, height, apart, generator)
-    root = write_scene(
-        output,
-        skin.carried(drawn.double().numpy(), path.double().numpy()),
-        patches(drawn),
-        hemisphere_rig(views, image_size),
-        image_size,
-        radius=skin.COVER * apart,
-        noise=noise,
-        truth=truth_of(physics, velocity, dx),
-        seed=seed,
-        outline=skin.OUTLINE * apart,
-    )
+    moved = skin.carried(drawn.double().numpy(), path.double().numpy())
+    drawing = Drawing(image_size, skin.COVER * apart, skin.OUTLINE * apart, noise, seed)
+    rig, truth = hemisphere_rig(views, image_size), truth_of(physics, velocity, dx)
+    root = write_scene(output, moved, patches(drawn), rig, drawing, truth=truth)
     print(root)
 
 

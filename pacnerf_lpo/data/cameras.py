@@ -1,7 +1,5 @@
 """Pinhole cameras: from pixels to rays and from points to pixels. OpenGL axes, pixel centres at +0.5."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

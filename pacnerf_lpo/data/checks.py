@@ -3,8 +3,6 @@
 Every function raises UserInputError, one line: what is wrong, in which file or config key, and how to mend it.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Does every training view show the object, and the box around it? Checked on the loaded video, before training."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 

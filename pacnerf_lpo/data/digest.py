@@ -1,7 +1,5 @@
 """Hashes of what the section ``data`` of a configuration reads."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """The box around what all mattes allow: the visual hull of frame 0 (Laurentini 1994), found on a regular lattice."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

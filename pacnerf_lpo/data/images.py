@@ -1,7 +1,5 @@
 """PNG files to arrays, area-averaged scaling, and silhouettes of images that are already on white."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``all_data.json`` of PAC-NeRF's layout: one pose, intrinsic matrix and time per image."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import re

@@ -6,8 +6,6 @@ object's inside and B the shaded plate from just outside. Where the object was f
 stand in its contact shadow, which goes from light to black within a few pixels: there, the light on F and B is unknown.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 
@@ -40,11 +38,6 @@ PIECE_FRACTION = 0.01
 """Pieces smaller than this fraction of the largest one are noise."""
 HOLE_FRACTION = 0.002
 """Enclosed gaps smaller than this fraction of the object are misses, larger ones are holes."""
-
-
-def difference_matte(image: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Opacity of the object [0..1, (H, W)] from an image and its background plate [0..1, (H, W, 3)]."""
-    return matte(image, background)[1]
 
 
 def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

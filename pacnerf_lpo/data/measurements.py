@@ -3,9 +3,6 @@
 Every reader raises UserInputError, one line: what is wrong, in which file and row, and how to mend it.
 """
 
-from __future__ import annotations
-
-import csv
 import difflib
 import itertools
 import re
@@ -16,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from plyfile import PlyData, PlyParseError
 
+from pacnerf_lpo.data.trajectories.tables import Table, read_cells
 from pacnerf_lpo.errors import UserInputError
 
 COLUMNS = ("time_s", "id", "x_m", "y_m", "z_m")
@@ -46,17 +44,17 @@ class TrackedPoints:
     sigma: np.ndarray
     source: str = ""
 
-    def thinned(self, most: int) -> TrackedPoints:
+    def thinned(self, most: int) -> "TrackedPoints":
         """At most so many of the points, evenly spread over their names."""
         names = np.unique(self.ids)
         return self._where(np.isin(self.ids, names[:: -(-len(names) // most)]))
 
-    def seen_until(self, time: float) -> TrackedPoints:
+    def seen_until(self, time: float) -> "TrackedPoints":
         """The points that are first seen until then [s], with all of their rows."""
         early = self.ids[self.times <= time + TIME_TOLERANCE]
         return self._where(np.isin(self.ids, early))
 
-    def _where(self, rows: np.ndarray) -> TrackedPoints:
+    def _where(self, rows: np.ndarray) -> "TrackedPoints":
         return TrackedPoints(self.times[rows], self.ids[rows], self.positions[rows], self.sigma[rows], self.source)
 
 
@@ -85,28 +83,19 @@ def read_tracked_points(path: str | Path, video_times: Sequence[float]) -> Track
         path: the file.
         video_times: of the frames that the model is simulated for [s, (F,)]; the file may use any times between.
     """
-    path = Path(path)
-    rows = _csv_rows(path)
-    header = [name.strip() for name in rows[0][1]]
-    columns = {name: _column(path, header, name) for name in COLUMNS}
+    table = read_cells(Path(path), ",".join(COLUMNS))
+    header = table.header[-1] if table.header else []
+    columns = {name: _column(table.path, header, name) for name in COLUMNS}
     if SIGMA in header:
         columns[SIGMA] = header.index(SIGMA)
-    body = rows[1:]
-    if not body:
-        raise UserInputError(f"{path}: holds no row below its header; write one row per point and time")
-    ids = [_cell(path, line, row, columns["id"], "id").strip() for line, row in body]
-    numbers = {
-        name: np.array([_number(path, line, row, column, name) for line, row in body])
-        for name, column in columns.items()
-        if name != "id"
-    }
-    lines = [line for line, _ in body]
+    ids = table.words(columns.pop("id"), "id")
+    numbers = {name: table.numbers(column, name, needed=True) for name, column in columns.items()}
     positions = np.stack([numbers[name] for name in ("x_m", "y_m", "z_m")], axis=1)
-    _check_rows(path, lines, ids, numbers, positions, video_times)
+    _check_rows(table, ids, numbers, positions, video_times)
     order = np.argsort(numbers["time_s"], kind="stable")
     times, names, positions = numbers["time_s"][order], np.array(ids)[order], positions[order]
     sigma = numbers[SIGMA][order] if SIGMA in numbers else np.full(len(times), track_noise(times, names, positions))
-    return TrackedPoints(times, names, positions, sigma, str(path))
+    return TrackedPoints(times, names, positions, sigma, str(table.path))
 
 
 def track_noise(times: np.ndarray, ids: np.ndarray, positions: np.ndarray) -> float:
@@ -164,23 +153,6 @@ def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> Point
     return PointClouds(np.array(times)[order], ordered, np.array(sigmas)[order], str(folder))
 
 
-def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line number and cells of every row that is not blank, the header first."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise UserInputError(f"{path}: there is no such file; give a CSV with {', '.join(COLUMNS)}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserInputError(f"{path}: cannot be read as text ({error}); save it as CSV in UTF-8") from None
-    reader = csv.reader(text.splitlines())
-    rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    if not rows:
-        raise UserInputError(
-            f"{path}: is empty; write a header line {','.join(COLUMNS)} and one row per point and time"
-        )
-    return rows
-
-
 def _column(path: Path, header: list[str], name: str) -> int:
     if name in header:
         return header.index(name)
@@ -190,36 +162,12 @@ def _column(path: Path, header: list[str], name: str) -> int:
     raise UserInputError(f"{path}, line 1: the column {name} is missing; {mend}")
 
 
-def _cell(path: Path, line: int, row: list[str], column: int, name: str) -> str:
-    if column >= len(row) or not row[column].strip():
-        raise UserInputError(f"{path}, line {line}: {name} is empty; fill it in or remove the row")
-    return row[column]
-
-
-def _number(path: Path, line: int, row: list[str], column: int, name: str) -> float:
-    cell = _cell(path, line, row, column, name)
-    try:
-        value = float(cell)
-    except ValueError:
-        raise UserInputError(f"{path}, line {line}: {name} '{cell.strip()}' is not a number; mend it") from None
-    if not np.isfinite(value):
-        raise UserInputError(
-            f"{path}, line {line}: {name} is {cell.strip()}; remove the row where nothing was measured"
-        )
-    return value
-
-
 def _check_rows(
-    path: Path,
-    lines: list[int],
-    ids: list[str],
-    numbers: dict[str, np.ndarray],
-    positions: np.ndarray,
-    video_times: Sequence[float],
+    table: Table, ids: list[str], numbers: dict[str, np.ndarray], positions: np.ndarray, video_times: Sequence[float]
 ) -> None:
     seen: dict[tuple[str, float], int] = {}
-    for index, (line, name, time) in enumerate(zip(lines, ids, numbers["time_s"].tolist(), strict=True)):
-        where = f"{path}, line {line}"
+    for index, (line, name, time) in enumerate(zip(table.lines, ids, numbers["time_s"].tolist(), strict=True)):
+        where = f"{table.path}, line {line}"
         if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
             raise UserInputError(_outside(where, time, video_times))
         if np.abs(positions[index]).max() > FARTHEST:
@@ -231,7 +179,7 @@ def _check_rows(
         seen[name, time] = line
     if len(set(ids)) == len(ids):
         raise UserInputError(
-            f"{path}: no id occurs twice, so nothing is followed; give a point the same id at all times"
+            f"{table.path}: no id occurs twice, so nothing is followed; give a point the same id at all times"
         )
 
 

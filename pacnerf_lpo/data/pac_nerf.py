@@ -4,8 +4,6 @@
 Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of 255 carry no information.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

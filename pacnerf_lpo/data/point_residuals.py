@@ -1,6 +1,4 @@
-"""Measured points against simulated particles: tracked points by attachment to the material, clouds by summaries."""
-
-from __future__ import annotations
+"""Measured points against simulated particles: points by attachment to the material, clouds by statistics."""
 
 from dataclasses import dataclass
 
@@ -25,7 +23,7 @@ CLOUD_KINDS = (
     *(f"cloud {end} {axis}" for end in ("low", "high") for axis in "xyz"),
     "cloud distance",
 )
-"""Names of the summaries of a cloud, all in metres."""
+"""Names of the statistics of a cloud, all in metres."""
 UPPER = np.triu_indices(3)
 
 
@@ -116,7 +114,7 @@ def track_residuals(
 
 
 def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Measured minus model summaries of every cloud [m, (C, 16)], in the order of CLOUD_KINDS.
+    """Measured minus model statistics of every cloud [m, (C, 16)], in the order of CLOUD_KINDS.
 
     The model's cloud consists of the points of the first measured one, carried along by the material, so that clouds of
     the surface are compared with the surface; the first residual is zero by construction. The last summary is the
@@ -143,11 +141,11 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
 
 
 def cloud_sigma(clouds: PointClouds, body: np.ndarray) -> np.ndarray:
-    """Standard deviation of the summaries of every cloud [m, (C, 16)], from resampling its points.
+    """Standard deviation of the statistics of every cloud [m, (C, 16)], from resampling its points.
 
     Args:
         clouds: the measurement.
-        body: particles at any time [m, (N, 3)]; moved to every cloud, they tell how distances scatter.
+        body: particles at any time [m, (N, 3)]; moved to every cloud, they show how distances scatter.
     """
     centred, found = body - body.mean(0), []
     for points, noise in zip(clouds.points, clouds.sigma, strict=True):

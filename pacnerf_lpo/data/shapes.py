@@ -1,7 +1,5 @@
 """Solid shapes to drop, filled with particles."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +39,6 @@ class Ball(Shape):
         self.radius = self.reach = _positive("Ball.radius", radius)
 
     def contains(self, points: Tensor) -> Tensor:
-        """See :meth:`Shape.contains`."""
         return points.norm(dim=-1) <= self.radius
 
 
@@ -57,7 +54,6 @@ class Block(Shape):
         self.reach = 0.5 * max(edges)
 
     def contains(self, points: Tensor) -> Tensor:
-        """See :meth:`Shape.contains`."""
         return (points.abs() <= 0.5 * self.edges.to(points)).all(-1)
 
 
@@ -74,7 +70,6 @@ class Torus(Shape):
         self.reach = ring + tube
 
     def contains(self, points: Tensor) -> Tensor:
-        """See :meth:`Shape.contains`."""
         from_ring = points[:, :2].norm(dim=-1) - self.ring
         return torch.hypot(from_ring, points[:, 2]) <= self.tube
 

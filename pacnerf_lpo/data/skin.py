@@ -1,7 +1,5 @@
 """Many points that follow few particles: a body is drawn more smoothly than it was simulated."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

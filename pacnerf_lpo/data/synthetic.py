@@ -4,8 +4,6 @@ Good enough to test and to try things on: one directional light and an ambient t
 cameras see the same colours, antialiased rims, camera noise. There is no shadow, no highlight and no ground.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,38 +58,59 @@ def hemisphere_rig(
     return Rig(poses, np.repeat(intrinsic[None], views, axis=0))
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """How particles are drawn.
+
+    image_size: width and height of the images [pixels]
+    radius: of the discs, about the particle spacing [m]
+    outline: as :func:`draw_discs` takes it [m]
+    noise: standard deviation of the camera's noise on the object, in 0..1
+    seed: of the noise
+    """
+
+    image_size: int
+    radius: float
+    outline: float | None = None
+    noise: float = 0.0
+    seed: int = 0
+
+
 def write_scene(
     root: str | Path,
     trajectories: np.ndarray,
     colours: np.ndarray,
     rig: Rig,
-    image_size: int,
-    radius: float,
-    noise: float = 0.0,
+    drawing: Drawing,
     frame_rate: float = 24.0,
     truth: dict[str, Any] | None = None,
-    seed: int = 0,
-    outline: float | None = None,
 ) -> Path:
     """Render and write a scene; the same arguments give the same files.
 
-    trajectories: particle positions [m, (F, N, 3)]; colours: [0..1, (N, 3)]; rig: cameras for ``image_size`` x
-    ``image_size`` pixels; radius: of the discs drawn, about the particle spacing [m]; noise: standard deviation of
-    the camera's noise on the object, in 0..1; frame_rate: [1/s]; truth: written as ``truth.json``, for an evaluation;
-    outline: as :func:`draw_discs` takes it.
-    Raises UserInputError where ``root`` holds something already.
+    Args:
+        root: folder, absent or empty.
+        trajectories: particle positions [m, (F, N, 3)]
+        colours: of the particles [0..1, (N, 3)]
+        rig: cameras for images of the size of the drawing.
+        drawing: how particles are drawn.
+        frame_rate: [1/s]
+        truth: written as ``truth.json``, for an evaluation.
+
+    Raises:
+        UserInputError: ``root`` holds something already.
     """
     root = Path(root)
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise UserInputError(f"{root}: is there already and not empty; choose another folder or remove it")
     (root / "data").mkdir(parents=True)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(drawing.seed)
+    size, radius, outline = drawing.image_size, drawing.radius, drawing.outline
     entries = []
     for frame, positions in enumerate(tqdm(trajectories, desc=f"drawing {root}", delay=2.0, leave=False)):
         shaded = shade(positions, colours)
         for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
-            image = draw_discs(positions, shaded, pose, intrinsic, image_size, radius, outline)
-            image = add_noise(image, noise, generator)
+            image = draw_discs(positions, shaded, pose, intrinsic, size, radius, outline)
+            image = add_noise(image, drawing.noise, generator)
             Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")
             entries.append(
                 {

@@ -1,7 +1,5 @@
 """The data section of the config: one scene, its training and test views, its box, and rays kept in memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -73,7 +71,7 @@ class VideoData(LightningDataModule):
         self.velocity = checks.check_velocity(velocity)
         self._rays: dict[int, Rays] = {}
 
-    def prepare(self) -> VideoData:
+    def prepare(self) -> "VideoData":
         """Read and check the scene; a second call does nothing. Raises UserInputError. Returns itself."""
         if hasattr(self, "video"):
             return self

@@ -1,7 +1,5 @@
 """The effects that a diagnosis tries: all that the package knows, or those of a list."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Fit the model as it is, and learn what its residual may be where nothing is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

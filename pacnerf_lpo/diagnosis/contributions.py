@@ -1,7 +1,5 @@
 """What each recording is, and what it contributes to a diagnosis."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The rounds of a diagnosis: compare, localise, screen, refit, until nothing more is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial

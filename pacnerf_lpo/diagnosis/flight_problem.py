@@ -1,7 +1,5 @@
 """The scenes of measured flights as the problem of a diagnosis: one recording, or a study of several."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

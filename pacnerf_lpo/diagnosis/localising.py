@@ -1,7 +1,5 @@
 """Where the residual exceeds the noise floor, by view, frame and phase of the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

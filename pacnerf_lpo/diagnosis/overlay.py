@@ -1,7 +1,5 @@
 """The configuration that adds what a diagnosis has found to a run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import yaml

@@ -1,7 +1,5 @@
 """Intervals of what a run identified, by the statistics of a diagnosis and without its search for missing effects."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial

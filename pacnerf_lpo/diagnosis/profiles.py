@@ -1,7 +1,5 @@
 """Profile likelihood of one parameter: slower than the intervals from sensitivities, and right where those bend."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

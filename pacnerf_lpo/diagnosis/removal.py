@@ -1,7 +1,5 @@
 """The removal step: an effect that was found early may be superfluous once others are in the model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of

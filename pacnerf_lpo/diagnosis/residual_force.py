@@ -1,7 +1,5 @@
 """Which force field would explain a residual that no known effect explains, and which law it looks like."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The comparison of a run's model with its video, as a diagnosis reads it from the run directory."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What every hypothesis would change, by one simulation for each probe, and how well that explains the residual."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

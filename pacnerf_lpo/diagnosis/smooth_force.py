@@ -1,7 +1,5 @@
 """A smooth force on the body that no law gives: the discrepancy of every model, and what an unknown effect does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any

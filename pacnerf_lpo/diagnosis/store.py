@@ -3,8 +3,6 @@
 Numbers are kept as JSON and arrays as NPZ without pickles: whoever reads a run that a stranger sent executes nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import io

@@ -1,9 +1,8 @@
 """Image quality and parameter errors of every phase of a run: ``results.json``."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.data.assets import demo_scene
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_run
+from pacnerf_lpo.evaluation.doubts import doubts_of_run
 from pacnerf_lpo.evaluation.image_metrics import ImageScores, Missing, image_scores, mean_squared_error
 from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth, velocity_error
 from pacnerf_lpo.evaluation.prediction import contact_of, render_stage
@@ -67,7 +66,7 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
     intervals = run.run_dir / INTERVALS_FILE
     if intervals.is_file():
         results["intervals"] = json.loads(intervals.read_text())
-    results["doubts"] = [doubt.as_dict() for doubt in _doubts(run, results)]
+    results["doubts"] = [asdict(doubt) for doubt in doubts_of_run(run.data, run.physics, _until_result(run), results)]
     if answer is not None:
         results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects
@@ -80,10 +79,6 @@ def _contact(run: Run, results: Mapping[str, Any]) -> int | None:
     failed = {phase["stem"] for phase in results["phases"] if "error" in phase}
     moving = [stage for stage in _until_result(run) if stage.moves and stage.stem not in failed]
     return contact_of(run, moving[-1]) if moving else None
-
-
-def _doubts(run: Run, results: Mapping[str, Any]) -> list[Doubt]:
-    return doubts_of_run(run.data, run.physics, _until_result(run), results)
 
 
 def _until_result(run: Run) -> list[Stage]:
@@ -110,7 +105,7 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
         result["held_out_error"] = record.held_out_error
     if truth is not None:
         errors = parameter_errors(parameters, truth, fluid=_is_fluid(run))
-        result["truth_errors"] = {name: error.as_dict() for name, error in errors.items()}
+        result["truth_errors"] = {name: asdict(error) for name, error in errors.items()}
         if truth.velocity is not None and stage.moves:
             result["velocity_error"] = {
                 "true": list(truth.velocity),

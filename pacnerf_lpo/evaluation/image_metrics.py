@@ -3,8 +3,6 @@
 Each is computed per image and averaged over the images: "averaged over the test-view videos" (LPO supplement, E.4).
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import math

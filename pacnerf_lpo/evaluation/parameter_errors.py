@@ -4,8 +4,6 @@ Absolute difference of log10 for the moduli, viscosities and yield stress, plain
 friction angle. Truth and fit may use different elastic pairs: (E, nu) is converted to (mu, kappa) and back.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -42,14 +40,10 @@ TRUTH_KEYS = {
 class ParameterError:
     """``found`` and ``true`` value in SI units (degrees for theta), and the ``error`` in ``measure``."""
 
-    name: str
     found: float
     true: float
     error: float
     measure: Measure
-
-    def as_dict(self) -> dict[str, float | str]:
-        return {"found": self.found, "true": self.true, "error": self.error, "measure": self.measure}
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,7 @@ def _parameter_error(name: str, found: float, true: float) -> ParameterError:
         error = abs(math.radians(found) - math.radians(true))
     else:
         error = abs(found - true)
-    return ParameterError(name, found, true, error, measure)
+    return ParameterError(found, true, error, measure)
 
 
 def _measure(name: str) -> Measure:

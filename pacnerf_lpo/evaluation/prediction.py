@@ -4,8 +4,6 @@
 phase has one frame. They are read memory-mapped and are made anew when the particle state is newer.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +28,7 @@ from pacnerf_lpo.types import ParticleState, Rays
 
 FOLDER = "predictions"
 INSIDE = 0.5
-"""Part of a particle that is matter, at the surface that is seen."""
+"""Part of a particle that is full, at the surface that is seen."""
 CONTACT_CELLS = 1.5
 
 

@@ -1,7 +1,5 @@
 """A run directory, opened for reading: configuration, video, physical model, and what the phases exported."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cached_property

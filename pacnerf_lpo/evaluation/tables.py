@@ -1,7 +1,5 @@
 """The results of a run as Markdown tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,28 +1,36 @@
-"""The whole diagnosis, and what to record next, asked from a session."""
-
-from __future__ import annotations
+"""The whole diagnosis, what to record next, and the page of a step, asked from a session."""
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.diagnose import investigate
+from pacnerf_lpo.diagnosis.localising import phases_of
 from pacnerf_lpo.diagnosis.plan import Proposal, last_open, propose
 from pacnerf_lpo.diagnosis.rounds import Round, accepted_names
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.explore.records import Step
-from pacnerf_lpo.report.diagnosis import write_page
-from pacnerf_lpo.report.diagnosis_result import RESULT, write
+from pacnerf_lpo.identification.base_fit import priors
+from pacnerf_lpo.inference.intervals import Interval
+from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report.diagnosis import RESULT_FILE, write_page
+from pacnerf_lpo.report.diagnosis_result import RESULT, summary, write
 from pacnerf_lpo.report.diagnosis_stages import stages_of, write_pictures
 from pacnerf_lpo.report.wording import listed
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
+STATED = "Changed by hand or by a fit; a diagnosis has not judged it."
 
-def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, list[str]]:
+
+def diagnose(session: "Session", progress: Callable[[str], None]) -> tuple[Step, list[str]]:
     """The step that a whole diagnosis ends with, and its verdict in sentences. Raises as :meth:`Session.diagnose`."""
     source, folder = session.source, session.source.store.folder
     Settings(list(source.runs), source.phase, source.options).write(folder)
@@ -43,13 +51,76 @@ def diagnose(session: Session, progress: Callable[[str], None]) -> tuple[Step, l
     return session.stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
 
 
-def plan(session: Session, progress: Callable[[str], None]) -> list[Proposal]:
+def plan(session: "Session", progress: Callable[[str], None]) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
     return propose(session.problem, last_open(_rounds(session, progress)), progress)
 
 
-def _rounds(session: Session, progress: Callable[[str], None]) -> list[Round]:
+def _rounds(session: "Session", progress: Callable[[str], None]) -> list[Round]:
     """Of the diagnosis, as far as it is stored; the rest is done now."""
     source, problem = session.source, session.problem
     keep = partial(write, problem, source.store.folder)
     return investigate(problem, source.store, source.options, progress, keep)
+
+
+def report(session: "Session", folder: Path, step: Step, progress: Callable[[str], None]) -> Path:
+    """Write the page of a step, with its numbers and pictures, into a folder; returns the page.
+
+    Raises:
+        SimulationError, UserInputError: a motion is unstable.
+    """
+    first = session.steps[0]
+    shown = [first] if step.number == first.number else [first, step]
+    rounds = [_as_round(session, one, progress) for one in shown]
+    for number, found in enumerate(rounds):
+        residuals = [earlier.comparison.residual for earlier in rounds[: number + 1]]
+        found.errors = found.comparison.errors(session.problem, residuals)
+    result = summary(session.problem, rounds)
+    parts = [f"{what} {value:.3g} {session.unit}" for what, value in _errors(step)]
+    said = f"Step {step.number}, {step.name}: error of {' and '.join(parts)}."
+    result["verdict"] |= {"sentence": said, "details": [STATED, *step.notes]}
+    for stage, one in zip(result["stages"], shown, strict=True):
+        stage["readable"] = one.name
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / RESULT_FILE, json.dumps(result, indent=1).encode())
+    write_pictures(session.problem, rounds, folder)
+    return write_page(folder)
+
+
+def _errors(step: Step) -> list[tuple[str, float]]:
+    named = (("the fitted data", step.fitted), ("the held-out data", step.held_out))
+    return [(name, value) for name, value in named if value is not None]
+
+
+def _as_round(session: "Session", step: Step, progress: Callable[[str], None]) -> Round:
+    """A step as the comparison of a diagnosis has a model, with the noise that is known and as it stands."""
+    problem, effects = session.problem, session.catalogue.chosen(step.effects)
+    progress(f"the page of step {step.number}")
+    noise = session.noise.of(step, progress).comparison
+    found = session.stepper.rolled(step, "refined")
+    model = problem.model(effects, step.values)
+    residual = problem.residual(found.predicted)
+    mean, deviation = priors(problem, model)
+    comparison = replace(
+        noise,
+        names=model.names,
+        free=model.start,
+        known=dict(step.values),
+        mean=mean,
+        deviation=deviation,
+        cost=0.0,
+        residual=residual,
+        jacobian=np.zeros((*residual.shape, len(model.names))),
+        notes=step.notes,
+        rollouts=0,
+    )
+    parts = problem.parts(effects, step.values)
+    phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]
+    intervals = [_interval(step, name) for name in model.names]
+    return Round(effects, comparison, *comparison.checks(problem), intervals, [], phases)
+
+
+def _interval(step: Step, name: str) -> Interval:
+    value = step.values[name]
+    low, high = step.intervals.get(name, (value, value))
+    return Interval(name, value, low, high, (high - low) / 2, name in step.intervals)

@@ -1,7 +1,5 @@
 """Everything that can be changed: numbers of the model, and the effects it has or could have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -145,10 +143,9 @@ class Catalogue:
         if effect is not None and value == effect.null[name]:
             return value
         parameter.check(value, "explore")
-        low, high = _one_side(effect, name)
-        if not low <= value <= high:
+        if effect is not None and not effect.side(name)[0] <= value <= effect.side(name)[1]:
             raise UserInputError(
-                f"explore: {name} = {parameter.show(value)} lies beyond {parameter.show(effect.null[name])}, "  # type: ignore[union-attr]
+                f"explore: {name} = {parameter.show(value)} lies beyond {parameter.show(effect.null[name])}, "
                 f"where {owner} vanishes; give a value on its other side"
             )
         return value
@@ -177,9 +174,8 @@ class Catalogue:
         effect = None if owner is None else self.effects[owner]
         null = None if effect is None else effect.null[name]
         value = values.get(name, null if null is not None else 0.0)
-        low, high = parameter.bounds
-        side = _one_side(effect, name)
-        low, high = max(low, side[0]), min(high, side[1])
+        side = parameter.bounds if effect is None else effect.side(name)
+        low, high = max(parameter.bounds[0], side[0]), min(parameter.bounds[1], side[1])
         slider = _reach(parameter, self.base.get(name, value)) if effect is None else _probed(effect, name, parameter)
         seen = [value] if null is None or value != null else []
         slider = max(low, min(slider[0], *seen, slider[0])), min(high, max(slider[1], *seen, slider[1]))
@@ -226,14 +222,6 @@ def _group(name: str) -> str:
     if name == GROUND_HEIGHT.name:
         return "ground"
     return "motion" if name in {p.name for p in VELOCITY} or name.endswith("_0") or name == "release" else "material"
-
-
-def _one_side(effect: Effect | None, name: str) -> tuple[float, float]:
-    """Between what ends a coefficient may lie: a one-sided effect does not cross its null."""
-    if effect is None or not effect.one_sided:
-        return -np.inf, np.inf
-    null = effect.null[name]
-    return (null, np.inf) if sum(probe[name] - null for probe in effect.probes) > 0 else (-np.inf, null)
 
 
 def _reach(parameter: Parameter, value: float) -> tuple[float, float]:

@@ -1,7 +1,5 @@
 """The steps that changes make of a step, before they are simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from pacnerf_lpo.errors import UserInputError
@@ -23,9 +21,9 @@ def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -
         if own and own not in step.effects and values[name] != catalogue.effects[own].null[name]
     ]
     effects = joined(catalogue, step.effects, list(dict.fromkeys(added)))
-    told = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
+    given = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
     title = ", ".join(f"{_called(catalogue, name)} {catalogue.show(name, value)}" for name, value in values.items())
-    known = {**step.values, **_nulls(catalogue, added), **told}
+    known = {**step.values, **_nulls(catalogue, added), **given}
     return Step(0, step.number, title, "set", known, effects, step.intervals)
 
 

@@ -1,7 +1,5 @@
 """Some settings identified from the current model, all others held."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import product
 from typing import TYPE_CHECKING
@@ -52,7 +50,7 @@ class Some:
         return self.objective(self.all(some))
 
 
-def check(session: Session, names: Sequence[str]) -> None:
+def check(session: "Session", names: Sequence[str]) -> None:
     """Raise UserInputError where these settings cannot be identified in the current model."""
     if not names:
         raise UserInputError("explore: tick at least one setting to fit")
@@ -67,7 +65,7 @@ def check(session: Session, names: Sequence[str]) -> None:
         raise UserInputError("explore: a setting is ticked twice")
 
 
-def fit(session: Session, step: Step, names: list[str], progress: Progress) -> Step:
+def fit(session: "Session", step: Step, names: list[str], progress: Progress) -> Step:
     """Identify settings by Levenberg-Marquardt on the fine body; a step with intervals, or, where it is stopped, with
     the best values so far.
 
@@ -117,7 +115,7 @@ def fit(session: Session, step: Step, names: list[str], progress: Progress) -> S
 
 
 def _taken(
-    session: Session,
+    session: "Session",
     step: Step,
     model: Model,
     free: np.ndarray,

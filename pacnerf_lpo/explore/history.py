@@ -1,7 +1,5 @@
 """The steps of a session: never removed, with one that is current, undo and redo."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What the residual may be where nothing is missing: as a diagnosis has stored it, or learnt once for the session."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

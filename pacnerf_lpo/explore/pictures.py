@@ -1,7 +1,5 @@
 """What a camera saw, what the model says, and the residual, with both outlines, as one picture."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -30,7 +28,7 @@ SHADE = 0.6
 """Grey of a body where no particle was drawn."""
 
 
-def seen_by(session: Session, camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
+def seen_by(session: "Session", camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
     """:func:`triptych` of a step of a session, close. Raises UserInputError where the step has no motion."""
     seen = session.outlines(camera.view, frame, step, recording)
     motion = session.motion(step, recording)
@@ -39,7 +37,7 @@ def seen_by(session: Session, camera: Camera, frame: int, step: int, recording: 
 
 
 def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:
-    """The measured image with both outlines, large; model and residual, half as large, below each other beside it.
+    """The measured image with both outlines, large; model and residual, half as large, below each other on its right.
 
     Args:
         seen: one camera at one frame.

@@ -1,7 +1,5 @@
 """What a session hands out: plain records with numbers, units and words, for a page, a notebook or a script."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -170,7 +168,7 @@ class Outlines:
 
     @property
     def residual(self) -> np.ndarray:
-        """Measured minus model [-1..1, (H, W)]: positive where the model lacks matter."""
+        """Measured minus model [-1..1, (H, W)]: positive where only the video shows the body."""
         return self.measured - self.model
 
 
@@ -233,7 +231,7 @@ class Suggestion:
     units: of them.
     signature: what a video shows of it.
     confused_with: names of other effects with nearly the same signature.
-    separating_experiment: which recording would tell them apart.
+    separating_experiment: which recording would separate them.
     """
 
     effect: str
@@ -252,7 +250,7 @@ class Suggestion:
 
 @dataclass(frozen=True)
 class Difference:
-    """Two steps beside each other.
+    """Two steps compared.
 
     before, after: their numbers.
     changed: settings that differ, with both values [SI]; None where a model has it not.

@@ -1,7 +1,5 @@
 """A session on disk: one JSON file that a person can read, with all that cannot be computed again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -14,16 +12,15 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import open_source
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.report.encoding import plain
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
 FILE, FORMAT = "session.json", 1
-DIGITS = 5
-"""Of an error in a table: far below what a coarse body tells."""
 
 
-def save(session: Session, folder: Path) -> Path:
+def save(session: "Session", folder: Path) -> Path:
     """Write ``session.json`` into a folder, which is made where it is missing; returns the file.
 
     Raises:
@@ -41,7 +38,7 @@ def save(session: Session, folder: Path) -> Path:
         "own_effects": session.catalogue.declared,
         "current": current,
         "steps": [asdict(step) for step in steps],
-        "tables": {str(n): _plain(table) for n, table in session.history.tables.copy().items()},
+        "tables": {str(n): plain(table) for n, table in session.history.tables.copy().items()},
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -51,7 +48,7 @@ def save(session: Session, folder: Path) -> Path:
     return folder / FILE
 
 
-def reopen(kind: type[Session], folder: Path, jobs: int | None) -> Session:
+def reopen(kind: "type[Session]", folder: Path, jobs: int | None) -> "Session":
     """A saved session with its whole history; nothing is simulated before it is looked at.
 
     Raises:
@@ -82,8 +79,3 @@ def _step(entry: dict[str, Any]) -> Step:
     intervals = {name: (low, high) for name, (low, high) in entry["intervals"].items()}
     lists = {name: tuple(entry[name]) for name in ("effects", "notes")}
     return Step(**{**entry, **lists, "intervals": intervals})
-
-
-def _plain(table: np.ndarray) -> list[list[float | None]]:
-    """Numbers as JSON has them; None where there is none."""
-    return [[round(float(x), DIGITS) if np.isfinite(x) else None for x in row] for row in table]

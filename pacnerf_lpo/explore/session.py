@@ -1,6 +1,4 @@
-"""A session: a model that is changed step by step, and simulated at once beside what was measured."""
-
-from __future__ import annotations
+"""A session: a model that is changed step by step, and simulated at once, next to what was measured."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +11,7 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, changes, fitting, pictures, reporting, saving, suggesting, views
+from pacnerf_lpo.explore import asking, changes, fitting, pictures, saving, suggesting, views
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
@@ -68,7 +66,7 @@ class Session:
         candidates: str | None = None,
         options: Options | None = None,
         jobs: int | None = None,
-    ) -> Session:
+    ) -> "Session":
         """Open a run, its scene, the folder of a study, several runs or scenes of one object, scenes of measured
         flights, or a saved session.
 
@@ -92,7 +90,7 @@ class Session:
         return cls.of(open_source(given, phase, options), candidates, jobs)
 
     @classmethod
-    def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> Session:
+    def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> "Session":
         """Begin with a source that was read; arguments and errors as of :meth:`open`."""
         session = cls(source, candidates, jobs)
         installed = tuple(session.catalogue.installed)
@@ -113,7 +111,7 @@ class Session:
 
     @property
     def folder(self) -> Path:
-        """Where a session of this source is kept where nobody says otherwise: in the run, or beside the study."""
+        """Where a session of this source is kept where nobody says otherwise: in the run, or next to the study."""
         return self.source.store.folder.parent / "explore"
 
     @property
@@ -203,9 +201,9 @@ class Session:
         for key in values or {}:
             if key not in own.parameters:
                 raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
-        told = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
+        checked = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
         with self.stepper.change():
-            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, told))
+            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, checked))
 
     def remove(self, effect: str) -> Step:
         """Take an effect out of the model. Raises UserInputError where the model has it not."""
@@ -295,7 +293,7 @@ class Session:
     def picture(
         self, camera: int, frame: int, number: int | None = None, recording: str | int = 0, side: int = 300
     ) -> np.ndarray:
-        """The measured body with its outline and the model's; smaller beside it, the model and the residual
+        """The measured body with its outline and the model's; on its right, smaller, the model and the residual
         [0..255, (side, W, 3), uint8]; as :meth:`outlines`.
         """
         at = self._seen.number(recording)
@@ -310,7 +308,7 @@ class Session:
         return self._seen.measured(at, frame)
 
     def compare(self, before: int, after: int) -> Difference:
-        """Two steps beside each other. Raises UserInputError where there is no such step."""
+        """Two steps compared. Raises UserInputError where there is no such step."""
         a, b = self.history.step(before), self.history.step(after)
         names = [name for name in {**a.values, **b.values} if a.values.get(name) != b.values.get(name)]
         changed = {name: (a.values.get(name), b.values.get(name)) for name in names}
@@ -328,9 +326,9 @@ class Session:
         suggestions and intervals need, unless that is known for a model with these effects. The next question stops it.
         Raises as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs, yielding=True) as told:
-            self.noise.learn(self.current, told)
-            suggesting.warm(self, told, self.jobs or 2)
+        with self.stepper.job(progress, stop, self.jobs, yielding=True) as report:
+            self.noise.learn(self.current, report)
+            suggesting.warm(self, report, self.jobs or 2)
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -341,7 +339,7 @@ class Session:
 
         Args:
             most: so many are returned.
-            progress: told what happens.
+            progress: receives a line about each step.
             stop: asked again and again whether the answer is still wanted.
 
         Raises:
@@ -349,14 +347,11 @@ class Session:
             SimulationError: the current motion is unstable.
             UserInputError: another question is being answered.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return suggesting.suggest(self, self.current, told)[:most]
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return suggesting.suggest(self, self.current, report)[:most]
 
     def fit(
-        self,
-        names: Sequence[str],
-        progress: Progress = lambda _: None,
-        stop: Callable[[], bool] = lambda: False,
+        self, names: Sequence[str], progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
     ) -> Step:
         """Identify some settings by the fitted views and frames, all others held; a step with 90 % intervals.
 
@@ -370,8 +365,8 @@ class Session:
             UserInputError: no such settings, or another question is being answered.
         """
         fitting.check(self, names)
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return fitting.fit(self, self.current, list(names), told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return fitting.fit(self, self.current, list(names), report)
 
     def diagnose(
         self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -385,8 +380,8 @@ class Session:
         Raises:
             Stopped, SimulationError, UserInputError: as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return asking.diagnose(self, told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return asking.diagnose(self, report)
 
     def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
         """Which recording to make next: those that would separate what the diagnosis could not, best first, with what
@@ -396,8 +391,8 @@ class Session:
             UserInputError: the diagnosis names one cause or none, or only flights were measured.
             Stopped, SimulationError: as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as told:
-            return asking.plan(self, told)
+        with self.stepper.job(progress, stop, self.jobs) as report:
+            return asking.plan(self, report)
 
     def stop(self) -> None:
         """Stop the question that is being answered, if there is one; it raises ``Stopped`` where it was asked."""
@@ -426,13 +421,13 @@ class Session:
         return Path(path)
 
     def report(self, folder: str | Path, number: int | None = None, progress: Progress = lambda _: None) -> Path:
-        """Write a page that shows a step beside the first one, as a diagnosis shows a model before and after: the video
+        """Write a page that shows a step and the first one, as a diagnosis shows a model before and after: the video
         next to both, errors by camera and frame, and every parameter.
 
         Args:
             folder: where the page and what it is made of go.
             number: of the step; None: the current one.
-            progress: told what happens.
+            progress: receives a line about each step.
 
         Returns:
             The page.
@@ -442,14 +437,14 @@ class Session:
         """
         step = self.history.step(number)
         self.stepper.simulated(step)
-        with self.stepper.job(progress, lambda: False, self.jobs) as told:
-            return reporting.report(self, Path(folder), step, told)
+        with self.stepper.job(progress, lambda: False, self.jobs) as report:
+            return asking.report(self, Path(folder), step, report)
 
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""
         self.stepper.close()
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> "Session":
         return self
 
     def __exit__(self, *_: Any) -> None:

@@ -1,7 +1,5 @@
 """One rollout of every recording, and how far it is from what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +12,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.study import CAMERAS
 from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.report.diagnosis_stages import root_mean_square
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Simulated:
 
     models: of each recording.
     paths: particles at every frame of each [m, (F, N, 3)]
-    predicted: summaries of all rows [(R, F, 11)]
+    predicted: silhouette moments of all rows [(R, F, 11)]
     resolution: of the bodies.
     """
 
@@ -62,9 +61,10 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
         floor: of the two parts, where it is known.
     """
     unit, factor = problem.unit
-    square = mean_of_outlines((factor * problem.residual(found.predicted)) ** 2)
+    table = np.sqrt(mean_of_outlines((factor * problem.residual(found.predicted)) ** 2))
     split = problem.split
-    fitted, held = (np.where(mask, square, np.nan) for mask in (split.fitted, split.held))
+    fitted, held = (np.where(mask, table, np.nan) for mask in (split.fitted, split.held))
+    whole = [float(value) if np.isfinite(value := root_mean_square(part, (0, 1))) else None for part in (fitted, held)]
     ids = problem.video.view_ids
     parts = problem.parts((), {})
     several = len(parts) > 1
@@ -79,12 +79,12 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
         tuple(ids),
         tuple(owners),
         problem.video.times.numpy().astype(float),
-        np.sqrt(square),
+        table,
         split.held,
-        _root(fitted),
-        _root(held),
-        _by_frame(fitted),
-        _by_frame(held),
+        whole[0],
+        whole[1],
+        root_mean_square(fitted, (0,)),
+        root_mean_square(held, (0,)),
         floor,
         found.resolution,
     )
@@ -95,14 +95,3 @@ def out_of_sight(problem: Problem, found: Simulated) -> float:
     measured = problem.usable[..., :-1].any(-1)
     seen = np.isfinite(problem.residual(found.predicted)[..., :-1]).any(-1)
     return float((measured & ~seen).sum() / max(measured.sum(), 1))
-
-
-def _root(square: np.ndarray) -> float | None:
-    return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else None
-
-
-def _by_frame(square: np.ndarray) -> np.ndarray:
-    """Root mean square of every frame [(F,)]; NaN where there is nothing."""
-    seen = np.isfinite(square)
-    total, count = np.where(seen, square, 0.0).sum(0), seen.sum(0)
-    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))

@@ -1,7 +1,5 @@
 """What a session is about: the problem of a run, of a study or of measured flights, and what a diagnosis has stored."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -60,7 +58,7 @@ def open_source(
             flights, or folders of such.
         phase: stem of a finished phase of the runs.
         options: of a diagnosis; None: those of the stored one, or the usual ones.
-        out: folder in which results of a diagnosis go; None: the run, or ``explored`` beside the first of several.
+        out: folder in which results of a diagnosis go; None: the run, or ``explored`` next to the first of several.
 
     Raises:
         UserInputError: it can be neither of these, or a diagnosis could not use it.

@@ -1,7 +1,5 @@
 """Steps that are simulated as they are made: the history, the rollouts that are remembered, and who waits for whom."""
 
-from __future__ import annotations
-
 import threading
 import warnings
 from collections import OrderedDict
@@ -139,7 +137,7 @@ class Stepper:
         def unwanted() -> bool:
             return self._stop.is_set() or stop()
 
-        def told(text: str) -> None:
+        def report(text: str) -> None:
             if unwanted():
                 raise Stopped("stopped")
             progress(text)
@@ -147,7 +145,7 @@ class Stepper:
         try:
             self._stop.clear()
             with stoppable(unwanted), processes(jobs if self.problem.deforms else jobs or 1, LINGER):
-                yield told
+                yield report
         finally:
             self._yielding = False
             self._working.release()

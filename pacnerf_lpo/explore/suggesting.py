@@ -1,9 +1,11 @@
-"""What would help a model as it stands: every effect of the catalogue, scored by the change that it would make."""
+"""What would help a model as it stands: every effect of the catalogue, scored by the change that it would make.
 
-from __future__ import annotations
+All on the coarse body, without pictures: such questions take many rollouts, in several processes.
+"""
 
 from collections.abc import Callable
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,15 +13,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison
+from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, reporter
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.explore.coarse import fitted, on_coarse_body
 from pacnerf_lpo.explore.records import Step, Suggestion
+from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import each, workers
+from pacnerf_lpo.identification.standardised import StandardisedObjective
+from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -29,12 +34,15 @@ if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
 
 MOST = 4
-"""Effects that are fitted: those that move the body alike, such as drags, gravity and a wind, are no more than that."""
+"""Effects that are fitted: no more than these move a body in the same way, such as drags, gravity and a wind."""
 NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
+LARGE = ("data", "state", "run", "stage", "_coarse", "_as_reconstructed")
+"""What a problem holds and no model of it needs."""
+ITERATIONS = 8
 
 
-def suggest(session: Session, step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
+def suggest(session: "Session", step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
     """Every effect that could be added to a step and changes something, best first.
 
     The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
@@ -80,7 +88,7 @@ def _fitted(
     return found
 
 
-def warm(session: Session, progress: Callable[[str], None], copies: int) -> None:
+def warm(session: "Session", progress: Callable[[str], None], copies: int) -> None:
     """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
     problem, step = on_coarse_body(session.problem), session.current
     candidates = session.catalogue.candidates(step.effects)
@@ -135,14 +143,14 @@ def _suggestion(candidate: Candidate, score: Score, screening: Screening, again:
 
 
 def _intervals(candidate: Candidate, score: Score, values: dict[str, float]) -> dict[str, tuple[float, float]]:
-    """Of coefficients that a score tells, as far as the effect can have them: none where the value to begin with is
+    """Of coefficients that a score gives, as far as the effect can have them: none where the value to begin with is
     not that of the score, which is a straight line and leads too far.
     """
     if candidate.discrete or len(score.error) != len(candidate.effect.null):
         return {}
     found = {}
-    told = zip(candidate.effect.null.items(), score.coefficient, score.error, strict=True)
-    for (name, null), coefficient, error in told:
+    estimates = zip(candidate.effect.null.items(), score.coefficient, score.error, strict=True)
+    for (name, null), coefficient, error in estimates:
         if np.isclose(values[name], null + coefficient):
             ends = (values[name] - NORMAL * error, values[name] + NORMAL * error)
             found[name] = (_within(candidate, name, ends[0]), _within(candidate, name, ends[1]))
@@ -154,3 +162,57 @@ def _within(candidate: Candidate, name: str, value: float) -> float:
     low, high = candidate.effect.parameters[name].bounds
     inside = 1e-6 * (high - low)
     return float(np.clip(value, low + inside, high - inside)) if np.isfinite(inside) else value
+
+
+def on_coarse_body(problem: Problem) -> Problem:
+    """A copy whose models move the coarse body. How that differs from the fine one is among the errors of resolution
+    that every noise model knows, as one standard deviation.
+    """
+    found = copy(problem)
+    if isinstance(found, StudyProblem):
+        found.recordings = [on_coarse_body(recording) for recording in found.recordings]
+        return found
+    kept = {"body": problem.coarse_body, "first_guess": problem.first_guess, "video": problem.without_pictures}
+    for name in LARGE:
+        vars(found).pop(name, None)
+    vars(found).update(kept)
+    return found
+
+
+def fitted(
+    problem: Problem, effects: tuple[Effect, ...], values: dict[str, float], noise: Comparison, progress: Progress
+) -> Comparison:
+    """A model fitted with all its unknowns from where it stands, with a known noise around it.
+
+    Args:
+        problem: on its coarse body.
+        effects, values: of the model [SI]
+        noise: a comparison of the same data.
+        progress: receives a line about each step.
+
+    Raises:
+        SimulationError: the motion is unstable where it stands.
+    """
+    model, mask = problem.model(effects, values), problem.fitted
+    mean, deviation = priors(problem, model)
+    objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask), mean, deviation)
+    start: np.ndarray | Fit = np.clip(model.start, *model.bounds)
+    if noise.names == model.names and noise.jacobian.shape[-1] == len(model.names):
+        known = objective.derivative(noise.jacobian)
+        start = Fit(model.start, objective(model.start), known, 1, objective)
+    report = reporter(model, progress)
+    best = fit(objective, start, model.scales, model.bounds, ITERATIONS, report, rows=objective.rows, confirm=False)
+    residual, jacobian = objective.seen(best)
+    return replace(
+        noise,
+        names=model.names,
+        free=best.free,
+        known=model.physical(best.free),
+        mean=mean,
+        deviation=deviation,
+        cost=best.cost_of(objective.rows),
+        residual=residual,
+        jacobian=jacobian,
+        notes=(),
+        rollouts=best.rollouts,
+    )

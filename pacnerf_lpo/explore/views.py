@@ -1,7 +1,5 @@
 """What of a rollout a person looks at: the body in space, outlines in a camera, and where on the body they disagree."""
 
-from __future__ import annotations
-
 import threading
 from functools import cached_property
 

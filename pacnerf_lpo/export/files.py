@@ -1,7 +1,5 @@
 """Files and folders that appear whole or not at all, and that replace nothing but files of their own kind."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Films of the modelled motion, alone and next to what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

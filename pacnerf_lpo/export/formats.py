@@ -1,7 +1,5 @@
 """The formats that a run is exported to, and what can be said against a choice before any long work."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

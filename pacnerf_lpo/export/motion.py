@@ -1,7 +1,5 @@
 """What a finished phase knows of its particles at every frame, ready to be written."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -23,7 +21,7 @@ class Motion:
     velocities: [m/s, (F, N, 3), float32]
     colours: as displayed, seen from one side [0..255, (N, 3), uint8]
     density: raw volume density [(N,)]
-    fraction: how much of a particle's volume is matter [0..1, (N,)]
+    fraction: how much of a particle's volume is full [0..1, (N,)]
     numbers: which particles of the run they are [(N,)]
     distance: edge of the cube that a particle fills at frame 0 [m]
     frame_rate: of the recording [1/s]
@@ -41,7 +39,7 @@ class Motion:
     frame_rate: float
     parameters: dict[str, float]
 
-    def thinned(self, most: int | None) -> Motion:
+    def thinned(self, most: int | None) -> "Motion":
         """At most so many of the particles, drawn at random with a fixed seed: their order follows the cells."""
         if most is None or most >= len(self.numbers):
             return self

@@ -1,7 +1,5 @@
 """Particles as PLY, VTU with a PVD, and CSV."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree

@@ -3,8 +3,6 @@
 It encloses as much space at frame 0 as the particles fill; the same level then shows how the body is squeezed.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,16 +52,16 @@ class FilledSpace:
     share: filtered volume of the particles [1, (X, Y, Z)]
     lower: position of node (0, 0, 0) [m, (3,)]
     distance: between nodes [m]
-    matter: volume of the particles, in cubes of the nodes' distance
+    volume: volume of the particles, in cubes of the nodes' distance
     """
 
     share: np.ndarray
     lower: np.ndarray
     distance: float
-    matter: float
+    volume: float
 
     @staticmethod
-    def around(positions: Tensor, fraction: Tensor, distance: float) -> FilledSpace:
+    def around(positions: Tensor, fraction: Tensor, distance: float) -> "FilledSpace":
         """Positions [m, (N, 3)] of particles that each fill a ``fraction`` [0..1, (N,)] of distance^3."""
         first = (positions.amin(0) / distance).floor() - LAYER
         x, y, z = ((positions.amax(0) / distance).floor() - first + 2 + LAYER).long().tolist()
@@ -74,11 +72,11 @@ class FilledSpace:
 
     @property
     def enclosing_level(self) -> float:
-        """The share whose surface encloses as much space as there is matter; not less than ``LEAST_LEVEL``.
+        """The share whose surface encloses as much space as the particles fill; not less than ``LEAST_LEVEL``.
 
         At 1/2, the filter would take away the faint rim of a radiance field, edges and thin limbs.
         """
-        cubes = min(int(self.matter), self.share.size - 1)
+        cubes = min(int(self.volume), self.share.size - 1)
         return max(LEAST_LEVEL, float(np.partition(self.share, -cubes - 1, axis=None)[-cubes - 1]))
 
     def surface(self, level: float) -> Surface:
@@ -132,10 +130,6 @@ def _write(subject: Subject, folder: Path, ending: str) -> None:
             if ending == "glb":
                 colours = (linear_light(colours) * 255 + 0.5).astype(np.uint8)
             mesh = trimesh.Trimesh(
-                surface.vertices,
-                surface.faces,
-                vertex_normals=surface.normals,
-                vertex_colors=colours,
-                process=False,
+                surface.vertices, surface.faces, vertex_normals=surface.normals, vertex_colors=colours, process=False
             )
             mesh.export(part / f"frame_{frame:03d}.{ending}", include_normals=True)

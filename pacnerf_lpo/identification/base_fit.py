@@ -1,7 +1,5 @@
 """Material, motion and the coefficients of some effects, fitted from a guess: what every hypothesis is judged by."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The body of a run, resampled for a diagnosis: other spacing, other particles, the same occupied volume."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,7 +21,7 @@ class Body:
     """Particles at frame 0.
 
     positions: [m, (N, 3)]
-    fraction: how much of a full particle (spacing/2)^3 is matter [0..1, (N,)]
+    fraction: how much of a full particle (spacing/2)^3 is occupied [0..1, (N,)]
     spacing: node spacing of the grid they move on [m]
     """
 
@@ -38,7 +36,7 @@ class Body:
 
 
 class Sampling:
-    """The density of a state's matter in the cells of a lattice of spacing/2.
+    """The density of a state in the cells of a lattice of spacing/2.
 
     Args:
         state: particles of a run.
@@ -63,14 +61,14 @@ class Sampling:
         self._density = torch.cat([interpolate(grid, part)[0] for part in flat.split(CHUNK)])
 
     @torch.no_grad()
-    def body(self, erosion: float | Callable[[Tensor], Tensor] = 0.0) -> Body:
-        """One particle in each cell with matter, at its centre.
+    def body(self, surface_offset: float | Callable[[Tensor], Tensor] = 0.0) -> Body:
+        """One particle in each cell that is occupied, at the centre of what is.
 
         Args:
-            erosion: raw density above that of the visible surface at which matter begins; thins the body. A number, or
-                a function of places [m, (M, 3)], (M,).
+            surface_offset: raw density above that of the visible surface at which the body begins; thins it. A number,
+                or a function of places [m, (M, 3)], (M,).
         """
-        thinning = erosion(self._points.reshape(-1, 3)) if callable(erosion) else erosion
+        thinning = surface_offset(self._points.reshape(-1, 3)) if callable(surface_offset) else surface_offset
         density = self._density - thinning
         solid = solid_fraction(density, self.state.spacing, self.state.base_spacing).reshape(len(self._points), -1)
         kept = solid.mean(1) > LEAST_FRACTION
@@ -80,13 +78,13 @@ class Sampling:
 
 
 def surface(body: Body) -> float:
-    """Area of the surface [m^2], by the faces at which the matter of neighbouring cells differs: those across one axis
-    show the projection along it, which is half of the area on average over all orientations.
+    """Area of the surface [m^2], by the faces at which the occupancy of neighbouring cells differs: those across one
+    axis show the projection along it, which is half of the area on average over all orientations.
     """
     half = body.spacing / 2
     cells = ((body.positions - body.positions.amin(0)) / half + 1e-6).long() + 1
-    matter = torch.zeros(*(cells.amax(0) + 2).tolist(), dtype=body.fraction.dtype)
-    matter.index_put_(tuple(cells.T), body.fraction, accumulate=True)
-    matter = matter.clamp_max(1.0)
-    faces = sum(float(matter.diff(dim=axis).abs().sum()) for axis in range(3))
+    occupancy = torch.zeros(*(cells.amax(0) + 2).tolist(), dtype=body.fraction.dtype)
+    occupancy.index_put_(tuple(cells.T), body.fraction, accumulate=True)
+    occupancy = occupancy.clamp_max(1.0)
+    faces = sum(float(occupancy.diff(dim=axis).abs().sum()) for axis in range(3))
     return faces / 1.5 * half**2

@@ -1,7 +1,6 @@
-"""The forward model of a diagnosis: physical parameters in, outline summaries of every view and frame out."""
+"""The forward model of a diagnosis: physical parameters in, silhouette moments of every view and frame out."""
 
-from __future__ import annotations
-
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +11,7 @@ from pacnerf_lpo.data import cameras
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
-from pacnerf_lpo.identification.silhouette_moments import KINDS, summarise
+from pacnerf_lpo.identification.silhouette_moments import KINDS, silhouette_moments
 from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
@@ -53,8 +52,8 @@ def with_effects(
     return found
 
 
-class Model:
-    """A body that moves by given physics before the cameras of a video.
+class Model(ABC):
+    """A motion by given physics before the cameras of a video, with unknowns to be identified.
 
     Args:
         body: particles at frame 0.
@@ -87,47 +86,50 @@ class Model:
         self.bounds = self._bounds()
 
     @property
+    @abstractmethod
     def effects(self) -> tuple[Effect, ...]:
         """Of the model, those on the cameras among them."""
-        return self.physics.effects
 
     @property
+    @abstractmethod
     def shape(self) -> tuple[int, int]:
         """Views and frames."""
-        return self.video.images.shape[0], len(self.video.times)
 
-    def physical(self, free: np.ndarray) -> dict[str, float]:
-        """Every parameter in SI units at these free coordinates [(K,)]."""
-        return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
-
+    @abstractmethod
     def restart(self) -> None:
         """Forget which time step earlier motions needed: the next one begins with the model's own."""
-        self.physics.halvings = 0
 
+    @abstractmethod
     def contact(self, free: np.ndarray, within: float) -> int:
         """First frame in which a particle is within so many node spacings of the ground; the number of frames where
         none is. Raises SimulationError.
         """
-        low = self.path(free)[..., 1].amin(1).numpy() - self.physics.ground_height
-        touching = np.nonzero(low < within * self.body.spacing)[0]
-        return int(touching[0]) if len(touching) else len(low)
 
-    @torch.no_grad()
+    @abstractmethod
     def path(self, free: np.ndarray) -> Tensor:
         """Particles at every frame [m, (F, N, 3)]. Raises SimulationError."""
-        values = self.physical(free)
-        tensors = {name: torch.tensor(values[name]) for name in self.physics.parameters}
-        positions = self.body.positions
-        path = self.physics.motion(
-            positions,
-            self.velocity(free).expand_as(positions),
-            self.body.fraction,
-            self.body.fraction,  # half the volume is half the force
-            tensors,
-            self.body.spacing,
-            min(self.frames or self.shape[1], self.shape[1]),
-        )
-        return torch.cat((path, path[-1:].expand(self.shape[1] - len(path), -1, -1)))
+
+    @abstractmethod
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        """Moments of every outline [pixels], and the brightness; then the rows of points [(V + R, F, 11)].
+
+        Raises SimulationError.
+        """
+
+    @abstractmethod
+    def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+        """The same of a motion [m, (F, N, 3)].
+
+        Args:
+            path: as :meth:`path` gives it.
+            free: where the coefficients of observation effects stand.
+            before: moments of the same motion with the cameras as they are believed to be; saves looking again into
+                views that no observation effect concerns.
+        """
+
+    def physical(self, free: np.ndarray) -> dict[str, float]:
+        """Every parameter in SI units at these free coordinates [(K,)]."""
+        return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
 
     @torch.no_grad()
     def outlines(self, path: Tensor, free: np.ndarray | None = None, views: Sequence[int] | None = None) -> Tensor:
@@ -174,37 +176,6 @@ class Model:
                     found[view, frame] = float((seen.mean() / grey.mean()).clamp_min(1e-3).log())
         return found
 
-    def predict(self, free: np.ndarray) -> np.ndarray:
-        """Summaries of every outline [pixels], and the brightness; then the rows of points [(V + R, F, 11)].
-
-        Raises SimulationError.
-        """
-        return self.observe(self.path(free), free)
-
-    def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
-        """Summaries of a motion [m, (F, N, 3)].
-
-        Args:
-            path: as :meth:`path` gives it.
-            free: where the coefficients of observation effects stand.
-            before: summaries of the same motion with the cameras as they are believed to be; saves looking again into
-                views that no observation effect concerns.
-        """
-        count = self.shape[0]
-        views = list(range(count))
-        if before is not None:
-            views = [view for view in views if self._concerned(self.video.view_ids[view])]
-        found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
-        found[:count, :, -1] = self.brightness(free)
-        if views:
-            found[views, :, :-1] = summarise(self.outlines(path, free, views), MARGIN)
-        if before is None and self.points is not None:
-            found = np.concatenate((found, self.points.predict(path)))
-        return found
-
-    def _concerned(self, view_id: int) -> bool:
-        return any(effect.concerns(view_id) for effect in faults_of(self.physics.effects))
-
     def velocity(self, free: np.ndarray | None) -> Tensor:
         """Of the body at frame 0, without the effects on it, at free coordinates [(K,)], or at the start [m/s,
         (3,)]."""
@@ -231,13 +202,69 @@ class Model:
             low[index], high[index] = self.physics.ground_height - reach, self.physics.ground_height + reach
         for effect in self.physics.effects:
             for name, null in effect.null.items() if effect.one_sided else ():
-                index, side = self.names.index(name), sum(probe[name] - null for probe in effect.probes)
-                end = self.unknowns[index].transform.to_free(null)
-                if side > 0:
-                    low[index] = max(low[index], end)
-                else:
-                    high[index] = min(high[index], end)
+                index = self.names.index(name)
+                end, ends = self.unknowns[index].transform.to_free(null), low if effect.side(name)[0] == null else high
+                ends[index] = np.clip(end, low[index], high[index])
         return low, high
+
+
+class RecordingModel(Model):
+    """The model of one recording."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return self.physics.effects
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.video.images.shape[0], len(self.video.times)
+
+    def restart(self) -> None:
+        self.physics.halvings = 0
+
+
+class BodyModel(RecordingModel):
+    """A deforming body that moves by given physics before the cameras of a video."""
+
+    def contact(self, free: np.ndarray, within: float) -> int:
+        low = self.path(free)[..., 1].amin(1).numpy() - self.physics.ground_height
+        touching = np.nonzero(low < within * self.body.spacing)[0]
+        return int(touching[0]) if len(touching) else len(low)
+
+    @torch.no_grad()
+    def path(self, free: np.ndarray) -> Tensor:
+        values = self.physical(free)
+        tensors = {name: torch.tensor(values[name]) for name in self.physics.parameters}
+        positions = self.body.positions
+        path = self.physics.motion(
+            positions,
+            self.velocity(free).expand_as(positions),
+            self.body.fraction,
+            self.body.fraction,  # half the volume is half the force
+            tensors,
+            self.body.spacing,
+            min(self.frames or self.shape[1], self.shape[1]),
+        )
+        return torch.cat((path, path[-1:].expand(self.shape[1] - len(path), -1, -1)))
+
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        return self.observe(self.path(free), free)
+
+    def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+        count = self.shape[0]
+        views = list(range(count))
+        if before is not None:
+            views = [view for view in views if self._concerned(self.video.view_ids[view])]
+        found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
+        found[:count, :, -1] = self.brightness(free)
+        if views:
+            found[views, :, :-1] = silhouette_moments(self.outlines(path, free, views), MARGIN)
+        if before is None and self.points is not None:
+            found = np.concatenate((found, self.points.predict(path)))
+        return found
+
+    def _concerned(self, view_id: int) -> bool:
+        return any(effect.concerns(view_id) for effect in faults_of(self.physics.effects))
 
 
 def outcome(model: Model) -> np.ndarray | SimulationError:

@@ -6,8 +6,6 @@ shape), as in a diagnosis. What they leave, and what part of their priors the da
 approximation); how well they predict held-out views and frames is reported with it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
@@ -146,10 +144,10 @@ class Competition:
     @property
     def chosen(self) -> Trial:
         """The law that is used: of those that are indistinguishable from the most probable one, the simplest."""
-        return next(trial for trial in self.trials.values() if trial in self.alike)
+        return next(trial for trial in self.trials.values() if trial in self.indistinguishable)
 
     @property
-    def alike(self) -> list[Trial]:
+    def indistinguishable(self) -> list[Trial]:
         """The most probable law, and those that are indistinguishable from it."""
         odds = {t.law: t.log_odds for t in self.ranked if t.log_odds is not None}
         leader = Contender(next(iter(odds)), 0.0, 0.0, 0.0)
@@ -160,8 +158,8 @@ class Competition:
         return {
             "laws": [{**asdict(trial), "parameters": self._parameters(trial)} for trial in self.ranked],
             "chosen": self.chosen.law,
-            "alike": [trial.law for trial in self.alike],
-            "sentences": sentences(self.alike, self.chosen),
+            "indistinguishable": [trial.law for trial in self.indistinguishable],
+            "sentences": sentences(self.indistinguishable, self.chosen),
         }
 
     def _parameters(self, trial: Trial) -> dict[str, dict[str, Any]]:
@@ -291,7 +289,7 @@ class Competition:
         """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates.
 
         The flexibility of a law costs no odds, as it does among effects: a yield stress that is never met can be large
-        or larger, which the slope at one value of it does not tell. The rule that the simplest is used takes its place.
+        or larger, which the slope at one value of it does not show. The rule that the simplest is used takes its place.
         """
         left = {name: trial for name, trial in self.trials.items() if trial.cost is not None}
         contenders = [Contender(n, t.cost or 0.0, 0.0, 0.0) for n, t in left.items()]
@@ -315,11 +313,11 @@ class Competition:
         self.trials[name] = replace(self.trials[name], left_out=why)
 
 
-def sentences(alike: Sequence[Trial], chosen: Trial) -> list[str]:
+def sentences(left: Sequence[Trial], chosen: Trial) -> list[str]:
     """What a person should know of the choice."""
-    leader = alike[0]
-    if len(alike) > 1:
-        named = " and ".join(f"{trial.family} ({trial.law})" for trial in alike)
+    leader = left[0]
+    if len(left) > 1:
+        named = " and ".join(f"{trial.family} ({trial.law})" for trial in left)
         found = [f"The recording does not separate these laws: {named}. The simplest is used: {chosen.family}."]
     else:
         found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]

@@ -4,8 +4,6 @@ The Jacobian is measured by one-sided differences and then updated by what the s
 residual cannot be computed, because the simulation is unstable, the step has failed, and the next one is shorter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

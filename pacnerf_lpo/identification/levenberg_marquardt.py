@@ -1,7 +1,5 @@
 """Damped Gauss-Newton (Levenberg-Marquardt) for a handful of parameters, as a torch optimiser."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ has one, and whoever is at its bottom stays near the right minimum as more frame
 residual (of a coarse body first, of a fine one last) and the rows of it that are taken in one after the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

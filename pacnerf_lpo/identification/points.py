@@ -1,7 +1,5 @@
 """Tracked points and point clouds as further rows of the measurements, behind those of the views."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -49,7 +47,7 @@ class Points:
     from_first_sight: ClassVar[bool] = True
 
     @classmethod
-    def of(cls, data: VideoData, body: Tensor) -> Points | None:
+    def of(cls, data: VideoData, body: Tensor) -> "Points | None":
         """The points of a video; None where it has none. ``body``: particles at frame 0 [m, (N, 3)]."""
         if data.tracked_points is None and data.point_clouds is None:
             return None
@@ -133,10 +131,10 @@ class Points:
         """Index of the nearest frame of times [s, (M,)]."""
         return np.abs(when[:, None] - self.times).argmin(1)
 
-    def _cloud_rows(self, summaries: np.ndarray, when: np.ndarray) -> np.ndarray:
-        """Summaries of clouds (C, 16) at times (C,) as rows (2, F, 11); of several in one frame the last counts."""
+    def _cloud_rows(self, statistics: np.ndarray, when: np.ndarray) -> np.ndarray:
+        """Statistics of clouds (C, 16) at times (C,) as rows (2, F, 11); of several in one frame the last counts."""
         rows = np.full((CLOUD_ROWS, len(self.times), CLOUD_COLUMNS), np.nan)
-        parts = summaries.reshape(len(summaries), CLOUD_ROWS, CLOUD_COLUMNS)
+        parts = statistics.reshape(len(statistics), CLOUD_ROWS, CLOUD_COLUMNS)
         rows[:, self._frames(when)] = parts.transpose(1, 0, 2)
         return _padded(rows)
 

@@ -1,7 +1,5 @@
 """What is under diagnosis: what was measured, what the model says, and where the two may be compared."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,9 +14,15 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification import body as bodies
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import MARGIN, Model, with_effects
+from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel, Model, with_effects
 from pacnerf_lpo.identification.points import Points
-from pacnerf_lpo.identification.silhouette_moments import BRIGHTNESS, KINDS, mean_brightness, sensor_noise, summarise
+from pacnerf_lpo.identification.silhouette_moments import (
+    BRIGHTNESS,
+    KINDS,
+    mean_brightness,
+    sensor_noise,
+    silhouette_moments,
+)
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -30,15 +34,15 @@ PARTICLES = 4000
 COARSER = 1.4
 """Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and small
 smooth changes of force and shape move it as they move the finer one."""
-LARGEST_EROSION = 80.0
-EROSION_STEP = 2.0
-"""Change of the erosion by which its effect is measured."""
+LARGEST_OFFSET = 80.0
+OFFSET_STEP = 2.0
+"""Change of the surface offset by which its effect is measured."""
 BISECTIONS = 9
 LEAST_SHADING = 0.01
 LEAST_SHAPE_ERROR = 0.15
 """Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
 MODEL_ERROR = 0.1
-"""Error of a summary that the model makes, before replicates measure it [pixels]."""
+"""Error of a moment that the model makes, before replicates measure it [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class Part:
     """
 
     name: str
-    recording: Problem
+    recording: "Problem"
     effects: tuple[Effect, ...]
     known: dict[str, float]
 
@@ -65,8 +69,8 @@ class Part:
 class Problem(ABC):
     """Measurements and the models that compete to explain them.
 
-    Residuals are measured minus predicted summaries, made relative by :func:`relative`, so that an error of the
-    reconstructed shape cancels to first order. Entries where either is missing are left out.
+    Residuals are measured minus predicted moments of the outlines, made relative by :func:`relative`, so that an error
+    of the reconstructed shape cancels to first order. Entries where either is missing are left out.
 
     Args:
         scene: its name.
@@ -74,7 +78,7 @@ class Problem(ABC):
         held: what is fitted and what is held out.
         physics: of the model that is questioned.
         voxel: node spacing [m] to which the time step of ``physics`` belongs; the shape is known to a part of it.
-        measured: summaries of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
+        measured: moments of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
         sensor: standard deviation of their noise [(V, F, 11)]
         points: measured in addition to the video; ``measured``, ``sensor`` and all residuals get R rows of theirs
             behind those of the views.
@@ -165,11 +169,15 @@ class Problem(ABC):
             valid=one.expand(video.valid.shape),
         )
 
+    @abstractmethod
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
-        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]."""
-        body = body or self.body
-        physics = with_effects(self.physics, effects, body.spacing, self.voxel)
-        return Model(body, physics, self.without_pictures, known, self.points)
+        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI].
+
+        Args:
+            effects: of the model.
+            known: values to start from.
+            body: that moves; that of the problem when not given.
+        """
 
     def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
         """The same on the coarse body."""
@@ -223,10 +231,16 @@ class Problem(ABC):
         row, frame, kind = np.nonzero(mask)
         names = np.broadcast_to(np.array([*KINDS, BRIGHTNESS], dtype=object), (self.views, len(KINDS) + 1))
         names = np.concatenate((names, self.point_kinds))
-        return Layout(np.where(row < self.views, row, self.views - 1 - row), frame, names[row, kind].astype(str))
+        places = np.where(row < self.views, row, self.views - 1 - row)
+        return Layout(places, frame + self.first_frames[row], names[row, kind].astype(str))
+
+    @property
+    def first_frames(self) -> np.ndarray:
+        """What the frames of each row are counted from [V + R]: rows of two recordings have no frame in common."""
+        return np.zeros(len(self.usable), int)
 
     def relative(self, difference: np.ndarray) -> np.ndarray:
-        """Differences of summaries [(..., V + R, F, 11)], see :func:`relative`."""
+        """Differences of moments [(..., V + R, F, 11)], see :func:`relative`."""
         return self.compared(difference)
 
     @property
@@ -236,21 +250,15 @@ class Problem(ABC):
             return "px", 1.0
         return "mm", 1000 * self.pixel
 
+    @abstractmethod
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Noise of relative summaries: what every entry has of its own [(V + R, F, 11)], and what it has in common with
+        """Noise of relative moments: what every entry has of its own [(V + R, F, 11)], and what it has in common with
         others of its view or row: from the frame to which all are relative, with its sign [(V + R, F, 11, 1)]; or a
         root of the covariance of noise that lasts [(V + R, F, 11, Q)].
 
         Args:
-            sensor: standard deviation of the noise of summaries [(V + R, F, 11)]
+            sensor: standard deviation of the noise of moments [(V + R, F, 11)]
         """
-        own, shared = sensor.copy(), np.zeros_like(sensor)
-        own[: self.views, 0, :-1] = 0.0
-        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
-        shared[: self.views, 0, :-1] *= -1
-        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
-        shared[self.views :] = -first.sum(1, keepdims=True)
-        return own, shared[..., None]
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
@@ -277,12 +285,30 @@ class Problem(ABC):
         return lambda free: raw(free) / weight
 
     def at_rest(self, body: Body) -> np.ndarray:
-        """Summaries of a body at frame 0 [pixels, (V, 10)]."""
+        """Moments of a body at frame 0 [pixels, (V, 10)]."""
         model = self.model((), self.first_guess, body)
-        return summarise(model.outlines(body.positions[None]), MARGIN)[:, 0]
+        return silhouette_moments(model.outlines(body.positions[None]), MARGIN)[:, 0]
 
 
-class StateProblem(Problem):
+class BodyProblem(Problem):
+    """One recording of a deforming body, whose entries have independent noise. Arguments as of :class:`Problem`."""
+
+    def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
+        body = body or self.body
+        physics = with_effects(self.physics, effects, body.spacing, self.voxel)
+        return BodyModel(body, physics, self.without_pictures, known, self.points)
+
+    def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own, shared = sensor.copy(), np.zeros_like(sensor)
+        own[: self.views, 0, :-1] = 0.0
+        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
+        shared[: self.views, 0, :-1] *= -1
+        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
+        shared[self.views :] = -first.sum(1, keepdims=True)
+        return own, shared[..., None]
+
+
+class StateProblem(BodyProblem):
     """A particle state before the cameras of its video.
 
     Args:
@@ -293,7 +319,7 @@ class StateProblem(Problem):
         held: what is fitted and what is held out.
         bright: compare the brightness, too.
         particles: the body is sampled by about so many.
-        images: False: only points are compared; images tell the size of the body at frame 0.
+        images: False: only points are compared; images show the size of the body at frame 0.
     """
 
     def __init__(
@@ -308,7 +334,7 @@ class StateProblem(Problem):
         images: bool = True,
     ):
         self.data, self.state, self.particles = data, state, particles
-        outlines = summarise(data.video.silhouettes)
+        outlines = silhouette_moments(data.video.silhouettes)
         brightness = self._measured_brightness() if bright else np.zeros(outlines.shape[:2])
         brightness -= np.median(brightness, axis=0)
         measured = np.concatenate((outlines, brightness[..., None]), axis=-1)
@@ -321,17 +347,17 @@ class StateProblem(Problem):
     @cached_property
     def spacing(self) -> float:
         """Node spacing at which the body has the wanted number of particles [m]."""
-        fine = self._as_reconstructed.body(self.erosion)
+        fine = self._as_reconstructed.body(self.surface_offset)
         return 2 * (fine.volume / self.particles) ** (1 / 3)
 
     @cached_property
-    def erosion(self) -> float:
-        """Raw density above that of the visible surface at which matter begins: that of the state, or found by the
+    def surface_offset(self) -> float:
+        """Raw density above that of the visible surface at which the body begins: that of the state, or found by the
         areas of the outlines at frame 0 in the fitted views.
         """
-        if self.state.erosion is not None:
-            return self.state.erosion
-        low, high = -4.0, LARGEST_EROSION
+        if self.state.surface_offset is not None:
+            return self.state.surface_offset
+        low, high = -4.0, LARGEST_OFFSET
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             body = self._as_reconstructed.body(middle)
@@ -342,22 +368,22 @@ class StateProblem(Problem):
         return low
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """The body, eroded until it is as large as it looks at frame 0."""
-        return bodies.Sampling(self.state, spacing, seed).body(self.erosion)
+        """The body, thinned until it is as large as it looks at frame 0."""
+        return bodies.Sampling(self.state, spacing, seed).body(self.surface_offset)
 
     def thinned(self, offset: Callable[[Tensor], Tensor]) -> Body:
         """The coarse body, its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
 
-        def erosion(points: Tensor) -> Tensor:
-            return self.erosion + offset(points) / self.offset_per_erosion
+        def surface_offset(points: Tensor) -> Tensor:
+            return self.surface_offset + offset(points) / self.depth_per_offset
 
-        return self._coarse.body(erosion)
+        return self._coarse.body(surface_offset)
 
     @cached_property
-    def offset_per_erosion(self) -> float:
-        """How far the surface moves inwards for one unit of erosion [m]."""
-        thinner = self._coarse.body(self.erosion + EROSION_STEP)
-        return (self.coarse_body.volume - thinner.volume) / (EROSION_STEP * bodies.surface(self.coarse_body))
+    def depth_per_offset(self) -> float:
+        """How far the surface moves inwards for one unit of the surface offset [m]."""
+        thinner = self._coarse.body(self.surface_offset + OFFSET_STEP)
+        return (self.coarse_body.volume - thinner.volume) / (OFFSET_STEP * bodies.surface(self.coarse_body))
 
     @cached_property
     def _coarse(self) -> bodies.Sampling:
@@ -398,12 +424,12 @@ def shading(brightness: np.ndarray) -> np.ndarray:
 
 
 def relative(difference: np.ndarray, views: int | None = None, anchored: bool = True) -> np.ndarray:
-    """Differences of summaries [(..., V + R, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself,
-    and for the brightness in every frame, relative to the median of all views, which a common bias moves alike. Those
-    of points are relative to their first sight.
+    """Differences of moments [(..., V + R, F, 11)], of outlines relative to frame 0 of their view; in frame 0 itself,
+    and for the brightness in every frame, relative to the median of all views, which moves with a common bias. Those of
+    points are relative to their first sight.
 
     Args:
-        difference: of summaries; NaN where there is none.
+        difference: of moments; NaN where there is none.
         views: V; None: there are no rows of points.
         anchored: whether rows of points are relative to their first sight; else they are as they are.
     """
@@ -417,15 +443,6 @@ def relative(difference: np.ndarray, views: int | None = None, anchored: bool = 
         rows = difference[..., views:, :, :]
         first = np.where(first_sight(rows), rows, 0.0).sum(-2, keepdims=True)
         found[..., views:, :, :] = rows - first
-    return found
-
-
-def absolute(values: np.ndarray, view: int) -> np.ndarray:
-    """Residuals [(..., V + R, F, 11)] with those of one view as they were before frame 0 was subtracted: what is wrong
-    with its camera in every frame shows in every frame.
-    """
-    found = values.copy()
-    found[..., view, 1:, :-1] += np.nan_to_num(values[..., view, :1, :-1])  # NaN where unseen
     return found
 
 

@@ -1,7 +1,5 @@
 """Independent simulations in several processes at once: to a few thousand particles more threads bring little."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ time of its release: no velocity jumps as a hand opens. Coordinates that were no
 not move along them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -20,7 +18,7 @@ from pacnerf_lpo.data.shapes import Shape, fill
 from pacnerf_lpo.data.trajectories.noise import Noise
 from pacnerf_lpo.data.trajectories.trajectory import AXES
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model, RecordingModel, with_effects
 from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
@@ -140,7 +138,7 @@ class Centre:
         return _row(centre - self.flight.positions) / UNIT
 
 
-class RigidModel(Model):
+class RigidModel(RecordingModel):
     """The flight of a rigid body.
 
     Args:
@@ -171,6 +169,10 @@ class RigidModel(Model):
     def predict(self, free: np.ndarray) -> np.ndarray:
         """By the motion of the centre alone."""
         return self._centre_of.difference(self.centre(free))
+
+    def observe(self, path: Tensor, free: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+        """By the centre of the particles."""
+        return self._centre_of.predict(path) if before is None else before.copy()
 
     def centre(self, free: np.ndarray) -> np.ndarray:
         """Of the body at every sample [m, (F, 3)]. Raises SimulationError."""

@@ -2,10 +2,8 @@
 replicates show.
 
 A few replicates show the size of such errors, but hardly any of their directions. So each of some smooth errors of the
-shape and of the matter moves once, by as much as it may be wrong.
+shape and of the density is tried once, by as much as it may be wrong.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
@@ -22,7 +20,7 @@ from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
-MATTER_ERROR = 0.05
+DENSITY_ERROR = 0.05
 """Of the density of the reconstructed body, from place to place."""
 OPAQUE = 3.3
 """Optical depth of opaque particles relative to the model's: with it one layer of them covers nine tenths, not half."""
@@ -119,8 +117,8 @@ def _of_recording(part: Part, reference: np.ndarray, progress: Callable[[str], N
 
 def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
     """The coarse body of a problem with one smooth error each: displacements of first and second order that are
-    together about ``sigma`` [m], surfaces moved inwards by about as much, places moved by more, and matter that is
-    denser here than there.
+    together about ``sigma`` [m], surfaces moved inwards by about as much, places moved by more, and a density that is
+    higher here than there.
     """
     body = problem.coarse_body
     linear, quadratic = polynomials(body.positions, body.positions)
@@ -143,7 +141,7 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
         for axis in axes:
             yield Body(body.positions + LOCAL * sigma * bump[:, None] * axis, body.fraction, body.spacing)
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):
-        fraction = body.fraction * (1 + MATTER_ERROR * lean).clamp_min(0.1)
+        fraction = body.fraction * (1 + DENSITY_ERROR * lean).clamp_min(0.1)
         yield Body(body.positions, fraction, body.spacing)
 
 

@@ -1,7 +1,5 @@
 """An outline in ten numbers, each in pixels: robust against appearance, and readable by a person."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -18,7 +16,7 @@ EDGE = 0.3
 """Error of the edge of a matte, from pixel to pixel [pixels]."""
 
 
-def summarise(opacity: Tensor, margin: int = 0) -> np.ndarray:
+def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
     """Ten numbers for every outline, in pixels.
 
     Args:
@@ -51,13 +49,13 @@ def summarise(opacity: Tensor, margin: int = 0) -> np.ndarray:
     return numbers
 
 
-def sensor_noise(summaries: np.ndarray) -> np.ndarray:
-    """Standard deviation of summaries [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE` pixels,
+def sensor_noise(moments: np.ndarray) -> np.ndarray:
+    """Standard deviation of moments [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE` pixels,
     independently along the outline, of about 1.5 times the length of a circle's.
     """
-    size, across, down = summaries[..., 2], summaries[..., 3], summaries[..., 4]
+    size, across, down = moments[..., 2], moments[..., 3], moments[..., 4]
     total = EDGE * np.sqrt(1.5 * 2 * np.sqrt(np.pi) * size)  # of the area, in square pixels
-    found = np.empty_like(summaries)
+    found = np.empty_like(moments)
     found[..., 0] = found[..., 3] = total * across / size**2
     found[..., 1] = found[..., 4] = total * down / size**2
     found[..., 2] = total / (2 * size)

@@ -1,6 +1,4 @@
-"""Outlines of moving particles by splatting: thousands of times cheaper than rendering, and as good for summaries."""
-
-from __future__ import annotations
+"""Outlines of moving particles by splatting: thousands of times cheaper than rendering, as good for moments."""
 
 import torch
 from torch import Tensor

@@ -1,7 +1,5 @@
 """What the diagnosis may look at, and what it is judged by."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

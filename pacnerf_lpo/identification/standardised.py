@@ -1,7 +1,5 @@
 """Residuals in units of a noise that replicates show: what hypotheses are compared in, of effects as of laws."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacnerf_lpo.identification.forward_model import Model

@@ -5,8 +5,6 @@ effect that is declared per recording (a wind that blew in one of them only). Th
 first the views of all, then the points of all. Shorter recordings are filled up with frames in which nothing was seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -22,7 +20,6 @@ from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effec
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.rigid import PLACE, RELEASE
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF, Parameter, name_in, own_name
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
@@ -70,7 +67,7 @@ class Stack:
         return values[tuple([*at, self.rows(number), slice(self.frames[number])])]
 
     def relative(self, compared: Sequence[Callable[[np.ndarray], np.ndarray]], difference: np.ndarray) -> np.ndarray:
-        """Differences of summaries [(..., R, F, 11)], each recording's as it is compared."""
+        """Differences of moments [(..., R, F, 11)], each recording's as it is compared."""
         return self.join([one(self.part(difference, n, -3)) for n, one in enumerate(compared)], -3)
 
 
@@ -194,15 +191,14 @@ class StudyProblem(Problem):
         found = [problem.pixel for problem in self.recordings if problem.pixel]
         return float(np.mean(found)) if found else 0.0
 
-    def layout(self, mask: np.ndarray) -> Layout:
-        """Names of the entries of a mask [(R, F, 11), bool]; no two recordings have a frame in common."""
-        found, row = super().layout(mask), np.nonzero(mask)[0]
-        of_row = np.zeros(len(mask), int)
+    @property
+    def first_frames(self) -> np.ndarray:
+        found = np.zeros(len(self.usable), int)
         for number in range(len(self.recordings)):
-            of_row[self.stack.rows(number)] = number
-        return replace(found, frame=found.frame + mask.shape[1] * of_row[row])
+            found[self.stack.rows(number)] = number * self.usable.shape[1]
+        return found
 
-    def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> StudyModel:
+    def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> "StudyModel":
         names = [share.names for share in self._shares(effects)]
         return StudyModel(models, names, self.names, effects, self.stack)
 

@@ -8,8 +8,6 @@ and never taken below 1. A residual in units of its scale then has the tails of 
 correlated hypotheses is simulated as a whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Is what is left of a residual what the model predicts? Posterior predictive checks against left-out replicates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects that one recording cannot separate."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Which hypothesis is believed, and when the search for further ones ends: one score, one threshold, one check."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which term would a residual acceleration be: sparse regression on a library of candidate laws."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

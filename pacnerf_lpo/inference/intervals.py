@@ -1,7 +1,5 @@
 """What the data and the prior say of every parameter: posterior intervals, and what is not determined."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

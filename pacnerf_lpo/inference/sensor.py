@@ -1,7 +1,5 @@
 """How noisy the sensor is, measured in the residual itself: what changes from frame to frame without a cause."""
 
-from __future__ import annotations
-
 import numpy as np
 
 LEAST_ENTRIES = 30

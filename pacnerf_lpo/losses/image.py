@@ -1,7 +1,5 @@
 """Losses between images."""
 
-from __future__ import annotations
-
 import math
 
 from torch import Tensor

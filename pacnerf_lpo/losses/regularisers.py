@@ -1,7 +1,5 @@
 """Regularisers of the static phase (PAC-NeRF, Li et al., ICLR 2023; surface term: LPO supplement, eq. 9)."""
 
-from __future__ import annotations
-
 from torch import Tensor
 
 SURFACE_ALPHA = (1e-4, 1e-1)

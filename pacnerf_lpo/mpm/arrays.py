@@ -179,6 +179,14 @@ class Bench:
 
 
 @dataclass(frozen=True)
+class Field(Emitted):
+    """Four numbers at every node, from node ``first`` of an array on."""
+
+    array: Any
+    first: Any
+
+
+@dataclass(frozen=True)
 class Group(Emitted):
     """Particles that are computed together: a block on the CPU, one particle on CUDA.
 

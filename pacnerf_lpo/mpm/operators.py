@@ -14,7 +14,7 @@ Numbers of a particle are those of a group: one, or a register full of them.
 
 from typing import Any
 
-from pacnerf_lpo.mpm.arrays import Group, Setting, total, vector
+from pacnerf_lpo.mpm.arrays import Field, Group, Setting, total, vector
 from pacnerf_lpo.mpm.lanes import keep
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.taichi_calls import components, ti
@@ -36,45 +36,34 @@ def stress_impulse(tau: Tensor3, alive: Any, s: Setting) -> Tensor3:
     return scaled(tau, keep((-4.0 * s.n.dt * s.n.volume * s.n.inv_dx * s.n.inv_dx) * alive))
 
 
-def p2g(field: Any, first: Any, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group) -> None:
+def p2g(field: Field, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group) -> None:
     """Mass and momentum of the particles, added to their nodes."""
-    scatter(field, first, here, linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here), s, group)
+    scatter(field, here, linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here), s, group)
 
 
 def p2g_adjoint(
-    field: Any, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group
+    field: Field, here: Stencil, s: Setting, mass: Any, u: list, A: Tensor3, group: Group
 ) -> tuple[list, list, Tensor3, Any]:
     """Adjoints of x (through the weights), u, A and mass, from those of the nodes."""
     given = linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here)
-    moments, slope = gather_with_slope(field, 0, here, given, s, group)
+    moments, slope = gather_with_slope(field, here, given, s, group)
     h = moments.m[:3]
     gx = [keep(s.n.inv_dx * slope[i] - dot([row[i] for row in A], h)) for i in AXES]
     return gx, [keep(mass * a) for a in h], about(moments, here, s.n.dx), keep(moments.m[3] + dot(h, u))
 
 
-def g2p(field: Any, first: Any, here: Stencil, s: Setting, group: Group) -> tuple[list, Tensor3]:
+def g2p(field: Field, here: Stencil, s: Setting, group: Group) -> tuple[list, Tensor3]:
     """Velocity and velocity gradient of the particles from their nodes."""
-    moments = gather(field, first, here, s, group)
+    moments = gather(field, here, s, group)
     return moments.m[:3], about(moments, here, keep(4.0 * s.n.inv_dx))
 
 
 def g2p_adjoint(
-    field: Any,
-    to: Any,
-    velocity: Any,
-    first: Any,
-    here: Stencil,
-    s: Setting,
-    v: list,
-    gv: list,
-    gC: Tensor3,
-    group: Group,
+    field: Field, velocity: Field, here: Stencil, s: Setting, v: list, gv: list, gC: Tensor3, group: Group
 ) -> list:
-    """Adjoints of the nodes' velocities, added to a field from its node ``to`` on; returns that of x, through the
-    weights.
-    """
+    """Adjoints of the nodes' velocities, added to a field; returns that of x, through the weights."""
     B = kept(scaled(gC, keep(4.0 * s.n.inv_dx)))
-    slope = scatter_and_slope(field, to, velocity, first, here, linear(gv, B, 0.0, here), s, group)
+    slope = scatter_and_slope(field, velocity, here, linear(gv, B, 0.0, here), s, group)
     return [keep(s.n.inv_dx * (slope[i] - dot([row[i] for row in B], v))) for i in AXES]
 
 

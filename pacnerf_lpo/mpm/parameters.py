@@ -1,7 +1,5 @@
 """A physical parameter: its name, its SI unit, its range, and the coordinate in which it is optimised."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -88,8 +86,8 @@ class Parameter:
         label: how a person calls it.
         scale: a noticeable change of the free coordinate (0.1 is a quarter, for Log10): sensitivities are probed at a
             fraction of it, and one Gauss-Newton step moves at most a few of them.
-        usual: mean and standard deviation of the value where nothing is known, for a parameter that some videos hardly
-            tell; None: the user's guess is all that is known.
+        prior_value: mean and standard deviation of the value where nothing is known, for a parameter that some videos
+            hardly determine; None: the user's guess is all that is known.
         spread: standard deviation of the free coordinate around the user's guess; None: :data:`GUESSED_WITHIN` for a
             logarithm, :data:`GUESSED_SCALES` scales for the others.
         impact: of a modulus or a viscosity, the middle of the decades in which an impact shows it, in units of the
@@ -104,7 +102,7 @@ class Parameter:
     bounds: tuple[float, float]
     label: str
     scale: float = 0.1
-    usual: tuple[float, float] | None = None
+    prior_value: tuple[float, float] | None = None
     spread: float | None = None
     impact: float | None = None
     rate: float = 0.1
@@ -126,8 +124,8 @@ class Parameter:
 
     def prior(self, guess: float) -> tuple[float, float]:
         """Mean and standard deviation of the free coordinate, before anything is measured, given the user's guess."""
-        if self.usual is not None:
-            mean, deviation = self.usual
+        if self.prior_value is not None:
+            mean, deviation = self.prior_value
             low, high = (self.transform.to_free(mean + half) for half in (-deviation / 2, deviation / 2))
             return self.transform.to_free(mean), high - low
         if self.spread is not None:
@@ -150,7 +148,7 @@ class Parameter:
         """The value with its unit, as a person reads it."""
         return f"{value:.4g}" if self.unit == "1" else f"{value:.4g} {self.unit}"
 
-    def of_recording(self, recording: str) -> Parameter:
+    def of_recording(self, recording: str) -> "Parameter":
         """The parameter as one recording of several has it."""
         return replace(self, name=name_in(self.name, recording), label=f"{self.label} in {recording}")
 

@@ -1,7 +1,5 @@
 """The physical model of a run, as configured in YAML: material, ground, effects, and how finely time is resolved."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -30,7 +28,7 @@ GROUND_HEIGHT = Parameter("ground_height", "m", Identity(), (-10.0, 10.0), "heig
 
 
 class Physics:
-    """A material on a ground under gravity, with the physical effects that act beside them.
+    """A material on a ground under gravity, with the physical effects in addition to them.
 
     Args:
         material: constitutive law with the initial guess of its parameters; ``auto``: the recording decides, see
@@ -44,11 +42,11 @@ class Physics:
         ground_height: height of the ground plane [m].
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
-        matter: ``alpha``: mass and stiffness of a particle follow its alpha over unit length (PAC-NeRF); ``visible``:
-            they follow its solid fraction, so that the body weighs what it shows, which matters on coarse grids, and
-            half the volume is half the force;
-            ``outlined``: the same after an erosion that makes the body as large as the mattes of the training views at
-            frame 0 are, for images so coarse that a visible surface is uncertain by a good part of a voxel.
+        mass_from: what the mass and the stiffness of a particle follow. ``alpha``: its alpha over unit length
+            (PAC-NeRF); ``opacity``: the part of it that is inside the surface that is seen, so that the body weighs
+            what it shows, which counts on coarse grids, and half the volume is half the force; ``outline``: the same
+            with the surface moved until the body is as large as the mattes of the training views at frame 0 are, for
+            images so coarse that a visible surface is uncertain by a good part of a voxel.
     """
 
     def __init__(
@@ -62,7 +60,7 @@ class Physics:
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
         ground_height: float = 0.0,
         fit_ground_height: bool = False,
-        matter: Literal["alpha", "visible", "outlined"] = "alpha",
+        mass_from: Literal["alpha", "opacity", "outline"] = "alpha",
     ):
         for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
             if not (value > 0 and math.isfinite(value)):
@@ -76,7 +74,7 @@ class Physics:
         self.ground, self.effects = ground or Sticky(), tuple(effects)
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
-        self.fit_ground_height, self.matter = fit_ground_height, matter
+        self.fit_ground_height, self.mass_from = fit_ground_height, mass_from
         self._check()
         self.halvings, self.most_halvings = 0, MAX_HALVINGS
         self._simulators: dict[tuple, Simulator] = {}
@@ -104,7 +102,7 @@ class Physics:
         return {n: v for n, v in values.items() if self.decided or n not in self.material.parameters}
 
     @property
-    def candidates(self) -> list[Physics]:
+    def candidates(self) -> "list[Physics]":
         """The model with every law that competes and suits ground and effects; itself, where the law is known."""
         found = []
         for law in self.material.laws if isinstance(self.material, Auto) else ():
@@ -112,7 +110,7 @@ class Physics:
                 found.append(self.of(law))
         return found or [self]
 
-    def of(self, material: Material) -> Physics:
+    def of(self, material: Material) -> "Physics":
         """The same model of another material. Raises UserInputError where ground or effects do not suit it."""
         check_model("physics", material, self.ground, self.effects)
         found = copy(self)
@@ -163,13 +161,13 @@ class Physics:
         """Positions at every frame, differentiable in all tensors.
 
         Mass is rho * alpha * V with V = (dx/2)^3, and the moduli scale with alpha^3 (PAC-NeRF), where alpha is that of
-        a radiance field; with any other ``matter`` it is the part of V that is full, and they scale with that. A
+        a radiance field; with any other ``mass_from`` it is the part of V that is full, and they scale with that. A
         rollout that becomes unstable is repeated with half the time step, at most three times; the halved step is kept.
 
         Args:
             positions: at frame 0 [m, (N, 3)]
             velocity: at frame 0 [m/s, (N, 3)]
-            density: raw volume density of the particles, less the erosion of their state [(N,)]
+            density: raw volume density of the particles, less the surface offset of their state [(N,)]
             parameters: every parameter by name [SI, scalars]
             spacings: grid spacing of the particles, and the coarsest one dx0 [m]
             frames: number of frames, the first included.
@@ -193,7 +191,7 @@ class Physics:
         spacing: float,
         frames: int,
     ) -> Tensor:
-        """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is matter.
+        """:meth:`rollout` of particles of which a ``fraction`` [0..1, (N,)] of (spacing/2)^3 is full.
 
         ``stiffness`` [1, (N,)] is a factor on their moduli, which act on the volume (spacing/2)^3.
         """
@@ -228,15 +226,15 @@ class Physics:
         return velocity
 
     def fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
-        """How much of (dx/2)^3 is matter [0..1, (N,)]."""
-        opacity = alpha(density, 1.0) if self.matter == "alpha" else solid_fraction(density, *spacings)
+        """How much of (dx/2)^3 is full [0..1, (N,)]."""
+        opacity = alpha(density, 1.0) if self.mass_from == "alpha" else solid_fraction(density, *spacings)
         return opacity.clamp_min(LEAST_OPACITY)
 
     def _stiffness(self, fraction: Tensor) -> Tensor:
         """Factor on the moduli of particles that are full to a fraction [1, (N,)]: half the volume is half the force;
-        the faint matter of a radiance field resists less than that.
+        the faint rim of a radiance field resists less than that.
         """
-        return fraction**3 if self.matter == "alpha" else fraction
+        return fraction**3 if self.mass_from == "alpha" else fraction
 
     def simulate(self, state: ParticleState, frames: int) -> Tensor:
         """Positions of a state at every frame, without gradients [m, (frames, N, 3)].

@@ -5,8 +5,6 @@ integrated by the Runge-Kutta method of order 8 (Dormand and Prince 1980; Hairer
 controlled error. The spin omega is constant, as that of a ball without a torque is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 

@@ -26,43 +26,37 @@ PATIENCE = 50000
 @ti.func
 def forward(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
     """Particles, then grid, pass by pass; with ``parallel`` by as many threads as there are slices."""
-    apart = ti.static(LEAST_SHARE if parallel else 1)
-    ti.loop_config(serialize=not parallel)
-    for t in range(call.slices * apart):
-        if t % apart == 0:
-            for n in range(call.first, call.last):
-                for k in range(call.slices):
-                    u = (t // apart + k) % call.slices
-                    if begun(call, u, 2 * n + 1, parallel):
-                        particles(arrays, call, laws, u, n)
-                        done(call, parallel)
-                meet(call, 2 * n + 1, parallel)
-                for k in range(call.slices):
-                    u = (t // apart + k) % call.slices
-                    if begun(call, u, 2 * n + 2, parallel):
-                        nodes(arrays, call, laws, u, n)
-                        done(call, parallel)
-                meet(call, 2 * n + 2, parallel)
+    all_passes(arrays, call, laws, parallel, False)
 
 
 @ti.func
 def adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
     """The same backward, from the last pass to the first."""
+    all_passes(arrays, call, laws, parallel, True)
+
+
+@ti.func
+def all_passes(
+    arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
+):
     apart = ti.static(LEAST_SHARE if parallel else 1)
     ti.loop_config(serialize=not parallel)
     for t in range(call.slices * apart):
         if t % apart == 0:
             for n in range(call.last - call.first):
+                substep = call.first + n
+                if ti.static(back):
+                    substep = call.last - 1 - n
                 for k in range(call.slices):
                     u = (t // apart + k) % call.slices
                     if begun(call, u, 2 * n + 1, parallel):
-                        particles_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        particles(arrays, call, laws, u, substep, back)
                         done(call, parallel)
                 meet(call, 2 * n + 1, parallel)
                 for k in range(call.slices):
                     u = (t // apart + k) % call.slices
                     if begun(call, u, 2 * n + 2, parallel):
-                        nodes_adjoint(arrays, call, laws, u, call.last - 1 - n)
+                        nodes(arrays, call, laws, u, substep, back)
                         done(call, parallel)
                 meet(call, 2 * n + 2, parallel)
 
@@ -100,57 +94,37 @@ def meet(call: ti.template(), count, parallel: ti.template()):
 
 
 @ti.func
-def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
+def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
     """What slice ``t`` does with its particles."""
     s = Setting.of(call, laws, substep)
     a = arrays.at(call, substep)
     base, first = t * Bench.ROWS, t * s.dims.nodes
     begin_pass(Group(0, None, call.bench, base))
     for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
-        forward_group(a, s, first, Group(b, None, call.bench, base))
+        if ti.static(back):
+            adjoint_group(a, s, first, Group(b, None, call.bench, base), t * len(laws.names))
+        else:
+            forward_group(a, s, first, Group(b, None, call.bench, base))
     end_pass(Group(0, None, call.bench, base), s, t)
 
 
 @ti.func
-def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
-    """What slice ``t`` does with its share of the rows of nodes."""
+def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
+    """What slice ``t`` does with its share of the rows of nodes; the last pass begins nothing, the first completes
+    nothing.
+    """
     s = Setting.of(call, laws, substep)
     a = arrays.at(call, substep)
     low, high = reach(call)
     rows = high[1] + 1 - low[1]
-    count = rows * (high[0] + 1 - low[0])
-    if substep == call.substeps:
-        count = 0
-    for n in range(t * count // call.slices, (t + 1) * count // call.slices):
-        for k in range(low[2], high[2] + 1):
-            grid_update(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
-
-
-@ti.func
-def particles_adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
-    """Adjoint of :func:`particles`."""
-    s = Setting.of(call, laws, substep)
-    a = arrays.at(call, substep)
-    base, first = t * Bench.ROWS, t * s.dims.nodes
-    begin_pass(Group(0, None, call.bench, base))
-    for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
-        adjoint_group(a, s, first, Group(b, None, call.bench, base), t * len(laws.names))
-    end_pass(Group(0, None, call.bench, base), s, t)
-
-
-@ti.func
-def nodes_adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep):
-    """Adjoint of :func:`nodes`."""
-    s = Setting.of(call, laws, substep)
-    a = arrays.at(call, substep)
-    low, high = reach(call)
-    rows = high[1] + 1 - low[1]
-    count = rows * (high[0] + 1 - low[0])
-    if substep == 0:
-        count = 0
+    count = rows * (high[0] + 1 - low[0]) * (substep != (0 if ti.static(back) else call.substeps))
     mine = ti.Vector.zero(ti.f64, len(laws.names))
     for n in range(t * count // call.slices, (t + 1) * count // call.slices):
         for k in range(low[2], high[2] + 1):
-            mine += grid_update_adjoint(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
-    for c in ti.static(range(len(laws.names))):
-        add_to_slice(a.of_coefficients, t * len(laws.names), c, mine[c], False)
+            if ti.static(back):
+                mine += grid_update_adjoint(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+            else:
+                grid_update(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+    if ti.static(back):
+        for c in ti.static(range(len(laws.names))):
+            add_to_slice(a.of_coefficients, t * len(laws.names), c, mine[c], False)

@@ -14,6 +14,7 @@ from pacnerf_lpo.mpm.arrays import (
     STATE,
     C,
     F,
+    Field,
     Group,
     Launch,
     Setting,
@@ -109,7 +110,7 @@ def complete(a: Forward, s: Setting, group: Group) -> None:
     new_scope()
     o = keep(group.block * s.width)
     x = group.numbers(a.states, a.before + o, 3)
-    v, grad = g2p(a.velocity, a.velocity_before, stencil(x, s), s, group)
+    v, grad = g2p(Field(a.velocity, a.velocity_before), stencil(x, s), s, group)
     check_velocity(v, s, group)
     group.write(a.states, a.now + o, [keep(x[i] + s.n.dt * v[i]) for i in AXES])
     group.write(a.states, a.now + o + V, [*v, *flat(grad)])
@@ -129,7 +130,7 @@ def begin(a: Forward, s: Setting, first: Any, group: Group) -> None:
     group.write(a.states, a.ahead + o + F, [*flat(laws.F_new), *laws.history])
     mass = keep(constants[ALIVE] * constants[MASS])
     A = kept(added(scaled(grad, mass), stress_impulse(laws.tau, constants[ALIVE], s)))
-    p2g(a.momentum, first, here, s, mass, laws.velocity, A, group)
+    p2g(Field(a.momentum, first), here, s, mass, laws.velocity, A, group)
 
 
 @ti.func
@@ -154,7 +155,7 @@ def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
     laws, here = local_laws(s, x, v, grad, deformation, history, constants), stencil(x, s)
     alive, mass = constants[ALIVE], keep(constants[ALIVE] * constants[MASS])
     A = kept(added(scaled(grad, mass), stress_impulse(laws.tau, alive, s)))
-    gx, gu, gA, gmass = p2g_adjoint(a.node, here, s, mass, laws.velocity, A, group)
+    gx, gu, gA, gmass = p2g_adjoint(Field(a.node, 0), here, s, mass, laws.velocity, A, group)
     gF, ghistory = group.tensor(a.gradient, o + F), group.numbers(a.gradient, o + STATE, s.laws.history)
     back = laws.pull_back(gF, stress_impulse(gA, alive, s), gu, ghistory)
     gtrial = kept(back.F)
@@ -179,7 +180,8 @@ def undo_complete(a: Adjoint, s: Setting, first: Any, group: Group) -> None:
     check_stencil(left.cell, 0.0, s, group)
     v = group.numbers(a.states, a.now + o + V, 3)
     gv = [keep(gv[i] + s.n.dt * gx[i]) for i in AXES]
-    through_weights = g2p_adjoint(a.momentum, first, a.velocity, a.velocity_before, left, s, v, gv, gC, group)
+    to, velocity = Field(a.momentum, first), Field(a.velocity, a.velocity_before)
+    through_weights = g2p_adjoint(to, velocity, left, s, v, gv, gC, group)
     group.write(a.gradient, o, [gx[i] + through_weights[i] for i in AXES])
 
 

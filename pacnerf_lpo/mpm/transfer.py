@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacnerf_lpo.mpm import transfer_rows, transfer_single
-from pacnerf_lpo.mpm.arrays import Bench, Group, Setting, flat
+from pacnerf_lpo.mpm.arrays import Bench, Field, Group, Setting, flat
 from pacnerf_lpo.mpm.lanes import floor, keep, select
 from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3
@@ -82,52 +82,50 @@ def about(moments: Moments, here: Stencil, scale: Any) -> Tensor3:
     return [[keep(scale * (moments.first[a][b] - moments.m[a] * here.offset[b])) for b in AXES] for a in AXES]
 
 
-def scatter(field: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group) -> None:
-    """Add w (q + slope · (i, j, k)) to every node of a stencil; the field begins with node ``first`` of an array."""
+def scatter(field: Field, here: Stencil, given: Linear, s: Setting, group: Group) -> None:
+    """Add w (q + slope · (i, j, k)) to every node of a stencil."""
     numbers = [*given.q, *flat(given.slope)]
     if group.lane is None:
         _place(here, group)
         group.put(Bench.GIVEN, numbers)
-        transfer_rows.scatter(field, first, s, group)
+        transfer_rows.scatter(field, s, group)
     else:
-        transfer_single.scatter(field, first, here, s, numbers)
+        transfer_single.scatter(field, here, s, numbers)
 
 
-def gather(field: Any, first: Any, here: Stencil, s: Setting, group: Group) -> Moments:
+def gather(field: Field, here: Stencil, s: Setting, group: Group) -> Moments:
     """The moments of a field over a stencil."""
     if group.lane is None:
         _place(here, group)
-        transfer_rows.gather(field, first, s, group)
+        transfer_rows.gather(field, s, group)
         found = group.on_bench(Bench.MOMENTS, 13)
     else:
-        found = transfer_single.gather(field, first, here, s)
+        found = transfer_single.gather(field, here, s)
     return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]])
 
 
 def gather_with_slope(
-    field: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group
+    field: Field, here: Stencil, given: Linear, s: Setting, group: Group
 ) -> tuple[Moments, list[Any]]:
     """The moments of a field u, and the sum of (u · (q + slope · (i, j, k))) grad w [per cell, (3,)]."""
     numbers = [*given.q, *flat(given.slope)]
     if group.lane is None:
         _place(here, group)
         group.put(Bench.GIVEN, numbers)
-        transfer_rows.gather_with_slope(field, first, s, group, True)
+        transfer_rows.gather_with_slope(field, s, group, True)
         found = group.on_bench(Bench.MOMENTS, 16)
     else:
-        found = transfer_single.gather_with_slope(field, first, here, s, numbers)
+        found = transfer_single.gather_with_slope(field, here, s, numbers)
     return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]]), found[13:16]
 
 
-def scatter_and_slope(
-    field: Any, to: Any, other: Any, first: Any, here: Stencil, given: Linear, s: Setting, group: Group
-) -> list[Any]:
+def scatter_and_slope(field: Field, other: Field, here: Stencil, given: Linear, s: Setting, group: Group) -> list[Any]:
     """:func:`scatter` to one field, and the slope of :func:`gather_with_slope` of another [per cell, (3,)]."""
-    scatter(field, to, here, given, s, group)
+    scatter(field, here, given, s, group)
     if group.lane is None:
-        transfer_rows.gather_with_slope(other, first, s, group, False)
+        transfer_rows.gather_with_slope(other, s, group, False)
         return group.on_bench(Bench.SLOPE, 3)
-    return transfer_single.gather_with_slope(other, first, here, s, [*given.q, *flat(given.slope)])[13:]
+    return transfer_single.gather_with_slope(other, here, s, [*given.q, *flat(given.slope)])[13:]
 
 
 def _place(here: Stencil, group: Group) -> None:

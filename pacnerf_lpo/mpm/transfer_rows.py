@@ -82,31 +82,31 @@ def given_at(group: ti.template(), lane):
 
 
 @ti.func
-def scatter(field: ti.template(), first, s: ti.template(), group: ti.template()):
+def scatter(field: ti.template(), s: ti.template(), group: ti.template()):
     """Add what each particle gives, times the weights, to its nodes."""
     for lane in range(LANES):
-        o = first + first_node(s, group, lane)
+        o = field.first + first_node(s, group, lane)
         wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
         q, qi, qj = given_at(group, lane)
         q, qi, qj = wz * q, wz * qi, wz * qj
         for i in range(3):
             w, given = on(group, Bench.W + i, lane), q
             for j in ti.static(range(3)):
-                add_row(field, o + j * s.dims.row, (w * on(group, Bench.W + 3 + j, lane)) * given)
+                add_row(field.array, o + j * s.dims.row, (w * on(group, Bench.W + 3 + j, lane)) * given)
                 given += qj
             q += qi
             o += s.dims.plane
 
 
 @ti.func
-def gather(field: ti.template(), first, s: ti.template(), group: ti.template()):
+def gather(field: ti.template(), s: ti.template(), group: ti.template()):
     """The moments of a field over each particle's stencil."""
     for lane in range(LANES):
-        o = first + first_node(s, group, lane)
+        o = field.first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
         m, mi, mj = zero, zero, zero
         for i in range(3):
-            t, tj = along_y(field, o, s, group, lane)
+            t, tj = along_y(field.array, o, s, group, lane)
             w = on(group, Bench.W + i, lane)
             m += w * t
             mi += (float(i) * w) * t
@@ -141,10 +141,10 @@ def store_moments(group: ti.template(), lane, m, mi, mj):
 
 
 @ti.func
-def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.template(), with_moments: ti.template()):
+def gather_with_slope(field: ti.template(), s: ti.template(), group: ti.template(), with_moments: ti.template()):
     """The sum of (u · what a particle gives) grad w of a field u over its stencil, and the moments of the field."""
     for lane in range(LANES):
-        o = first + first_node(s, group, lane)
+        o = field.first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
         q, qi, qj = given_at(group, lane)
         m, mi, mj = zero, zero, zero
@@ -155,16 +155,16 @@ def gather_with_slope(field: ti.template(), first, s: ti.template(), group: ti.t
             w = on(group, Bench.W + i, lane)
             q1 = q + qj
             u0, u1, u2 = (
-                row_at(field, o) * q,
-                row_at(field, o + s.dims.row) * q1,
-                row_at(field, o + 2 * s.dims.row) * (q1 + qj),
+                row_at(field.array, o) * q,
+                row_at(field.array, o + s.dims.row) * q1,
+                row_at(field.array, o + 2 * s.dims.row) * (q1 + qj),
             )
             value = w0 * u0 + w1 * u1 + w2 * u2
             gx += on(group, Bench.DW + i, lane) * value
             gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
             gz += w * value
             if ti.static(with_moments):
-                t, tj = along_y(field, o, s, group, lane)
+                t, tj = along_y(field.array, o, s, group, lane)
                 m += w * t
                 mi += (float(i) * w) * t
                 mj += w * tj

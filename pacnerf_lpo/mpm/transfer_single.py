@@ -23,10 +23,10 @@ def _given(numbers: ti.template()):
 
 
 @ti.func
-def scatter(field: ti.template(), first, here: ti.template(), s: ti.template(), numbers: ti.template()):
+def scatter(field: ti.template(), here: ti.template(), s: ti.template(), numbers: ti.template()):
     """Add w (q + i qi + j qj + k qk) to every node of a stencil."""
     q, qi, qj, qk = _given(numbers)
-    start, wx, wy = first + _start(here, s), ti.Vector(here.w[0]), ti.Vector(here.w[1])
+    start, wx, wy = field.first + _start(here, s), ti.Vector(here.w[0]), ti.Vector(here.w[1])
     for i in range(3):
         for j in range(3):
             w = wx[i] * wy[j]
@@ -34,17 +34,17 @@ def scatter(field: ti.template(), first, here: ti.template(), s: ti.template(), 
             for k in ti.static(range(3)):
                 value = here.w[2][k] * (base + (float(k) * w) * qk)
                 for c in ti.static(range(4)):
-                    ti.atomic_add(field[start + i * s.dims.plane + j * s.dims.row + k][c], value[c])
+                    ti.atomic_add(field.array[start + i * s.dims.plane + j * s.dims.row + k][c], value[c])
 
 
-def gather(field: Any, first: Any, here: Any, s: Any) -> list[Any]:
+def gather(field: Any, here: Any, s: Any) -> list[Any]:
     """The moments of a field over a stencil [(13,)]."""
-    return _numbers(_sums(field, first, here, s, [0.0] * 13))[:13]
+    return _numbers(_sums(field, here, s, [0.0] * 13))[:13]
 
 
-def gather_with_slope(field: Any, first: Any, here: Any, s: Any, numbers: list[Any]) -> list[Any]:
+def gather_with_slope(field: Any, here: Any, s: Any, numbers: list[Any]) -> list[Any]:
     """The moments of a field u, and the sum of (u · given) grad w [(16,)]."""
-    return _numbers(_sums(field, first, here, s, numbers))
+    return _numbers(_sums(field, here, s, numbers))
 
 
 def _numbers(sums: tuple) -> list[Any]:
@@ -55,10 +55,10 @@ def _numbers(sums: tuple) -> list[Any]:
 
 
 @ti.func
-def _sums(field: ti.template(), first, here: ti.template(), s: ti.template(), numbers: ti.template()):
+def _sums(field: ti.template(), here: ti.template(), s: ti.template(), numbers: ti.template()):
     """Sums over the nodes of w u, w u i, w u j, w u k, and of (u · given) grad w."""
     q, qi, qj, qk = _given(numbers)
-    start = first + _start(here, s)
+    start = field.first + _start(here, s)
     wx, wy, dwx, dwy = ti.Vector(here.w[0]), ti.Vector(here.w[1]), ti.Vector(here.dw[0]), ti.Vector(here.dw[1])
     zero = ti.Vector.zero(float, 4)
     m, mi, mj, mk, slope = zero, zero, zero, zero, ti.Vector.zero(float, 3)
@@ -66,7 +66,7 @@ def _sums(field: ti.template(), first, here: ti.template(), s: ti.template(), nu
         for j in range(3):
             base, w = q + float(i) * qi + float(j) * qj, wx[i] * wy[j]
             for k in ti.static(range(3)):
-                u = field[start + i * s.dims.plane + j * s.dims.row + k]
+                u = field.array[start + i * s.dims.plane + j * s.dims.row + k]
                 wu = (w * here.w[2][k]) * u
                 m += wu
                 mi += float(i) * wu

@@ -1,7 +1,5 @@
 """What a table compares: cells, each one scene under one baseline, correction and round."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 NO_CORRECTION = "none"
@@ -50,7 +48,7 @@ class RunName:
     views: str = ""
 
     @property
-    def beginning(self) -> RunName:
+    def beginning(self) -> "RunName":
         """The run it starts from; itself when it is a beginning."""
         return RunName(self.scene, self.baseline, "", self.views)
 

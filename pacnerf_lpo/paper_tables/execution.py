@@ -1,7 +1,5 @@
 """One run in a process of its own. Imports little, because joblib's workers import it."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """The key of a result: a hash of the resolved configuration, of the data it uses, and of the package's version."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping, Sequence

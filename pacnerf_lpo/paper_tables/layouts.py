@@ -1,7 +1,5 @@
 """The paper's kinds of tables: which figures stand in which place."""
 
-from __future__ import annotations
-
 import statistics
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -127,13 +125,15 @@ PAPER_SCENES = 9
 
 
 @dataclass(frozen=True)
-class SpreadLayout(ImageLayout):
+class SpreadLayout(Layout):
     """Image metrics averaged over scenes, as mean and standard deviation over several view sets.
 
     Attributes:
+        views: the set of views that is scored.
         sets: names of the view sets, files in ``configs/views``; empty for the baseline's own.
     """
 
+    views: Literal["train", "test"] = "test"
     sets: tuple[str, ...] = ()
 
     @property

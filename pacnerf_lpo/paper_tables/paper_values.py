@@ -1,7 +1,5 @@
 """What the paper's supplement prints (``paper.yaml``)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -10,7 +8,6 @@ from typing import Any
 import yaml
 
 AVERAGE = "average"
-DEVIATION = "deviation"
 
 
 @cache

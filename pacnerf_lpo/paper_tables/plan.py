@@ -1,7 +1,5 @@
 """The runs that a suite's tables need: each once, with its configuration, its key and the run it starts from."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Sequence
@@ -49,7 +47,7 @@ class PlannedRun:
     config: dict[str, Any]
     key: str
     run_dir: Path
-    start: PlannedRun | None
+    start: "PlannedRun | None"
 
     def is_finished(self) -> bool:
         """Whether all rounds asked for are done and evaluated."""
@@ -94,7 +92,7 @@ class PlannedRun:
 
 
 def plan_runs(
-    suite: Suite, scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
+    suite: "Suite", scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
 ) -> list[PlannedRun]:
     """All runs of a suite, those that others start from first.
 
@@ -131,12 +129,12 @@ def plan_runs(
     return list(planned.values())
 
 
-def scene_order(suite: Suite, name: RunName) -> int:
+def scene_order(suite: "Suite", name: RunName) -> int:
     """Scenes run in the order in which the suite names them."""
     return suite.scenes.index(name.scene)
 
 
-def _rounds_needed(suite: Suite, scenes: Sequence[Scene]) -> dict[RunName, int]:
+def _rounds_needed(suite: "Suite", scenes: Sequence[Scene]) -> dict[RunName, int]:
     needed: dict[RunName, int] = {}
     for layout in suite.layouts:
         for views in layout.view_sets:

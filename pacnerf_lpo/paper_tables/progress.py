@@ -1,7 +1,5 @@
 """One view of all runs: what is done, what is running and in which phase, and how long it may take."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
@@ -44,7 +42,7 @@ class Progress:
         self._started = time.monotonic()
         self._thread = threading.Thread(target=self._loop, daemon=True)
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> "Progress":
         self._thread.start()
         return self
 

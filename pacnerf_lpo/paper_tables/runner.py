@@ -1,7 +1,5 @@
 """All runs of a plan, by joblib; one failed run does not end the others."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -15,7 +13,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from pacnerf_lpo.errors import Interrupted, UserInputError
 from pacnerf_lpo.paper_tables import execution
-from pacnerf_lpo.paper_tables.execution import FAILURE_FILE, Outcome, Status, Task, execute
+from pacnerf_lpo.paper_tables.execution import Outcome, Status, Task, execute
 from pacnerf_lpo.paper_tables.plan import PlannedRun
 from pacnerf_lpo.paper_tables.progress import Progress
 
@@ -81,12 +79,6 @@ def _hindered(run: PlannedRun, outcomes: Mapping[Path, Outcome]) -> tuple[Status
     if run.start is None or run.run_dir.exists() or outcomes[run.start.run_dir].status == "finished":
         return None
     return outcomes[run.start.run_dir].status, f"{run.start.name}, from which it starts, did not finish"
-
-
-def failure_of(run: PlannedRun) -> str | None:
-    """Why the last attempt at a run failed; None when it did not."""
-    path = run.run_dir / FAILURE_FILE
-    return path.read_text() if path.exists() else None
 
 
 @contextlib.contextmanager

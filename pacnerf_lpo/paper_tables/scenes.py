@@ -1,7 +1,5 @@
 """The scenes of a data folder, and which of them are the paper's own recordings."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The figures of a suite's runs, read from their results."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Every suite as data: its scenes and its tables; the columns of the tables say which runs are needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -105,9 +103,7 @@ SHARED_ROUNDS = (
         "rounds", "Geometric (re)correction by number of rounds, test views", by_round("3v_dagger", (1, 2, 3, 4))
     ),
     ErrorLayout(
-        "identification_rounds",
-        "Physical identification by number of rounds, error",
-        by_round("3v_dagger", (2, 3, 4)),
+        "identification_rounds", "Physical identification by number of rounds, error", by_round("3v_dagger", (2, 3, 4))
     ),
 )
 SHARED_FULL_VIEW = (

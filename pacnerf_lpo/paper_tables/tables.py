@@ -1,7 +1,5 @@
 """A table as data: rows of entries, ours next to the paper's, with the best and the second best of each row marked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal

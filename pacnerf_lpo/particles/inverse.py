@@ -1,7 +1,5 @@
 """Particles to grid the other way round: node values whose interpolation at the particles gives their values back."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Parts of a cloud of particles that do not touch, and which of them the mattes confirm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """Field to particles: eight jittered positions in every occupied cell, and the field's values there."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

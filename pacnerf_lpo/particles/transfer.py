@@ -1,7 +1,5 @@
 """Particles to grid: the normalised trilinear average of raw density and features."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,20 +1,16 @@
 """What every phase of Algorithm 1 is: a LightningModule that takes a particle state and gives one back."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytorch_lightning as pl
 import torch
 
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 
 class AbstractPhase(pl.LightningModule, ABC):
@@ -32,6 +28,11 @@ class AbstractPhase(pl.LightningModule, ABC):
     def attach(self, data: VideoData, physics: Physics) -> None:
         """Give the phase the video and the physical model of the run; called once, before :meth:`import_state`."""
         self.data, self.physics = data, physics
+        self.check()
+
+    def check(self) -> None:
+        """Raise UserInputError where video, physical model and settings do not agree, before long work."""
+        return
 
     @abstractmethod
     def import_state(self, state: ParticleState | None) -> None:

@@ -1,7 +1,6 @@
 """What velocity estimation, physical identification and LPO share: a particle state that moves and is filmed."""
 
-from __future__ import annotations
-
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -44,19 +43,28 @@ class DynamicPhase(AbstractPhase):
             raise UserInputError(f"{type(self).__name__}: give at least one iteration")
         self.steps, self.silhouette_weight, self.seed = steps, silhouette_weight, seed
 
-    def attach(self, data: VideoData, physics: Physics) -> None:
-        """See :meth:`AbstractPhase.attach`; checks that video and model agree on the frame rate and the cameras."""
-        super().attach(data, physics)
-        check_frame_rate(data, physics)
-        check_cameras(data, physics)
-        physics.halvings = 0
+    def check(self) -> None:
+        """Video and model agree on the frame rate and the cameras."""
+        check_frame_rate(self.data, self.physics)
+        check_cameras(self.data, self.physics)
+        self.check_settings()
+        self.physics.halvings = 0
+
+    def check_settings(self) -> None:
+        """Raise UserInputError where the video or the model does not suit the settings of the phase."""
+        return
 
     def import_state(self, state: ParticleState | None) -> None:
-        """Keep the state and prepare the comparison with the video."""
+        """Keep the state and prepare the comparison with the video; then :meth:`begin`."""
         if state is None:
             raise UserInputError(f"{type(self).__name__} needs a particle state: run the static phase before it")
         self.state = state
         self.image_cost = ImageCost(self.data, state, self.silhouette_weight)
+        self.begin()
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Make what is optimised, from the state that was imported."""
 
     def batches(self, data: VideoData) -> Iterable:
         """The step numbers; each step draws its own views."""
@@ -111,12 +119,22 @@ class DynamicPhase(AbstractPhase):
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep how often the time step was halved."""
+        """Keep how often the time step was halved, and what the phase has reached."""
         checkpoint["step_halvings"] = self.physics.halvings
+        checkpoint["progress"] = self.progress()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Go on with the time step that was reached."""
+        """Go on with the time step and the progress that were reached."""
         self.physics.halvings = checkpoint["step_halvings"]
+        self.take_up(checkpoint["progress"])
+
+    def progress(self) -> dict[str, Any]:
+        """What a checkpoint keeps in addition to weights and optimiser: plain data and tensors."""
+        return {}
+
+    def take_up(self, progress: dict[str, Any]) -> None:
+        """Go on with what :meth:`progress` gave."""
+        return
 
     @torch.no_grad()
     def log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:

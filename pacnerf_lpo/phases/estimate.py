@@ -1,19 +1,18 @@
 """What a run will take, said before it starts: particles, memory and minutes, by the measured speed of this machine."""
 
-from __future__ import annotations
-
 import resource
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import torch
 from torch.nn.functional import mse_loss
 
 from pacnerf_lpo.data.cameras import hits_box
 from pacnerf_lpo.data.hull import hull_volume
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.static_grid import StaticGridModule
 from pacnerf_lpo.phases.work import Work
@@ -22,10 +21,6 @@ from pacnerf_lpo.scene.activation import EMPTY_DENSITY
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import FEATURES, Rays
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 SAMPLE = 4000
 """Particles of the timed simulation at most, and rays of the timed image; larger bodies cost in proportion."""

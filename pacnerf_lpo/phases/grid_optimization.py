@@ -1,7 +1,5 @@
 """+GO: correct the Eulerian grid of frame 0 by the whole video, as LPO corrects particles (LPO paper, section 4)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
@@ -53,12 +51,10 @@ class GridOptimizationModule(DynamicPhase):
         self.relative_alpha = relative_alpha
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Make a grid of the particles, trainable."""
-        super().import_state(state)
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)

@@ -1,21 +1,16 @@
 """Training images held out of the correction, to decide whether another round of Algorithm 1 still helps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import torch
 
+from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import known_values
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 Images = frozenset[tuple[int, int]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -140,43 +140,101 @@ class PaperAdam(IdentificationMethod):
         return False
 
 
-class GaussNewton(IdentificationMethod):
-    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
-
-    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
-    the local minimum before the first step, because moduli can be wrong by a factor of a thousand.
+class DampedLeastSquares(IdentificationMethod):
+    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together: the parameters are
+    few, so one more rollout for each gives the Jacobian of every residual.
 
     Args:
-        coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
-            contact the minimum is wide, later it splits into several.
-        iterations: at most, on all frames; either stage ends when its steps have become small.
-        scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
-        coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
-        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
+        warm_up_iterations: at most, on the frames around contact.
+        main_iterations: at most, on all frames; either stage ends when its steps have become small.
+        scan_decades: how far parameters are searched before the first step, log10 ones so many decades to either side.
         fits_velocity: refine the initial velocity too.
+    """
+
+    group: dict[str, Any]
+    """State of the optimiser, which a checkpoint keeps."""
+
+    def __init__(self, warm_up_iterations: int, main_iterations: int, scan_decades: float, fits_velocity: bool = True):
+        super().__init__(warm_up_iterations, main_iterations)
+        self.scan_decades, self.fits_velocity = scan_decades, fits_velocity
+
+    @property
+    @abstractmethod
+    def searches(self) -> bool:
+        """Whether :meth:`prepare` looks at the whole parameter space."""
+
+    @abstractmethod
+    def trial_loss(self, module: PhysicsIDModule) -> float:
+        """The cost at the current parameters; infinite where the motion is unstable."""
+
+    @abstractmethod
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        """Of the cost at the current parameters, in the order of ``module.unknowns``."""
+
+    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
+        """Called before each iteration."""
+        return
+
+    def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Called after each iteration."""
+        return
+
+    def check(self, names: Sequence[str]) -> None:
+        """Nothing: it treats every parameter the same way."""
+
+    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
+        limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
+        return LevenbergMarquardt(module.unknowns, limits, lambda: self.trial_loss(module))
+
+    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
+        lattices = {name: self._lattice(module, name) for name in module.free} if self.searches else {}
+        return {name: (min(points), max(points)) for name, points in lattices.items() if len(points) > 1}
+
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        self.group = optimiser.param_groups[0]
+        self.begin_iteration(module, step)
+        if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
+            self.group["damping"] = optimiser.defaults["damping"]
+        model = optimiser.step(lambda: self.normal_equations(module))
+        self.end_iteration(module)
+        return model.loss
+
+    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
+        """The last step was short, or took away hardly anything: along a flat direction steps stay long."""
+        last = optimiser.param_groups[0]
+        return last["last_step"] < 0.01 or last["last_gain"] < LEAST_GAIN
+
+    def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
+        parameter = module.physics.parameters[name]
+        points = parameter.transform.lattice(module.free[name].item(), self.scan_decades)
+        low, high = parameter.bounds
+        return [point for point in points if low < float(parameter.transform.to_physical(torch.tensor(point))) < high]
+
+
+class PixelLeastSquares(DampedLeastSquares):
+    """Least squares of images. Arguments as of :class:`DampedLeastSquares`, and:
+
+    Args:
+        coarse_pool, pool: block size [pixels] over which images are averaged before comparison, in the two stages.
+        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
     """
 
     def __init__(
         self,
-        coarse_iterations: int = 4,
-        iterations: int = 8,
-        scan_decades: float = 3.0,
-        coarse_pool: int = 4,
-        pool: int = 2,
-        views_per_frame: int | None = None,
+        warm_up_iterations: int,
+        main_iterations: int,
+        scan_decades: float,
         fits_velocity: bool = True,
+        coarse_pool: int = 1,
+        pool: int = 1,
+        views_per_frame: int | None = None,
     ):
-        super().__init__(coarse_iterations, iterations)
+        super().__init__(warm_up_iterations, main_iterations, scan_decades, fits_velocity)
         if min(coarse_pool, pool) < 1:
             raise UserInputError(
                 f"GaussNewton: coarse_pool = {coarse_pool}, pool = {pool}; give blocks of at least 1 pixel"
             )
-        self.scan_decades, self.views_per_frame = scan_decades, views_per_frame
-        self.coarse_pool, self.pool = coarse_pool, pool
-        self.fits_velocity = fits_velocity
-
-    def check(self, names: Sequence[str]) -> None:
-        """Nothing: it treats every parameter the same way."""
+        self.coarse_pool, self.pool, self.views_per_frame = coarse_pool, pool, views_per_frame
 
     def work(self, module: PhysicsIDModule, particles: int) -> Work:
         """Every iteration simulates each unknown and some trials; every scan its lattice, and those left again."""
@@ -186,13 +244,9 @@ class GaussNewton(IdentificationMethod):
         scans = (2 * self.scan_decades + 1) * len(names) * (len(names) + 1) / 2 if self.scan_decades > 0 else 0
         return early * (scans + once * self.warm_up_iterations) + late * (once * self.main_iterations)
 
-    def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
-        limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
-        return LevenbergMarquardt(module.unknowns, limits, lambda: self._trial_loss(module))
-
     def prepare(self, module: PhysicsIDModule) -> None:
         """Scan the parameters on the frames around contact: again and again, fix the one that gains most by itself."""
-        if not self._searches:
+        if not self.searches:
             return
         module.image_cost.pool = self.coarse_pool
         open_names = [name for name in module.free if len(self._lattice(module, name)) > 1]
@@ -202,19 +256,19 @@ class GaussNewton(IdentificationMethod):
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
 
-    def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
-        lattices = {name: self._lattice(module, name) for name in module.free} if self._searches else {}
-        return {name: (min(points), max(points)) for name, points in lattices.items() if len(points) > 1}
-
     @property
-    def _searches(self) -> bool:
+    def searches(self) -> bool:
         return self.scan_decades > 0
 
-    def _lattice(self, module: PhysicsIDModule, name: str) -> list[float]:
-        parameter = module.physics.parameters[name]
-        points = parameter.transform.lattice(module.free[name].item(), self.scan_decades)
-        low, high = parameter.bounds
-        return [point for point in points if low < float(parameter.transform.to_physical(torch.tensor(point))) < high]
+    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
+        """Choose the frames, the views and the blocks of pixels of this stage."""
+        module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
+        self._frames = module.frames_at(step)
+        self._views = module.fixed_views(self._frames, self.views_per_frame)
+
+    def pixel_loss(self, module: PhysicsIDModule) -> float:
+        """Mean squared error of the pixels; infinite where the motion is unstable."""
+        return finite_loss(lambda: module.loss(self._frames, self._views).item())
 
     def _scan(self, module: PhysicsIDModule, name: str) -> tuple[float, float]:
         """Least cost over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
@@ -230,25 +284,9 @@ class GaussNewton(IdentificationMethod):
         best = min(losses, key=losses.__getitem__)
         return losses[best], best
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
-        self._frames = module.frames_at(step)
-        self._views = module.fixed_views(self._frames, self.views_per_frame)
-        if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
-            optimiser.param_groups[0]["damping"] = optimiser.defaults["damping"]
-        model = optimiser.step(lambda: self._normal_equations(module))
-        return model.loss
-
-    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """The last step was short, or took away hardly anything: along a flat direction steps stay long."""
-        last = optimiser.param_groups[0]
-        return last["last_step"] < 0.01 or last["last_gain"] < LEAST_GAIN
-
-    def _trial_loss(self, module: PhysicsIDModule) -> float:
-        return finite_loss(lambda: module.loss(self._frames, self._views).item())
-
     @torch.no_grad()
-    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+    def pixel_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        """Of the mean squared error of the pixels."""
         watched, probes = self._watched(module)
         size = len(probes)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
@@ -282,6 +320,41 @@ class GaussNewton(IdentificationMethod):
             watched.append(module.watch(moved, module.velocity, module.values()))
             unknown.copy_(before)
         return watched, probes
+
+
+class GaussNewton(PixelLeastSquares):
+    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
+
+    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
+    the local minimum before the first step, because moduli can be wrong by a factor of a thousand.
+
+    Args:
+        coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
+            contact the minimum is wide, later it splits into several.
+        iterations: at most, on all frames; either stage ends when its steps have become small.
+        scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
+        coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
+        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
+        fits_velocity: refine the initial velocity too.
+    """
+
+    def __init__(
+        self,
+        coarse_iterations: int = 4,
+        iterations: int = 8,
+        scan_decades: float = 3.0,
+        coarse_pool: int = 4,
+        pool: int = 2,
+        views_per_frame: int | None = None,
+        fits_velocity: bool = True,
+    ):
+        super().__init__(coarse_iterations, iterations, scan_decades, fits_velocity, coarse_pool, pool, views_per_frame)
+
+    def trial_loss(self, module: PhysicsIDModule) -> float:
+        return self.pixel_loss(module)
+
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        return self.pixel_equations(module)
 
 
 def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], frame: int) -> bool:

@@ -1,23 +1,18 @@
 """Predicted against measured images of a moving particle set: the cost that every dynamic phase minimises."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.render.ray_march import render_rays
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import FieldGrid, ParticleState
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 
 class ImageCost:

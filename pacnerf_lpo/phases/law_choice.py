@@ -1,7 +1,5 @@
 """Which law the body moves by, where nobody has said it: between the velocity and the first identification."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 
@@ -48,9 +46,8 @@ class LawChoice(DynamicPhase):
         self.particles, self.jobs = particles, jobs
         self.taken = nn.Parameter(torch.zeros(()))  # what a step of the optimiser counts
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Prepare the comparison of the laws; their parameters start from guesses."""
-        super().import_state(state)
         data = self.data
         problem = StateProblem(
             data.video.source, data, self.state, self.physics, held_back(data), bright=False, particles=self.particles
@@ -88,15 +85,13 @@ class LawChoice(DynamicPhase):
         optimiser: Any = self.optimizers()
         optimiser.step()
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """What every law has reached goes with the checkpoint."""
-        super().on_save_checkpoint(checkpoint)
-        checkpoint["laws"] = self.competition.found()
+    def progress(self) -> dict[str, Any]:
+        """What every law has reached."""
+        return self.competition.found()
 
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+    def take_up(self, progress: dict[str, Any]) -> None:
         """Go on with the laws that were tried."""
-        super().on_load_checkpoint(checkpoint)
-        self.competition.restore(checkpoint["laws"])
+        self.competition.restore(progress)
 
     def export_state(self) -> ParticleState:
         """The imported state with the parameters of the chosen law; the velocity that images gave stays."""

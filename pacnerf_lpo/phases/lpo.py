@@ -1,7 +1,5 @@
 """Lagrangian Particle Optimization: correct frame-0 positions and features by the whole video (Algorithm 1, step 3)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -63,12 +61,10 @@ class LPOModule(DynamicPhase):
         self.warm_up = check_warm_up(warm_up)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Make the particles trainable."""
-        super().import_state(state)
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
         self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
         self.features = nn.Parameter(self.state.features.clone(), requires_grad=self.corrects_features)

@@ -5,8 +5,6 @@ outline hides what happens inside it. Run on the same body, the errors of its co
 what differs between their answers is the methods' own.
 """
 
-from __future__ import annotations
-
 import time
 from copy import copy
 from dataclasses import replace
@@ -137,7 +135,7 @@ class _Images:
     """
 
     def __init__(self, module: PhysicsIDModule, outlines: OutlineCost, frames: int):
-        self.model, self.unusual, self.state = outlines.model, outlines.unusual, module.state
+        self.model, self.prior_terms, self.state = outlines.model, outlines.prior_terms, module.state
         self.image_cost = ImageCost(reduced(module.data), module.state, module.silhouette_weight)
         self.views = module.fixed_views(frames, VIEWS)
         distance, self._near = cKDTree(self.model.body.positions.numpy()).query(
@@ -151,7 +149,7 @@ class _Images:
     def residual(self, free: np.ndarray) -> np.ndarray:
         """In units of their root mean square at the start, then how far unknowns are from their prior means [(D,)]."""
         self.model.physics.halvings = 0
-        return np.append(self._pixels(free) / self._unit, self.unusual(free))
+        return np.append(self._pixels(free) / self._unit, self.prior_terms(free))
 
     @torch.no_grad()
     def _pixels(self, free: np.ndarray) -> np.ndarray:

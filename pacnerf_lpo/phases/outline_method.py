@@ -1,11 +1,9 @@
 """Identification by outlines alone: so cheap that the whole parameter space is searched before the first step."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from copy import copy
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -23,12 +21,16 @@ from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.phases.identification_methods import TRIALS, GaussNewton, IdentificationMethod, finite_loss
+from pacnerf_lpo.phases.identification_methods import (
+    TRIALS,
+    DampedLeastSquares,
+    IdentificationMethod,
+    PixelLeastSquares,
+    finite_loss,
+)
+from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.work import Work
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.phases.physics_id import PhysicsIDModule
-    from pacnerf_lpo.types import ParticleState
+from pacnerf_lpo.types import ParticleState
 
 Item = TypeVar("Item")
 FALL_ITERATIONS, SEARCH_ITERATIONS, FINER_ITERATIONS = 4, 6, 3
@@ -52,7 +54,7 @@ SUNK = 1.0
 """The ground is put out of the way where the fall is fitted [m]: a coarse grid feels it a cell or two too early."""
 
 
-class OutlineGaussNewton(GaussNewton):
+class OutlineGaussNewton(DampedLeastSquares):
     """Levenberg-Marquardt on ten numbers for each outline (centroid, area, widths, edges; see
     :mod:`pacnerf_lpo.identification.silhouette_moments`), relative to frame 0, instead of on pixels.
 
@@ -64,7 +66,7 @@ class OutlineGaussNewton(GaussNewton):
     which pulls colours to a wrong motion, does not enter.
 
     A coarse grid makes a body too stiff where it flows, and a fit on it ends in a wrong local minimum. So what
-    outlines tell is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
+    outlines say is extrapolated to vanishing node spacing from bodies of two resolutions (Richardson 1911, see
     :class:`OutlineCost`). A corrected body is compared pixel by pixel, moved by its own particles: the correction has
     made those agree with the images, and neither its outlines by splats nor another sampling of it do.
 
@@ -90,7 +92,7 @@ class OutlineGaussNewton(GaussNewton):
         scan_particles: int = 700,
         jobs: int | None = None,
     ):
-        super().__init__(0, iterations, scan_decades, pool=1)
+        super().__init__(0, iterations, scan_decades)
         if samples < 0 or starts < 1 or not 100 <= scan_particles < coarse_particles < particles:
             raise UserInputError(
                 f"OutlineGaussNewton: samples = {samples}, starts = {starts}, particles = {particles}, "
@@ -116,11 +118,11 @@ class OutlineGaussNewton(GaussNewton):
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """Pixel by pixel for a corrected state."""
-        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, pool=1) if state.corrected else self
+        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades) if state.corrected else self
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space."""
-        if self._searches:
+        if self.searches:
             with processes(self.jobs):
                 self._fit_fall(module)
                 self._search(module)
@@ -154,7 +156,7 @@ class OutlineGaussNewton(GaussNewton):
         bodies: tuple[int, int],
         starts: Sequence[Fit],
         rows: Sequence[np.ndarray | None] = (None,),
-    ) -> tuple[OutlineCost, list[Fit]]:
+    ) -> "tuple[OutlineCost, list[Fit]]":
         """Short fits that end apart, the best first, and of what; all at the same time step. Every step costs some of
         the rebound, so a stiffness that needs half the step must not be compared with one that does not.
         """
@@ -166,7 +168,7 @@ class OutlineGaussNewton(GaussNewton):
         return self._fits(module, bodies, found, rows[-1:])
 
     @staticmethod
-    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> OutlineCost:
+    def _searched(module: PhysicsIDModule, bodies: tuple[int, int]) -> "OutlineCost":
         """The cost of a search, whose steps are at most :data:`HALVINGS` shorter than the run's."""
         outline_cost = OutlineCost(module, *bodies)
         outline_cost.model.physics.most_halvings = max(HALVINGS - module.physics.halvings, 0)
@@ -193,26 +195,24 @@ class OutlineGaussNewton(GaussNewton):
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
     @property
-    def _searches(self) -> bool:
+    def searches(self) -> bool:
         return self.samples > 0
 
-    def _outline_cost(self, module: PhysicsIDModule) -> OutlineCost:
+    def _outline_cost(self, module: PhysicsIDModule) -> "OutlineCost":
         if self._kept is None:
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration, then back into the bounds."""
-        loss, outline_cost = super().iterate(module, optimiser, step), self._outline_cost(module)
+    def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Back into the bounds."""
+        outline_cost = self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
-        return loss
 
-    def _trial_loss(self, module: PhysicsIDModule) -> float:
+    def trial_loss(self, module: PhysicsIDModule) -> float:
         outline_cost = self._outline_cost(module)
         return finite_loss(lambda: float(np.mean(outline_cost.residual(outline_cost.free(module)) ** 2)))
 
-    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        """In the order of ``module.unknowns``."""
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         outline_cost = self._outline_cost(module)
         free, model = outline_cost.free(module), outline_cost.model
         now = outline_cost.residual(free)
@@ -232,43 +232,32 @@ class OutlineGaussNewton(GaussNewton):
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
 
 
-class PixelsAfterOutlines(GaussNewton):
+class PixelsAfterOutlines(PixelLeastSquares):
     """Gauss-Newton on the pixels of a corrected body, for which the prior counts as much as one image: an image is
-    known by as much as it differs from the model at the start. So a Poisson's ratio of which the images tell little is
+    known by as much as it differs from the model at the start. So a Poisson's ratio of which the images say little is
     not left to errors of the correction.
     """
 
-    _image_error = 0.0
+    def trial_loss(self, module: PhysicsIDModule) -> float:
+        return self.pixel_loss(module) + self._prior_terms(module)[0]
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration; the error of an image goes with the optimiser's state."""
-        group = optimiser.param_groups[0]
-        self._image_error = group.get("image_error", 0.0)
-        loss = super().iterate(module, optimiser, step)
-        group["image_error"] = self._image_error
-        return loss
-
-    def _trial_loss(self, module: PhysicsIDModule) -> float:
-        return super()._trial_loss(module) + self._unusual(module)[0]
-
-    def _normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        pixels = super()._normal_equations(module)
-        if self._image_error == 0.0:
-            self._image_error = pixels.loss
-        loss, gradient, hessian = self._unusual(module)
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
+        pixels = self.pixel_equations(module)
+        self.group.setdefault("image_error", pixels.loss)
+        loss, gradient, hessian = self._prior_terms(module)
         return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
 
-    def _unusual(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
+    def _prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
-        weight = self._image_error / sum(map(len, self._views))
+        weight = self.group["image_error"] / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
         hessian = torch.zeros(size, size, dtype=torch.float64)
         for index, (name, free) in enumerate(module.free.items()):
             parameter = module.physics.parameters[name]
-            if parameter.usual is None:
+            if parameter.prior_value is None:
                 continue
-            mean, deviation = parameter.usual
+            mean, deviation = parameter.prior_value
             with torch.enable_grad():
                 moved = free.detach().double().requires_grad_()
                 residual = (parameter.transform.to_physical(moved) - mean) / deviation
@@ -334,7 +323,7 @@ class OutlineCost:
         """At free coordinates [(K,)], in units of its error [(D,)]. Raises SimulationError."""
         free = np.clip(free, *self.model.bounds)
         self.model.physics.halvings = 0
-        found = np.append(self._weighted(free), self.unusual(free))
+        found = np.append(self._weighted(free), self.prior_terms(free))
         if self._coarser is None:
             return found
         coarse, ratio = self._coarser.model, self._coarser.model.body.spacing / self.model.body.spacing
@@ -344,7 +333,7 @@ class OutlineCost:
 
     def rows(self, frames: int) -> np.ndarray:
         """Which rows of the residual are of the first frames, or of no frame [(D,), bool]."""
-        return np.append(self._frames < frames, np.ones(len(self.unusual(self.model.start)), bool))
+        return np.append(self._frames < frames, np.ones(len(self.prior_terms(self.model.start)), bool))
 
     def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
         """Short fits of the cost, as a stage of a search; arguments as of :class:`Stage`."""
@@ -359,13 +348,13 @@ class OutlineCost:
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)
 
-    def unusual(self, free: np.ndarray) -> list[float]:
-        """How far unknowns are from what is usual, at free coordinates [(K,)]."""
+    def prior_terms(self, free: np.ndarray) -> list[float]:
+        """How far unknowns are from their prior means, at free coordinates [(K,)]."""
         values = self.model.physical(free)
         return [
-            len(KINDS) ** 0.5 * (values[parameter.name] - parameter.usual[0]) / parameter.usual[1]
+            len(KINDS) ** 0.5 * (values[parameter.name] - parameter.prior_value[0]) / parameter.prior_value[1]
             for parameter in self.model.unknowns
-            if parameter.usual is not None
+            if parameter.prior_value is not None
         ]
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:

@@ -1,15 +1,11 @@
 """Physical identification: warm-up on the frames around contact, then all frames (steps (b) and (c) of PAC-NeRF)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
 from pacnerf_lpo.phases.work import Work
@@ -38,29 +34,26 @@ class PhysicsIDModule(DynamicPhase):
         self.method = self._configured = method
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
 
-    def attach(self, data: VideoData, physics: Physics) -> None:
-        """See :meth:`DynamicPhase.attach`; the video must show the contact, and something must be left to identify."""
-        super().attach(data, physics)
-        frames = len(data.video.times)
-        if not 1 <= self.hit_frame < frames:
+    def check_settings(self) -> None:
+        """The video must show the contact, and something must be left to identify."""
+        video = self.data.video
+        if not 1 <= self.hit_frame < len(video.times):
             raise UserInputError(
-                f"phases.physics: hit_frame = {self.hit_frame} but {data.video.source} has frames 0 to {frames - 1}; "
-                "give the first frame that shows contact with the ground"
+                f"phases.physics: hit_frame = {self.hit_frame} but {video.source} has frames 0 to "
+                f"{len(video.times) - 1}; give the first frame that shows contact with the ground"
             )
-        if not physics.free_names:
+        if not self.physics.free_names:
             raise UserInputError(
                 "phases.physics: every parameter is declared known, so there is nothing to identify; shorten "
                 "physics.material.known"
             )
-        self.method.check(physics.free_names)
+        self.method.check(self.physics.free_names)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return self.method.work(self, particles)
 
-    def import_state(self, state: ParticleState | None) -> None:
+    def begin(self) -> None:
         """Start from the parameters of the state, else from the material's guess."""
-        super().import_state(state)
         self.method = self._configured.suited_to(self.state)
         known = known_values(self.physics, self.state)
         described = self.physics.parameters
@@ -180,16 +173,13 @@ class PhysicsIDModule(DynamicPhase):
             "visited": self._visited,
         }
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the course so far."""
-        super().on_save_checkpoint(checkpoint)
-        checkpoint["course"] = self.course()
+    def progress(self) -> dict[str, Any]:
+        """The course so far."""
+        return self.course()
 
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+    def take_up(self, progress: dict[str, Any]) -> None:
         """Go on with the course."""
-        super().on_load_checkpoint(checkpoint)
-        course = checkpoint["course"]
-        self._searched, self._costs, self._visited = course["searched"], course["costs"], course["visited"]
+        self._searched, self._costs, self._visited = progress["searched"], progress["costs"], progress["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
         """Identified parameters with their SI units."""

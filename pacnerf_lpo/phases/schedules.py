@@ -2,8 +2,6 @@
 And how the rate of the corrections does.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from typing import Any

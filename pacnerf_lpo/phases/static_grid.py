@@ -1,17 +1,16 @@
 """Phase 1: a voxel radiance field of frame 0, fitted to the training views, becomes particles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.identification.silhouette_moments import summarise
+from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.image import psnr, squared_error
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
@@ -26,10 +25,6 @@ from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import ParticleState, Rays
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
-    from pacnerf_lpo.mpm.physics import Physics
 
 
 class StaticGridModule(AbstractPhase):
@@ -97,18 +92,18 @@ class StaticGridModule(AbstractPhase):
         self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
         self.last_psnr = float("nan")
 
-    def attach(self, data: VideoData, physics: Physics) -> None:
-        """See :meth:`AbstractPhase.attach`; whole outlines must be seen where they decide what is matter.
+    def check(self) -> None:
+        """Whole outlines must be seen where they decide what the body occupies.
 
         Raises:
             UserInputError: every training view cuts the outline at frame 0.
         """
-        super().attach(data, physics)
-        outlines = summarise(data.video.silhouettes[data.train, 0])
-        if physics.matter == "outlined" and not np.isfinite(outlines).any():
+        video = self.data.video
+        outlines = silhouette_moments(video.silhouettes[self.data.train, 0])
+        if self.physics.mass_from == "outline" and not np.isfinite(outlines).any():
             raise UserInputError(
-                f"{data.video.source}: physics.matter = outlined needs a training view that shows the whole outline at "
-                "frame 0, but in all of them it touches the border of the image; set physics.matter to visible"
+                f"{video.source}: physics.mass_from = outline needs a training view that shows the whole outline at "
+                "frame 0, but in all of them it touches the border of the image; set physics.mass_from to opacity"
             )
 
     def import_state(self, state: ParticleState | None) -> None:
@@ -130,7 +125,6 @@ class StaticGridModule(AbstractPhase):
         return StepNumbers(self.length.steps, lambda: self.global_step)
 
     def work(self, particles: int) -> Work:
-        """See :meth:`AbstractPhase.work`."""
         return Work(rays=self.length.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
@@ -217,9 +211,9 @@ class StaticGridModule(AbstractPhase):
             base_spacing=self.base_spacing,
             colour_network=weights,
         )
-        return state.with_(erosion=self._erosion(state)) if self.physics.matter == "outlined" else state
+        return state.with_(surface_offset=self._surface_offset(state)) if self.physics.mass_from == "outline" else state
 
-    def _erosion(self, state: ParticleState) -> float:
+    def _surface_offset(self, state: ParticleState) -> float:
         """Raw density above that of the visible surface where the body is as large as in the mattes of the training
         views.
         """
@@ -228,7 +222,7 @@ class StaticGridModule(AbstractPhase):
         video = self.data.video
         views = np.isin(np.arange(len(video.images)), self.data.train)
         first = Split(views, np.arange(len(video.times)) == 0)
-        return StateProblem("", self.data, state, self.physics, first, bright=False).erosion
+        return StateProblem("", self.data, state, self.physics, first, bright=False).surface_offset
 
     def progress_metrics(self) -> dict[str, str]:
         """Batch PSNR and voxel size."""

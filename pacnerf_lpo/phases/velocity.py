@@ -1,7 +1,5 @@
 """Initial velocity from the frames before contact (identification step (a) of PAC-NeRF)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -52,12 +50,12 @@ class VelocityModule(DynamicPhase):
         self._highest: float | None = None  # loss of a stable motion
         self.last_step = 0.0
 
-    def attach(self, data, physics) -> None:
-        """See :meth:`DynamicPhase.attach`; the video must contain the frames before contact."""
-        super().attach(data, physics)
-        if self.frames > len(data.video.times):
+    def check_settings(self) -> None:
+        """The video must contain the frames before contact."""
+        video = self.data.video
+        if self.frames > len(video.times):
             raise UserInputError(
-                f"hit_frame = {self.frames} but {data.video.source} has {len(data.video.times)} frames; lower hit_frame"
+                f"hit_frame = {self.frames} but {video.source} has {len(video.times)} frames; lower hit_frame"
             )
 
     def work(self, particles: int) -> Work:
@@ -65,9 +63,8 @@ class VelocityModule(DynamicPhase):
         views = min(self.views_per_frame or len(self.data.train), len(self.data.train))
         return compared(self.frames, views, gradients=True) * (1.25 * ITERATIONS_PER_STEP * self.steps)
 
-    def import_state(self, state: ParticleState | None) -> None:
-        """Fix the physical parameters to what is known; before contact they hardly matter."""
-        super().import_state(state)
+    def begin(self) -> None:
+        """Fix the physical parameters to what is known; before contact they hardly count."""
         self._parameters_now = {
             name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()
         }

@@ -1,7 +1,5 @@
 """How much a phase computes, counted before it starts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 BACKWARD = 4.0
@@ -23,10 +21,10 @@ class Work:
     rays: float = 0.0
     images: float = 0.0
 
-    def __add__(self, other: Work) -> Work:
+    def __add__(self, other: "Work") -> "Work":
         return Work(self.frames + other.frames, self.rays + other.rays, self.images + other.images)
 
-    def __mul__(self, times: float) -> Work:
+    def __mul__(self, times: float) -> "Work":
         return Work(self.frames * times, self.rays * times, self.images * times)
 
 

@@ -1,7 +1,5 @@
 """Cameras whose frames were taken at other times than those of the others, by an offset that is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 

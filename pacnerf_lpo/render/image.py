@@ -1,7 +1,5 @@
 """Whole images, rendered in chunks without gradients."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 
@@ -14,9 +12,9 @@ CHUNK = 16384
 
 @torch.no_grad()
 def render_view(
-    grid: FieldGrid, colour: ColourNetwork, rays: Rays, size: tuple[int, int], base_dx: float, background: float = 1.0
+    grid: FieldGrid, colour: ColourNetwork, rays: Rays, size: tuple[int, int], base_dx: float
 ) -> tuple[Tensor, Tensor]:
-    """Render all pixels of a view.
+    """Render all pixels of a view on white.
 
     Args:
         grid: the field.
@@ -24,13 +22,12 @@ def render_view(
         rays: H*W rays, row-major [m].
         size: (H, W).
         base_dx: coarsest spacing dx0 [m].
-        background: grey value behind everything.
 
     Returns:
         image [0..1, (H, W, 3)] and opacity, the soft silhouette [0..1, (H, W)].
     """
     parts = zip(rays.origins.split(CHUNK), rays.directions.split(CHUNK), strict=True)
-    chunks = [render_rays(grid, colour, Rays(*part), base_dx, background) for part in parts]
+    chunks = [render_rays(grid, colour, Rays(*part), base_dx) for part in parts]
     colours = torch.cat([chunk.colour for chunk in chunks])
     transmittance = torch.cat([chunk.transmittance for chunk in chunks])
     return colours.view(*size, 3), 1 - transmittance.view(size)

@@ -4,21 +4,16 @@ Effects act in the order in which the model lists them. Without any, nothing is 
 are handed on as they are. The static phase looks at frame 0 before any value is known, through the believed cameras.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
+from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.render.camera_faults.base import Observation
 from pacnerf_lpo.types import Rays, Video
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.data.video_module import VideoData
 
 NEWTON_STEPS = 8
 NEWTON_TOLERANCE = 1e-9  # in image coordinates
@@ -203,7 +198,7 @@ def project(
     """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame (indices).
 
     Differentiable in the points and in the values; pose and lens are corrected. The points are where the view sees
-    them: time offsets are the matter of :func:`seen_positions`.
+    them: time offsets are left to :func:`seen_positions`.
     """
     observer, view_id = Observer(observations, values or {}), video.view_ids[view]
     pose = observer.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))

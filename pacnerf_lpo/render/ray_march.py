@@ -3,8 +3,6 @@
 C(r) = sum_i T_i alpha_i c_i + T_end * background,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch
@@ -56,7 +54,6 @@ def render_rays(
     rays: Rays,
     base_dx: float,
     background: float = 1.0,
-    directions: Tensor | None = None,
     min_weight: float = MIN_WEIGHT,
 ) -> Rendering:
     """Render rays through a grid. Differentiable in the grid's density and features, the colour weights and rays.
@@ -67,15 +64,16 @@ def render_rays(
         rays: R rays [m].
         base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
         background: grey value behind everything.
-        directions: view directions given to the colour network instead of the rays' own [(R, 3)].
         min_weight: samples that would add less to their ray are not coloured; they still attenuate.
     """
-    return shade(march(grid, rays, base_dx, min_weight), colour, background, directions)
+    return shade(march(grid, rays, base_dx, min_weight), colour, background)
 
 
 def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT) -> March:
     """Find the samples that contribute, their weights and features: the part of rendering that knows no colour."""
-    points, lengths, weights, transmittance = _attenuate(grid, rays, base_dx)
+    delta = sample_length(grid.dx, base_dx)
+    points, lengths = _occupied_samples(grid, rays, delta)
+    weights, transmittance = _compose(gather(grid.density.reshape(-1, 1), points).squeeze(1), lengths, delta)
     keep = (weights.detach() >= min_weight).nonzero().squeeze(1)
     ray = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
     return March(
@@ -125,25 +123,12 @@ def _blocks(lengths: Tensor) -> tuple[list[int], list[int]]:
     return last.diff(prepend=last.new_zeros(1)).tolist(), count.diff(prepend=count.new_zeros(1)).tolist()
 
 
-def ray_opacity(grid: FieldGrid, rays: Rays, base_dx: float) -> Tensor:
-    """Opacity 1 - transmittance [0..1, (R,)] along rays, without colours. Differentiable in ``grid.density``."""
-    return 1 - _attenuate(grid, rays, base_dx)[3]
-
-
 def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
     """Distances [m, (R,), (R,)] at which rays enter (no nearer than 0.1 m) and leave a box; enter > leave is a miss."""
     tiny = torch.full_like(rays.directions, 1e-12)
     directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
     one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
     return torch.minimum(one, two).amax(1).clamp_min(NEAR), torch.maximum(one, two).amin(1)
-
-
-def _attenuate(grid: FieldGrid, rays: Rays, base_dx: float) -> tuple[Stencil, Tensor, Tensor, Tensor]:
-    """The samples in occupied cells, their number on each ray, their weights, and each ray's final transmittance."""
-    delta = sample_length(grid.dx, base_dx)
-    points, lengths = _occupied_samples(grid, rays, delta)
-    density = gather(grid.density.reshape(-1, 1), points).squeeze(1)
-    return points, lengths, *_compose(density, lengths, delta)
 
 
 def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stencil, Tensor]:

@@ -1,7 +1,5 @@
 """Sums over, and copies to, the samples of each ray: stored ray after ray, ``lengths`` (R,) of them on each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -38,14 +36,9 @@ class _Linear(Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, lengths: Tensor, mapping: Map, adjoint: Map) -> Tensor:
         ctx.save_for_backward(lengths)
-        ctx.save_for_forward(lengths)
         ctx.mapping, ctx.adjoint = mapping, adjoint
         return mapping(values, lengths)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:
         return ctx.adjoint(gradients[0], ctx.saved_tensors[0]), None, None, None
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        return ctx.mapping(tangents[0], ctx.saved_tensors[0])

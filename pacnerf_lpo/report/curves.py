@@ -1,7 +1,5 @@
 """Losses and physical parameters over the iterations of a run, read from its TensorBoard events."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

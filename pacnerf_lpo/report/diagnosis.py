@@ -1,7 +1,5 @@
 """``diagnosis.html``: one page about what is missing in a model, to be read without statistics and without network."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Evidence of one round on a diagnosis' page: ranking, confounding and refits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small pieces of HTML that the parts of a diagnosis' page share."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence
@@ -18,6 +16,11 @@ def table(head: Sequence[str], rows: Sequence[str], kind: str = "") -> str:
     cells = "".join(f"<th>{title}</th>" for title in head)
     named = f' class="{kind}"' if kind else ""
     return f"<table{named}><thead><tr>{cells}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def row(cells: Sequence[str]) -> str:
+    """A row of a table; the cells are HTML."""
+    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
 def bullets(sentences: Sequence[str]) -> str:

@@ -1,7 +1,5 @@
 """``diagnosis.json`` and ``effects.yaml``: what a diagnosis has found, as plain numbers and sentences."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -25,6 +23,7 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
+from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.flights import agreement, flights
 
 RESULT, OVERLAY, OVERLAY_OF = "diagnosis.json", "effects.yaml", "effects_{}.yaml"
@@ -106,8 +105,8 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "check": _check(found.check),
         "check_held": _check(found.held),
         "phases": found.phases[0],
-        "excess": _matrix(localising.excess(comparison.residual, comparison)[: problem.views]),
-        "floor": _matrix(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
+        "excess": plain(localising.excess(comparison.residual, comparison)[: problem.views]),
+        "floor": plain(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
         "error": _errors(problem, comparison.residual, found),
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
         "refits": [{**_refit(problem, again, found), "log_odds": odds[again.name]} for again in found.refits],
@@ -211,7 +210,7 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
         "log_bayes_factor": again.log_bayes_factor,
         "p_value": again.p_value,
         "notes": list(again.notes),
-        "excess": _matrix(localising.excess(again.residual, found.comparison)[: problem.views]),
+        "excess": plain(localising.excess(again.residual, found.comparison)[: problem.views]),
         "error": _errors(problem, again.residual, found),
     }
 
@@ -242,8 +241,3 @@ def _intervals(intervals: Sequence[Interval], unknowns: Sequence[Parameter]) -> 
         }
         for interval in intervals
     ]
-
-
-def _matrix(values: np.ndarray) -> list[list[float | None]]:
-    """Rows of numbers, None where there is none."""
-    return [[round(float(x), 5) if np.isfinite(x) else None for x in row] for row in values]

@@ -1,7 +1,5 @@
 """The parts of a diagnosis' page that are plain HTML: verdict, parameters, points, bounds, effort."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

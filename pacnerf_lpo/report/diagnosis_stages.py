@@ -2,8 +2,6 @@
 images of the model before and after.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report import wording
+from pacnerf_lpo.report.encoding import plain
 
 PICTURES = "pictures.npz"
 LONGEST = 128
@@ -91,13 +90,13 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
             name: float(np.median([_of_part(one, part) for one in replicate_errors]))
             for name, part in (("fitted", fitted), ("held", held))
         },
-        "by_frame": _rounded(root_mean_square(error, (0, 2))),
-        "band": [_rounded(edge) for edge in band],
-        "by_view": _rounded(by_row[:views]),
-        "view_floor": _rounded(row_floor[:views]),
-        "by_point": _rounded(by_row[views:] * millimetres),
-        "point_floor": _rounded(row_floor[views:] * millimetres),
-        "excess": [_rounded(row) for row in excess(stage.residual, stage.comparison)[:views]],
+        "by_frame": plain(root_mean_square(error, (0, 2))),
+        "band": plain(band),
+        "by_view": plain(by_row[:views]),
+        "view_floor": plain(row_floor[:views]),
+        "by_point": plain(by_row[views:] * millimetres),
+        "point_floor": plain(row_floor[views:] * millimetres),
+        "excess": plain(excess(stage.residual, stage.comparison)[:views]),
     }
 
 
@@ -118,10 +117,6 @@ def root_mean_square(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 def _of_part(error: np.ndarray, part: np.ndarray) -> float:
     return float(root_mean_square(error[part], (0, 1)))
-
-
-def _rounded(values: np.ndarray) -> list[float | None]:
-    return [round(float(value), 5) if np.isfinite(value) else None for value in values]
 
 
 def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> None:

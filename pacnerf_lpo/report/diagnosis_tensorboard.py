@@ -1,7 +1,5 @@
 """The error before and after a diagnosis in TensorBoard, by view and by frame."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A diagnosis in words for a reader who knows no statistics."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

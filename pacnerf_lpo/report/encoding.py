@@ -1,7 +1,5 @@
 """Images, numbers and files as text inside an HTML page."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -22,6 +20,13 @@ def asset(name: str) -> str:
 def json_text(values: Mapping[str, Any]) -> str:
     """JSON that may stand inside a script element."""
     return json.dumps(values, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+
+
+def plain(values: np.ndarray, digits: int = 5) -> list[Any]:
+    """Numbers as JSON has them, nested as the array is; None where there is none."""
+    if values.ndim > 1:
+        return [plain(row, digits) for row in values]
+    return [round(float(value), digits) if np.isfinite(value) else None for value in values]
 
 
 def data_uri(content: bytes, kind: str) -> str:

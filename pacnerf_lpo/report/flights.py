@@ -2,8 +2,6 @@
 itself says of the effects that were found.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -14,8 +12,9 @@ from pacnerf_lpo.diagnosis.contributions import estimates, steady_forces
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import RigidProblem
-from pacnerf_lpo.report.diagnosis_markup import table, text
+from pacnerf_lpo.report.diagnosis_markup import row, table, text
 from pacnerf_lpo.report.diagnosis_stages import Stage
+from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.wording import readable
 
 MAGNUS = "Magnus"
@@ -53,8 +52,8 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
             {
                 "name": part.name,
                 "times": np.round(flight.times, 5).tolist(),
-                "measured": _columns(flight.positions),
-                "models": [_columns(centre) for centre in centres],
+                "measured": plain(flight.positions.T),
+                "models": [plain(centre.T) for centre in centres],
                 "spin": None if flight.spin is None else list(flight.spin),
                 "spin_times_velocity": float(np.linalg.norm(turned, axis=1).mean()),
                 "side": None if side is None else asdict(side),
@@ -77,7 +76,7 @@ class Side:
     angle: float
 
     @staticmethod
-    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> Side:
+    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> "Side":
         """From an acceleration [m/s^2, (3,)] with its covariance, the mean velocity, and the mean spin x velocity."""
         along = velocity / np.linalg.norm(velocity)
         across = np.eye(3) - np.outer(along, along)
@@ -85,11 +84,6 @@ class Side:
         cosine = side @ turned / max(size * float(np.linalg.norm(turned)), 1e-12)
         error = float(np.sqrt(np.trace(across @ covariance @ across) / 2))
         return Side(round(size, 3), round(error, 3), round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 1))
-
-
-def _columns(positions: np.ndarray) -> list[list[float | None]]:
-    """Coordinates [m, 3 x F], None where there is none."""
-    return [[round(float(x), 5) if np.isfinite(x) else None for x in column] for column in positions.T]
 
 
 def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
@@ -135,7 +129,7 @@ def flights_section(result: Mapping[str, Any]) -> str:
         cells += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
         cells += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
         cells += _side_cells(one["side"]) if sides else []
-        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+        rows.append(row(cells))
     said = agreement(found)
     note = f'<p class="note">{text(said)}</p>' if said else ""
     options = "".join(f'<option value="{k}">{text(one["name"])}</option>' for k, one in enumerate(found))

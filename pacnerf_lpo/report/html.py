@@ -1,7 +1,5 @@
 """One self-contained page that shows what a run found: no network, no other file."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Mapping

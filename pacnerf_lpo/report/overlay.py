@@ -1,7 +1,5 @@
 """Lines drawn over a camera's image as SVG: ground grid, box, axes, and the outlines of matte and hull."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from itertools import product

@@ -1,7 +1,5 @@
 """The shell that all self-contained pages share: head, style, body, data and scripts in one file."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping, Sequence
 from string import Template

@@ -1,7 +1,5 @@
 """The data behind the report's pictures and charts, small enough to travel inside the page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,13 +7,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.evaluation.parameter_errors import Truth
-from pacnerf_lpo.evaluation.prediction import (
-    Prediction,
-    StateRenderer,
-    read_prediction,
-    to_bytes,
-    visible_particles,
-)
+from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report.curves import Curve, read_curves

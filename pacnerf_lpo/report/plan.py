@@ -1,7 +1,5 @@
 """``plan.json`` and ``plan.html``: which recording to make next, ranked, in words and as bars."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Sequence
@@ -14,15 +12,11 @@ from pacnerf_lpo.diagnosis.plan import ENOUGH, Proposal
 from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis_words import odds
+from pacnerf_lpo.report.page import page as shell
 from pacnerf_lpo.report.wording import listed, readable
 
 RESULT, PAGE = "plan.json", "plan.html"
 BAR, ROW, WIDTH = 18, 46, 720
-STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
-    "text{font:14px system-ui,sans-serif;fill:currentColor}td,th{padding:.2rem .8rem .2rem 0;text-align:left}"
-    "@media(prefers-color-scheme:dark){body{background:#16181d;color:#e6e6e6}}"
-)
 
 
 def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> Path:
@@ -63,15 +57,7 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
         for one in proposals
         for pair in one.odds
     )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f"<style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
-        "<p>Each recording was simulated under every hypothesis that the diagnosis left. The bar is the expected log "
-        "Bayes factor of the true hypothesis against the one that is hardest to separate from it; what another one can "
-        "imitate with its own parameters does not count. The line marks odds of twenty to one, which decide.</p>"
-        f"{bars(proposals)}<h2>Pair by pair</h2><table><tr><th>recording</th><th>if this is true</th><th>against</th>"
-        f"<th>expected odds</th></tr>{rows}</table></body></html>"
-    )
+    return shell("plan", title, ("plan.css",), (), {}, heading=html.escape(title), bars=bars(proposals), rows=rows)
 
 
 def bars(proposals: Sequence[Proposal]) -> str:

@@ -1,11 +1,9 @@
 """The recordings of a study on the page of a diagnosis: what each shows, and what it contributes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
-from pacnerf_lpo.report.diagnosis_markup import table, text
+from pacnerf_lpo.report.diagnosis_markup import row, table, text
 from pacnerf_lpo.report.wording import listed, readable
 
 Result = Mapping[str, Any]
@@ -20,18 +18,13 @@ def recordings_section(result: Result) -> str:
     rows = []
     for number, one in enumerate(recordings, 1):
         tells = [f"{text(labels.get(name, name))} {share:.0%}" for name, share in one["tells"].items()]
-        rows.append(
-            [
-                f"{number}: {text(one['name'])}",
-                f"{len(one['views'])} views, {len(one['frames'])} frames",
-                text(phases_of(one)),
-                text(asks_for(one)),
-                ", ".join(tells),
-            ]
-        )
+        seen = f"{len(one['views'])} views, {len(one['frames'])} frames"
+        cells = f"{number}: {text(one['name'])}", seen, text(phases_of(one)), text(asks_for(one)), ", ".join(tells)
+        rows.append(row(cells))
     head = ["recording", "what there is", "motion", "asks for", "its share of what is known of"]
-    body = table(head, ["<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows])
-    return f'<section><h2>What each recording contributes</h2><div class="card scroll">{body}</div></section>'
+    return (
+        f'<section><h2>What each recording contributes</h2><div class="card scroll">{table(head, rows)}</div></section>'
+    )
 
 
 def phases_of(recording: Mapping[str, Any]) -> str:

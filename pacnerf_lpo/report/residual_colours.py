@@ -1,10 +1,8 @@
 """Signed residuals as colours: orange where the model is darker than the video, blue where it is brighter.
 
-On a white background orange means matter that the video does not show, blue means matter that the model lacks.
+On a white background orange is what only the model shows, blue what only the video shows.
 Orange and blue stay apart for every common colour deficiency, and both ends are about equally dark.
 """
-
-from __future__ import annotations
 
 import torch
 from torch import Tensor

@@ -1,7 +1,5 @@
 """``scene.html``: shows a person whether a scene is right, one page that opens without network."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Sequence
@@ -15,6 +13,7 @@ from pacnerf_lpo.data.recordings.scene_warnings import SceneWarning
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import overlay
 from pacnerf_lpo.report.diagnosis_markup import table
+from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.scene_pictures import camera_pictures, ground_step, space_data
 from pacnerf_lpo.report.wording import capitalised
@@ -153,7 +152,7 @@ def height_data(look: Look) -> dict[str, Any]:
         "hit": look.scene.hit_frame,
         "ground": look.scene.ground_height,
         "lines": [
-            {"label": label, "y": [round(float(v), 5) if np.isfinite(v) else None for v in values], "dash": dash}
+            {"label": label, "y": plain(values), "dash": dash}
             for label, values, dash in (
                 ("centre", look.centre, False),
                 ("lowest point", look.lowest, False),

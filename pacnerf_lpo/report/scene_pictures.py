@@ -1,7 +1,5 @@
 """Each camera's first and contact frame with what is known drawn in, as SVG, and the scene in 3-D as data."""
 
-from __future__ import annotations
-
 import html
 from typing import Any
 

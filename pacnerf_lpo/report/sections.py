@@ -1,7 +1,5 @@
 """The parts of the report that are plain HTML: what was recovered, tables, times."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence
@@ -9,6 +7,7 @@ from typing import Any
 
 from pacnerf_lpo.evaluation.tables import describe_error, phases_to_result, result_phase, round_rows
 from pacnerf_lpo.quantities import duration, quantity, symbol
+from pacnerf_lpo.report.diagnosis_markup import row, table
 from pacnerf_lpo.report.verdict import explained
 
 
@@ -47,10 +46,10 @@ def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
     last, guess = result_phase(results), results["guess"]
     errors = last.get("truth_errors")
-    head = "<th>parameter</th><th>guess</th><th></th><th>identified</th>"
     intervals = results.get("intervals")
-    head += "" if intervals is None else f"<th>{100 * intervals['level']:.0f} % interval</th>"
-    head += "<th>true</th><th>error</th>" if errors is not None else ""
+    head = ["parameter", "guess", "", "identified"]
+    head += [] if intervals is None else [f"{100 * intervals['level']:.0f} % interval"]
+    head += [] if errors is None else ["true", "error"]
     rows = []
     for name, found in last["parameters"].items():
         known = name not in results["free"]
@@ -67,7 +66,7 @@ def parameter_table(results: Mapping[str, Any]) -> str:
             cells.append(_truth_cells(errors.get(name), found["unit"]))
         rows.append(f"<tr>{''.join(cells)}</tr>")
     rows.append(_velocity_row(last, intervals is not None, errors is not None))
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return table(head, rows)
 
 
 def key_figures(results: Mapping[str, Any]) -> str:
@@ -105,12 +104,10 @@ def quality_table(results: Mapping[str, Any]) -> str:
             lpips = metrics["lpips"]
             if isinstance(lpips, str):
                 notes[f"LPIPS: {lpips}"] = None
-            cells = (phase["label"], title, scope, _decibel(metrics["psnr"]), f"{metrics['ssim']:.3f}")
             last = "n/a" if isinstance(lpips, str) else f"{lpips:.3f}"
-            rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in (*cells, last)) + "</tr>")
-    head = "".join(f"<th>{text}</th>" for text in ("phase", "views", "frames", "PSNR", "SSIM", "LPIPS"))
+            rows.append(row((phase["label"], title, scope, _decibel(metrics["psnr"]), f"{metrics['ssim']:.3f}", last)))
     foot = "".join(f"<p class=note>{html.escape(note)}</p>" for note in notes)
-    return f"<table class=quality><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{foot}"
+    return table(("phase", "views", "frames", "PSNR", "SSIM", "LPIPS"), rows, "quality") + foot
 
 
 def round_table(results: Mapping[str, Any]) -> str:
@@ -118,9 +115,8 @@ def round_table(results: Mapping[str, Any]) -> str:
     rows = round_rows(results)
     if not rows:
         return ""
-    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in rows[0])
-    body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
-    return f"<h2>Rounds</h2><table class=quality><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    head, *body = ([html.escape(cell) for cell in cells] for cells in rows)
+    return f"<h2>Rounds</h2>{table(head, [row(cells) for cells in body], 'quality')}"
 
 
 def law_table(results: Mapping[str, Any]) -> str:
@@ -142,9 +138,7 @@ def law_table(results: Mapping[str, Any]) -> str:
         rows.append(f"<tr><td class=name>{name}</td>{cells}</tr>")
     said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in found["sentences"])
     head = ("law", "probability", "log10 of the odds", "held-out error / noise", "found on a coarse body")
-    head_row = "".join(f"<th>{text}</th>" for text in head)
-    table = f"<table class=quality><thead><tr>{head_row}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    return f"<section><h2>Which law</h2>{said}{table}</section>"
+    return f"<section><h2>Which law</h2>{said}{table(head, rows, 'quality')}</section>"
 
 
 def _of_law(trial: Mapping[str, Any]) -> str:

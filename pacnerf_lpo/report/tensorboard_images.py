@@ -1,7 +1,5 @@
 """Pictures and chart layout for TensorBoard."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Views that no camera took: stills from any side and a camera that goes once around the object."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class Orbit:
     size: int
 
     @staticmethod
-    def around(positions: Tensor, elevation: float, size: int) -> Orbit:
+    def around(positions: Tensor, elevation: float, size: int) -> "Orbit":
         """An orbit that keeps every particle of every frame in view, positions [m, (F, N, 3)]."""
         lower, upper = positions.flatten(0, 1).amin(0), positions.flatten(0, 1).amax(0)
         radius = 0.5 * (upper - lower).norm().item()

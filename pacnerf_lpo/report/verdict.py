@@ -1,7 +1,5 @@
 """What the numbers of a run say, in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

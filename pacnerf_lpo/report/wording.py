@@ -1,7 +1,5 @@
 """The verdict of a diagnosis in sentences."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as PAC-NeRF uses it (Li et al., ICLR 2023).
 """
 
-from __future__ import annotations
-
 import math
 
 from torch import Tensor
@@ -28,7 +26,7 @@ def alpha(density: Tensor, delta: float) -> Tensor:
 
 
 def solid_fraction(density: Tensor, dx: float, base_dx: float) -> Tensor:
-    """How much of a particle counts as matter where the *visible* body ends, in 0..1, any shape; spacings [m].
+    """How much of a particle counts as full where the *visible* body ends, in 0..1, any shape; spacings [m].
 
     A particle's alpha (over unit length) saturates about a voxel outside the visible surface, because a rendered sample
     is much shorter than unit length. This fraction is one half where 2.5 voxels of the material stop half the light:

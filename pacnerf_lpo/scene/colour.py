@@ -1,7 +1,5 @@
 """The colour network: 12 features and an encoded view direction to RGB."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear

@@ -1,7 +1,5 @@
 """Cells of a field in which something may be visible."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

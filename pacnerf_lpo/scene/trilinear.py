@@ -5,8 +5,6 @@ prod_axis (f_a or 1 - f_a). Nodes are numbered row-major, z fastest. Sorting poi
 segmented sums and eight shifted additions, free of atomics, hence deterministic and the same on CPU and CUDA.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +30,7 @@ class Stencil:
     weights: Tensor
     shape: Shape
 
-    def select(self, keep: Tensor) -> Stencil:
+    def select(self, keep: Tensor) -> "Stencil":
         """The stencil of the points numbered by ``keep`` [(K,), int64]."""
         return Stencil(self.cell.index_select(0, keep), self.weights.index_select(0, keep), self.shape)
 
@@ -108,7 +106,6 @@ class _Transfer(Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, weights: Tensor, cell: Tensor, shape: Shape, to_nodes: bool) -> Tensor:
         ctx.save_for_backward(values, weights, cell)
-        ctx.save_for_forward(values, weights, cell)
         ctx.shape, ctx.to_nodes = shape, to_nodes
         return (_scatter if to_nodes else _gather)(values, weights, cell, shape)
 
@@ -121,13 +118,3 @@ class _Transfer(Function):
         to_values = adjoint(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
         to_weights = _weight_gradient(at_points, at_nodes, cell, ctx.shape) if ctx.needs_input_grad[1] else None
         return to_values, to_weights, None, None, None
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        values, weights, cell = ctx.saved_tensors
-        transfer = _scatter if ctx.to_nodes else _gather
-        rows = ctx.shape[0] * ctx.shape[1] * ctx.shape[2] if ctx.to_nodes else len(cell)
-        out = values.new_zeros(rows, values.shape[1])
-        for tangent, args in ((tangents[0], (tangents[0], weights)), (tangents[1], (values, tangents[1]))):
-            out = out if tangent is None else out + transfer(*args, cell, ctx.shape)
-        return out

@@ -1,7 +1,5 @@
 """The Eulerian voxel radiance field of the static phase, refined from coarse to fine."""
 
-from __future__ import annotations
-
 import math
 
 import torch
@@ -36,7 +34,7 @@ class VoxelField(nn.Module):
         self.dx, self.base_dx = dx, base_dx
 
     @staticmethod
-    def create(box: Box, base_dx: float) -> VoxelField:
+    def create(box: Box, base_dx: float) -> "VoxelField":
         """A field of raw density 0 that covers ``box`` [m] with spacing ``base_dx`` [m]."""
         sides = [upper - lower for lower, upper in zip(box.lower, box.upper, strict=True)]
         shape = [max(2, math.ceil(side / base_dx - 1e-6) + 1) for side in sides]

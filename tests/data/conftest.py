@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacnerf_lpo.data.synthetic import hemisphere_rig, write_scene
+from pacnerf_lpo.data.synthetic import Drawing, hemisphere_rig, write_scene
 from pacnerf_lpo.data.video_module import VideoData
 
 SIZE, VIEWS, FRAMES = 32, 4, 4
@@ -32,7 +32,7 @@ def pristine(tmp_path_factory) -> Path:
     points = ball()
     falling = np.stack([points - [0.0, 0.02 * frame, 0.0] for frame in range(FRAMES)])
     rig = hemisphere_rig(VIEWS, SIZE)
-    return write_scene(tmp_path_factory.mktemp("scenes") / "ball", falling, colours(points), rig, SIZE, radius=0.04)
+    return write_scene(tmp_path_factory.mktemp("scenes") / "ball", falling, colours(points), rig, Drawing(SIZE, 0.04))
 
 
 @pytest.fixture

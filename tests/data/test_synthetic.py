@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from pytorch_lightning import LightningModule, Trainer
 
-from pacnerf_lpo.data.synthetic import draw_discs, hemisphere_rig, shade, write_scene
+from pacnerf_lpo.data.synthetic import Drawing, draw_discs, hemisphere_rig, shade, write_scene
 from pacnerf_lpo.errors import UserInputError
 from tests.data.conftest import CENTRE, SIZE, ball, colours, load
 
 
-def write(root, **options):
+def write(root, truth=None, **options):
     points = ball(0.05)
     rig = hemisphere_rig(2, SIZE)
-    return write_scene(root, points[None], colours(points), rig, SIZE, radius=0.05, **options)
+    return write_scene(root, points[None], colours(points), rig, Drawing(SIZE, 0.05, **options), truth=truth)
 
 
 def test_same_arguments_same_files(tmp_path):

@@ -22,8 +22,8 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.smooth_force import SmoothForce
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.forward_model import BodyModel
+from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
@@ -45,7 +45,7 @@ def candidate(name: str) -> Candidate:
     return Candidate(name, EFFECTS[name])
 
 
-class Falling(Problem):
+class Falling(BodyProblem):
     """A ball that falls, with some effects in the recording that the model has not."""
 
     spacing = SPACING
@@ -87,8 +87,8 @@ class Falling(Problem):
         return Body(torch.tensor(inside, dtype=torch.float32), torch.ones(len(inside)), spacing)
 
 
-def motion(model: Model, free: np.ndarray) -> Tensor:
-    """What takes the place of :meth:`Model.path` [m, (F, N, 3)]."""
+def motion(model: BodyModel, free: np.ndarray) -> Tensor:
+    """What takes the place of :meth:`BodyModel.path` [m, (F, N, 3)]."""
     c = model.physical(free)
     position = model.body.positions.numpy().astype(float)
     centre, velocity = position.mean(0), np.array([c["v_x"], c["v_y"], c["v_z"]])
@@ -117,15 +117,15 @@ def motion(model: Model, free: np.ndarray) -> Tensor:
     return torch.tensor(np.array(found), dtype=torch.float32)
 
 
-def install(patch: pytest.MonkeyPatch, unstable: Callable[[Model, np.ndarray], bool] = lambda *_: False) -> None:
+def install(patch: pytest.MonkeyPatch, unstable: Callable[[BodyModel, np.ndarray], bool] = lambda *_: False) -> None:
     """Let all models move like that, but for some calls."""
 
-    def path(model: Model, free: np.ndarray) -> Tensor:
+    def path(model: BodyModel, free: np.ndarray) -> Tensor:
         if unstable(model, free):
             raise SimulationError(3, 1, "made unstable by a test")
         return motion(model, free)
 
-    patch.setattr(Model, "path", path)
+    patch.setattr(BodyModel, "path", path)
 
 
 def listed(folder: Path) -> str:

@@ -14,7 +14,7 @@ from pacnerf_lpo.diagnosis.comparison import compare
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
-from pacnerf_lpo.identification.problem import Problem, relative
+from pacnerf_lpo.identification.problem import BodyProblem, relative
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.materials import NeoHookean
@@ -62,7 +62,7 @@ def clouds() -> PointClouds:
     return PointClouds(TIMES[frames], samples, np.zeros(len(frames)))
 
 
-class Ball(Problem):
+class Ball(BodyProblem):
     """Nothing is compared but points; material known, so that velocity and effects are left."""
 
     spacing = SPACING

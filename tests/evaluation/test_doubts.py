@@ -175,7 +175,7 @@ def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float
     effect = GroundFriction(0.5)
     value = effect.null["ground_friction"] if friction is None else friction
     found = doubts_about_parameters(model(effects=[effect]), ball_state(ground_friction=value), {})
-    assert [name for name in names(found) if name != "unusual"] == expected
+    assert [name for name in names(found) if name != "far_from_prior"] == expected
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_value_outside_its_own_interval(low: float, high: float, determined: b
 
 def test_a_value_far_from_the_guess_where_nothing_was_searched():
     found = doubts_about_parameters(model(), ball_state(E=2e8), {})  # 3.8 decades
-    assert names(found) == ["unusual"] and "3.8 standard deviations" in found[0].what
+    assert names(found) == ["far_from_prior"] and "3.8 standard deviations" in found[0].what
 
 
 def test_an_identification_that_rose_or_left_its_best():

@@ -133,7 +133,7 @@ def test_a_change_does_not_wait_for_a_refinement(tmp_path: Path, monkeypatch: py
             runtime.heed()
         return motion(model, free)
 
-    monkeypatch.setattr("pacnerf_lpo.identification.forward_model.Model.path", path)
+    monkeypatch.setattr("pacnerf_lpo.identification.forward_model.BodyModel.path", path)
     found = []
     refining = threading.Thread(target=lambda: found.append(session.refine()))
     refining.start()

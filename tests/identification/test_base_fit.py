@@ -6,7 +6,7 @@ import torch
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, YieldStress
 from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
 from pacnerf_lpo.mpm.simulator import Simulator
@@ -90,13 +90,13 @@ def test_rollouts_that_fail_at_random_are_steps_back_and_no_crash(scene, monkeyp
 
 def test_a_model_whose_paths_fail_at_random_says_what_was_left_out(scene, monkeypatch):
     problem, _ = scene
-    random, path = np.random.default_rng(1), Model.path
+    random, path = np.random.default_rng(1), BodyModel.path
 
     def failing(self, free):
         if random.random() < 0.3:
             raise SimulationError(3, 7, "at random")
         return path(self, free)
 
-    monkeypatch.setattr(Model, "path", failing)
+    monkeypatch.setattr(BodyModel, "path", failing)
     found = base_fit(problem, (), problem.first_guess)
     assert any("left out" in note for note in found.notes)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification import laws
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.laws import Competition, as_solid, as_text, impact
 from pacnerf_lpo.identification.problem import LEAST_SHAPE_ERROR
 from pacnerf_lpo.mpm.effects import Cohesion, ShearThinning, UniformForce
@@ -39,7 +39,7 @@ NEVER = 1e6  # Pa, of a yield stress
 pytestmark = pytest.mark.usefixtures("small_threads")
 
 
-def motion(model: Model, free: np.ndarray) -> Tensor:
+def motion(model: BodyModel, free: np.ndarray) -> Tensor:
     """Particles at every frame [m, (F, N, 3)] of a ball on a spring, a dashpot, or a spring that yields."""
     c, law = model.physical(free), model.physics.material
     position = model.body.positions.numpy().astype(float)
@@ -67,12 +67,12 @@ def unstable(monkeypatch) -> Callable[[type[Material]], None]:
     """All models move like that; a test may make some laws unstable."""
     kinds: list[type[Material]] = []
 
-    def path(model: Model, free: np.ndarray) -> Tensor:
+    def path(model: BodyModel, free: np.ndarray) -> Tensor:
         if isinstance(model.physics.material, tuple(kinds)):
             raise SimulationError(3, 1, "made unstable by a test")
         return motion(model, free)
 
-    monkeypatch.setattr(Model, "path", path)
+    monkeypatch.setattr(BodyModel, "path", path)
     monkeypatch.setattr(laws, "REPLICATES", 5)
     monkeypatch.setattr(laws, "SAMPLES", 8)
     return kinds.append
@@ -116,7 +116,7 @@ def test_the_right_law_is_named(true, unstable):
         found = finished(Competition(Dropped(true, seed)))
         assert found.chosen.law == type(true).__name__
         if seed == 0 and not isinstance(true, NeoHookean):  # plastic matter that does not yield is elastic
-            assert [trial.law for trial in found.alike] == [found.chosen.law]
+            assert [trial.law for trial in found.indistinguishable] == [found.chosen.law]
         # a lower ground and a stiffer ball look nearly the same, so a factor of two is what outlines tell here
         assert np.log10(found.chosen.known[told] / true.guess[told]) == pytest.approx(0.0, abs=within)
         assert sum(trial.probability for trial in found.trials.values()) == pytest.approx(1.0)
@@ -128,7 +128,7 @@ def test_laws_that_look_alike_are_both_named_and_the_simpler_one_is_used(unstabl
     """A body that yields at a stress which it never meets is an elastic one."""
     found = finished(Competition(Dropped(VonMises(E=6e4, tau_y=NEVER)))).summary()
     assert found["chosen"] == "NeoHookean"
-    assert set(found["alike"]) == {"NeoHookean", "VonMises"}
+    assert set(found["indistinguishable"]) == {"NeoHookean", "VonMises"}
     (sentence,) = found["sentences"]
     assert "does not separate these laws" in sentence
     assert "NeoHookean" in sentence

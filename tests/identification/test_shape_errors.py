@@ -12,7 +12,7 @@ from torch import Tensor
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.replicates import PLACES, bumps, distorted, spread
-from pacnerf_lpo.identification.shape_errors import LOCAL, MATTER_ERROR, polynomials, wrong_bodies
+from pacnerf_lpo.identification.shape_errors import DENSITY_ERROR, LOCAL, polynomials, wrong_bodies
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState
@@ -21,9 +21,9 @@ RADIUS, DX, SIGMA = 0.2, 0.04, 0.005
 
 
 class Ball(StateProblem):
-    """A ball whose raw density falls off evenly over 4 cm, so that erosion moves its surface evenly."""
+    """A ball whose raw density falls off evenly over 4 cm, so that an offset moves its surface evenly."""
 
-    erosion = 0.0
+    surface_offset = 0.0
 
     def __init__(self) -> None:
         self.physics = Physics(NeoHookean())
@@ -33,7 +33,7 @@ class Ball(StateProblem):
         blank = torch.zeros(len(positions), 3)
         self.particles = 4000
         self.state = ParticleState(
-            positions, blank, density.clamp(-40, 40), torch.zeros(len(positions), 12), {}, DX, DX, erosion=0.0
+            positions, blank, density.clamp(-40, 40), torch.zeros(len(positions), 12), {}, DX, DX, surface_offset=0.0
         )
 
 
@@ -138,15 +138,15 @@ def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
     assert torch.allclose(places.flatten().sort().values, (-0.5 * distances.flip(0) ** 2 / DX**2).exp(), atol=1e-5)
 
 
-def test_matter_is_denser_here_than_there(ball):
+def test_the_body_is_denser_here_than_there(ball):
     denser = [body for body in bodies(ball) if body.positions is ball.coarse_body.positions]
     ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
-    assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [MATTER_ERROR], rel=1e-3)
+    assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [DENSITY_ERROR], rel=1e-3)
     assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
 
 
 def moves(problem: StateProblem) -> list[Tensor]:
-    """Displacements of the bodies that have the matter of the right one (N, 3)."""
+    """Displacements of the bodies that have the particles of the right one (N, 3)."""
     right = problem.coarse_body
     return [body.positions - right.positions for body in bodies(problem) if body.fraction is right.fraction]
 

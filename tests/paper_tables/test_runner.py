@@ -15,11 +15,17 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.paper_tables import execution, runner
 from pacnerf_lpo.paper_tables.cells import RunName
 from pacnerf_lpo.paper_tables.plan import PlannedRun
-from pacnerf_lpo.paper_tables.runner import Resources, failure_of, run_all
+from pacnerf_lpo.paper_tables.runner import Resources, run_all
 from tests.paper_tables.conftest import BASE, LPO, NONE, Planner
 
 pytestmark = pytest.mark.usefixtures("fake_fit")
 OTHER = RunName("torus", "3v_dagger")
+
+
+def failure_of(run: PlannedRun) -> str | None:
+    """Why the last attempt at a run failed."""
+    path = run.run_dir / execution.FAILURE_FILE
+    return path.read_text() if path.exists() else None
 
 
 def statuses(runs: list[PlannedRun], output: Path, resources: Resources | None = None) -> list[str]:

@@ -144,11 +144,11 @@ def test_the_fall_is_not_rendered_again_for_another_stiffness(data, state, monke
         return residual(motion, view, frame)
 
     monkeypatch.setattr(phase, "residual", counted)
-    quick = method._normal_equations(phase)
+    quick = method.normal_equations(phase)
     assert rendered.count(0) == 1 and rendered.count(1) == 4, "velocity moves frame 1, nothing moves frame 0"
     assert rendered.count(FRAMES - 1) == 1 + len(phase.scales), "after contact every probe counts"
     monkeypatch.setattr(identification_methods, "UNSEEN", -1.0)
-    whole = method._normal_equations(phase)
+    whole = method.normal_equations(phase)
     assert quick.loss == whole.loss
     for found, expected in ((quick.gradient, whole.gradient), (quick.hessian, whole.hessian)):
         torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-3 * expected.abs().max().item())

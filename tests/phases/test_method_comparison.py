@@ -26,8 +26,8 @@ def module(state) -> PhysicsIDModule:
     """An identification that ended at twice the true stiffness, of a body that weighs what it shows."""
     state = state.with_(density=torch.full_like(state.density, 60.0))  # no rim that weighs nothing
     law = NeoHookean(E=TRUTH["E"], nu=TRUTH["nu"], known=["nu"])
-    true, found = Physics(law, substep_rate=1920.0, matter="visible"), PhysicsIDModule(3, GaussNewton())
-    found.attach(film(state, true.simulate(state, FRAMES)), Physics(law, substep_rate=960.0, matter="visible"))
+    true, found = Physics(law, substep_rate=1920.0, mass_from="opacity"), PhysicsIDModule(3, GaussNewton())
+    found.attach(film(state, true.simulate(state, FRAMES)), Physics(law, substep_rate=960.0, mass_from="opacity"))
     found.import_state(state.with_(physics={**TRUTH, "E": 2 * TRUTH["E"]}))
     return found
 

@@ -207,8 +207,8 @@ def test_a_corrected_body_is_compared_in_pixels_by_its_own_particles(data, state
         module.import_state(state.with_(corrected=True, physics={**state.physics, "E": 4e4}))
         losses.append(module.method.iterate(module, module.configure_optimizers(), 0))
     every_image = module.fixed_views(FRAMES, None)
-    unusual = ((TRUTH["nu"] - 0.35) / 0.1) ** 2 / sum(map(len, every_image))
-    assert losses[0] == pytest.approx(losses[1] * (1 + unusual), rel=1e-6)
+    prior_terms = ((TRUTH["nu"] - 0.35) / 0.1) ** 2 / sum(map(len, every_image))
+    assert losses[0] == pytest.approx(losses[1] * (1 + prior_terms), rel=1e-6)
     module.import_state(state.with_(physics={**state.physics, "E": 4e4}))
     assert losses[1] == pytest.approx(module.loss(FRAMES, every_image).item(), rel=1e-3)
 
@@ -236,15 +236,15 @@ def test_what_is_usual_counts_as_much_as_one_image(data, state):
     resumed.free["nu"].data.copy_(module.free["nu"])
     resumed.velocity.data.copy_(module.velocity)
     assert resumed.method.iterate(resumed, other, 1) == module.method.iterate(module, optimiser, 1)
-    assert resumed.method._image_error == pytest.approx(of_images, rel=1e-6)
+    assert resumed.method.group["image_error"] == pytest.approx(of_images, rel=1e-6)
 
     index, step = list(module.free).index("nu"), 1e-3
-    _, gradient, hessian = module.method._unusual(module)
+    _, gradient, hessian = module.method._prior_terms(module)
     losses = []
     for moved in (-step, step):
         with torch.no_grad():
             module.free["nu"] += moved
-            losses.append(module.method._unusual(module)[0])
+            losses.append(module.method._prior_terms(module)[0])
             module.free["nu"] -= moved
     assert float(gradient[index]) == pytest.approx((losses[1] - losses[0]) / (4 * step), rel=1e-3)
     assert int((gradient != 0).sum()) == int((hessian != 0).sum()) == 1

@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import MARGIN, Model
-from pacnerf_lpo.identification.silhouette_moments import summarise
+from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel
+from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from validation.hidden_effects.setting import FRAME_RATE, Setting
@@ -39,12 +39,12 @@ class Film:
     silhouettes: Tensor
     brightness: np.ndarray
     path: Tensor
-    model: Model
+    model: BodyModel
 
     @property
     def summaries(self) -> np.ndarray:
         """Of the outlines [pixels], and the brightness [(V, F, 11)]."""
-        return np.concatenate((summarise(self.silhouettes), self.brightness[..., None]), axis=-1)
+        return np.concatenate((silhouette_moments(self.silhouettes), self.brightness[..., None]), axis=-1)
 
 
 def film(
@@ -72,7 +72,7 @@ def film(
     spacing = finer * setting.spacing
     positions = setting.filled(spacing / 2, generator)
     body = Body(positions, torch.ones(len(positions)), spacing)
-    model = Model(body, physics, setting.video(factor=SUPERSAMPLING), true)
+    model = BodyModel(body, physics, setting.video(factor=SUPERSAMPLING), true)
     path = model.path(model.start)
     views = [matte(model.outlines(path, model.start, [view])[0], random) for view in range(len(setting.cameras))]
     shade = VIEW_SHADE * random.standard_normal((len(views), 1))

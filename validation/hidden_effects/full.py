@@ -15,7 +15,7 @@ import yaml
 
 from pacnerf_lpo.commands.synthesize import patches
 from pacnerf_lpo.data import skin
-from pacnerf_lpo.data.synthetic import Rig, write_scene
+from pacnerf_lpo.data.synthetic import Drawing, Rig, write_scene
 from pacnerf_lpo.diagnosis.store import FOLDER
 from pacnerf_lpo.errors import RunError
 from pacnerf_lpo.manifest import FILE_NAME
@@ -43,17 +43,8 @@ def write(folder: Path, setting: Setting, trained: Sequence[int], recorded: Film
     apart = recorded.model.body.spacing / 2 / skin.FINER
     seed = int(random.integers(1 << 31))
     drawn = setting.filled(apart, torch.Generator().manual_seed(seed))
-    write_scene(
-        folder / PICTURES,
-        skin.carried(drawn.double().numpy(), path),
-        patches(drawn),
-        rig,
-        setting.image_size,
-        skin.COVER * apart,
-        CAMERA_NOISE,
-        seed=seed,
-        outline=skin.OUTLINE * apart,
-    )
+    drawing = Drawing(setting.image_size, skin.COVER * apart, skin.OUTLINE * apart, CAMERA_NOISE, seed)
+    write_scene(folder / PICTURES, skin.carried(drawn.double().numpy(), path), patches(drawn), rig, drawing)
     hit = first_touch(path[..., 1].min(1), recorded.model.body.spacing)
     lower, upper = path[0].min(0) - MARGIN, path[0].max(0) + MARGIN
     material = {"class_path": setting.material, "init_args": setting.law.guess}

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.identification.body import LEAST_FRACTION, SUBSAMPLES, Body
-from pacnerf_lpo.identification.problem import Problem, shading
+from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.replicates import distorted
-from pacnerf_lpo.identification.silhouette_moments import sensor_noise, summarise
+from pacnerf_lpo.identification.silhouette_moments import sensor_noise, silhouette_moments
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import Video
@@ -21,7 +21,7 @@ from validation.hidden_effects.setting import FRAME_RATE, Setting
 SETTING, VIDEO, TRUTH = "setting.json", "video.npz", "truth.json"
 
 
-class KnownShape(Problem):
+class KnownShape(BodyProblem):
     """Outlines of a body of known shape.
 
     Args:
@@ -45,7 +45,7 @@ class KnownShape(Problem):
         setting = Setting(**json.loads((folder / SETTING).read_text()))
         content = np.load(folder / VIDEO)
         silhouettes = torch.from_numpy(content["silhouettes"].astype(np.float32) / 255.0)
-        measured = np.concatenate((summarise(silhouettes), content["brightness"][..., None]), axis=-1)
+        measured = np.concatenate((silhouette_moments(silhouettes), content["brightness"][..., None]), axis=-1)
         return cls(folder.name, setting, setting.video(silhouettes), measured)
 
     @property

@@ -4,8 +4,6 @@ A body touches each of its tangent planes. So, in each frame, whatever all views
 plane of every view; where it stays away from planes, or nothing is left, some view is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What each image of a scene shows of the object: where it is, whether it is whole, how clear its matte is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

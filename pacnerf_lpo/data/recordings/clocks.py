@@ -5,8 +5,6 @@ tangency: Cipolla, Astroem, Giblin 1995). So the two outermost angles around the
 function of time in both videos, and a camera that is late shows it later. No shape and no law of motion is assumed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -4,8 +4,6 @@ OpenCV: x right, y down, looking along +z, the centre of the first pixel at 0. O
 looking along -z. COLMAP, nerfstudio and this package put the centre of the first pixel at 0.5.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

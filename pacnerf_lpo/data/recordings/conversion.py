@@ -1,7 +1,5 @@
 """From a recording to a scene in PAC-NeRF's layout, with what its outlines say."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

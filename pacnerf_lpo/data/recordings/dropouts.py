@@ -1,7 +1,5 @@
 """Frames that a camera has repeated, from how the object moves in its image. Pure NumPy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The support function of a body that only moves is h(n, t) = n . c(t) + S(n). S i
 which holds the shape as far as it matters to c.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """JSON, TOML, YAML of OpenCV and pickles of plain arrays to Python values, none of which can run code."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import sys

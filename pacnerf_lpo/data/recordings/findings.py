@@ -1,7 +1,5 @@
 """What a recording does not say and its outlines do: which way is up, the scale, the ground, the contact, the box."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass

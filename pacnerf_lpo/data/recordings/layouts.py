@@ -1,7 +1,5 @@
 """The layouts that can be read, and which of them a folder has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

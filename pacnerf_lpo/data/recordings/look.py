@@ -1,7 +1,5 @@
 """Looking at a written scene: outlines, hulls and motion as they are with the values that scene.yaml has now."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

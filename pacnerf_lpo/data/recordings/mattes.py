@@ -1,7 +1,5 @@
 """Undistorted, matted images of a camera: transparent where the object is not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

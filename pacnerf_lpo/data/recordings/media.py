@@ -1,7 +1,5 @@
 """Image folders and video files: what frames they hold, when they were taken, and their pixels."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from importlib import import_module

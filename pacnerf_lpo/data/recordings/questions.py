@@ -1,7 +1,5 @@
 """What can neither be read nor measured: asked once on a terminal, else said in one line that names the option."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

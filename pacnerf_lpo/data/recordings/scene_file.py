@@ -1,7 +1,5 @@
 """``scene.yaml``: what is special about a scene, every value with where it comes from and how sure it is."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from pathlib import Path

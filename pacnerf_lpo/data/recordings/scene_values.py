@@ -1,7 +1,5 @@
 """The values of a ``scene.yaml`` with the comments that say where each comes from."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a careful colleague would say about a recording before it is fitted: what is doubtful, where, and the remedy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -6,8 +6,6 @@ the trailing one, and leaves those along it as they are: b^2 = w_across^2 - w_al
 focus widens only one side, or all of them.
 """
 
-from __future__ import annotations
-
 import contourpy
 import numpy as np
 from scipy import ndimage

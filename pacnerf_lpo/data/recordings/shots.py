@@ -1,7 +1,5 @@
 """Every frame of a camera once: its matted image kept, its outline measured; and the images at the common times."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

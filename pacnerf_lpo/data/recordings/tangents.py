@@ -6,8 +6,6 @@ in the direction n. Nothing is lost to voxels, and an outline of which a part is
 the planes of the rest. The planes of all views together enclose the convex hull of the visual hull (Laurentini 1994).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,11 +30,11 @@ class Planes:
     offsets: np.ndarray
 
     @staticmethod
-    def of(parts: Sequence[Planes]) -> Planes:
+    def of(parts: "Sequence[Planes]") -> "Planes":
         """The planes of several views together."""
         return Planes(np.concatenate([p.normals for p in parts]), np.concatenate([p.offsets for p in parts]))
 
-    def moved(self, rotation: np.ndarray, scale: float) -> Planes:
+    def moved(self, rotation: np.ndarray, scale: float) -> "Planes":
         """The planes after x -> scale * rotation x."""
         return Planes(self.normals @ rotation.T, scale * self.offsets)
 

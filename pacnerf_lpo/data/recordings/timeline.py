@@ -1,7 +1,5 @@
 """One regular time axis for all cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

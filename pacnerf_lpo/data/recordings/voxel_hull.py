@@ -1,7 +1,5 @@
 """The visual hull of a frame as points of a regular lattice (Laurentini 1994), and its outline in a camera."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene that ``init`` wrote, read again as it is now: what a person changed in ``scene.yaml`` counts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -49,7 +47,7 @@ class View:
     plate: np.ndarray | None
     offset: float = 0.0
 
-    def after(self, motion: np.ndarray) -> View:
+    def after(self, motion: np.ndarray) -> "View":
         """The camera to which a body looks here as it does to this one after a motion [m, (3,)]."""
         return replace(self, pose=np.column_stack((self.pose[:, :3], self.pose[:, 3] - motion)))
 

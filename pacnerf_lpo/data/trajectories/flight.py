@@ -4,8 +4,6 @@ Flights of one source share axes and unit. Their acceleration is a = g - k |v| v
 and the drag k found together, so that a ball that air slows down is not taken for one in another unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -91,7 +89,7 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
     return Direction(np.array(AXES[best], float), f"{best}, {said}, to {found.tilt:.0f} degrees", scale, why)
 
 
-def _check_unit(source: str, found: _Fall, scale: float, stated: float | None) -> None:
+def _check_unit(source: str, found: "_Fall", scale: float, stated: float | None) -> None:
     low, high = (bound * GRAVITY for bound in PLAUSIBLE)
     if low - 3 * found.error < found.size < high + 3 * found.error:
         return

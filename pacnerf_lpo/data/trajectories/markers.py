@@ -1,7 +1,5 @@
 """C3D files of motion capture, and folders of point clouds, as positions of one body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -11,8 +11,6 @@ Thompson 1971), and so is the time, or the longest one that is about as likely. 
 counts as error, so that noise is rather found too large than too small.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +30,7 @@ MOST_SHARE = 0.99
 PLACES = 13
 """Times that errors may last, from that between two samples to half a track, evenly in their logarithm."""
 OPEN = 1.0
-"""Of times that a few tracks hardly tell apart, by twice the logarithm of their likelihoods (one standard error), the
+"""Of times that a few tracks hardly separate, by twice the logarithm of their likelihoods (one standard error), the
 longest is believed: too slow an error widens intervals, too fast a one makes a force of what is none."""
 
 
@@ -68,7 +66,7 @@ class Noise:
 
 
 def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
-    """Of one coordinate, in all recordings that were made in the same way: a few dozen samples alone tell little of it.
+    """Of one coordinate, in all recordings that were made in the same way: a few dozen samples alone say little of it.
 
     Args:
         tracks: times [s, (F,)] and values [m, (F,)] of each. A track with fewer samples than a smooth path has
@@ -119,7 +117,7 @@ class _Left:
     rest: np.ndarray
 
     @staticmethod
-    def of(times: np.ndarray, values: np.ndarray) -> _Left:
+    def of(times: np.ndarray, values: np.ndarray) -> "_Left":
         paths = polynomial.polyvander((times - times[0]) / (times[-1] - times[0]), ORDER)
         basis = np.linalg.svd(paths, full_matrices=True)[0][:, paths.shape[1] :]
         return _Left(times, basis, basis.T @ values)

@@ -3,8 +3,6 @@
 ``track.csv`` has the columns time_s, x_m, y_m and z_m, y up; what was not measured is empty.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence
@@ -41,7 +39,7 @@ class Solid:
     mass: float
 
     @staticmethod
-    def stated(source: str, shape: str | None, size: Sequence[float] | None, mass: float | None) -> Solid:
+    def stated(source: str, shape: str | None, size: Sequence[float] | None, mass: float | None) -> "Solid":
         """What the user said of the body.
 
         Raises:

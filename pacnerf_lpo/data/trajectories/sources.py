@@ -1,7 +1,5 @@
 """From files of positions to scenes of measured flights: what ``init`` does where there are no cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

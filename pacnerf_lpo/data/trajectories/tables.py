@@ -4,8 +4,6 @@ Columns are known by their names: ``time_s``, ``x_mm``, ``height [m]``; a unit m
 recording (or drop, trial, throw, take ...) numbers several recordings in one file, one called id the points of a body.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import re
@@ -48,11 +46,11 @@ class Table:
     lines: list[int]
     rows: list[list[str]]
 
-    def numbers(self, column: int, called: str) -> np.ndarray:
+    def numbers(self, column: int, called: str, needed: bool = False) -> np.ndarray:
         """A column [(n,)]; NaN where a cell is empty.
 
         Raises:
-            UserInputError: a cell that is no number.
+            UserInputError: a cell that is no number, or an empty one where all are ``needed``.
         """
         found = []
         for line, row in zip(self.lines, self.rows, strict=True):
@@ -63,11 +61,20 @@ class Table:
                 raise UserInputError(f"{self.path}, line {line}: {called} '{cell}' is not a number; mend it") from None
             if np.isinf(found[-1]):
                 raise UserInputError(f"{self.path}, line {line}: {called} is infinite; leave the cell empty")
+            if needed and np.isnan(found[-1]):
+                raise UserInputError(_empty(self.path, line, f"{called} is {cell or 'empty'}"))
         return np.array(found)
 
-    def words(self, column: int) -> list[str]:
-        """A column as it is written."""
-        return [row[column].strip() if column < len(row) else "" for row in self.rows]
+    def words(self, column: int, needed: str = "") -> list[str]:
+        """A column as it is written. Raises UserInputError where a cell of what is ``needed`` is empty."""
+        found = [row[column].strip() if column < len(row) else "" for row in self.rows]
+        if needed and "" in found:
+            raise UserInputError(_empty(self.path, self.lines[found.index("")], f"{needed} is empty"))
+        return found
+
+
+def _empty(path: Path, line: int, what: str) -> str:
+    return f"{path}, line {line}: {what}; fill it in or remove the row"
 
 
 def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
@@ -80,7 +87,7 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
     Raises:
         UserInputError: it cannot be read, or its columns are not understood.
     """
-    table = _cells(path)
+    table = read_cells(path)
     if len(table.header) == 3 or (len(table.header) == 4 and table.header[1][0] == "individuals"):
         return [_deeplabcut(table, fps)]
     names = table.header[-1] if table.header else _bare(table)
@@ -89,16 +96,26 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
     return _long(table, names, fps)
 
 
-def _cells(path: Path) -> Table:
+def read_cells(path: Path, example: str = EXAMPLE) -> Table:
+    """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab.
+
+    Args:
+        path: the file.
+        example: of a header, for messages.
+
+    Raises:
+        UserInputError: it cannot be read, or holds no row.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=text.partition("\n")[0].count))
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: there is no such file; give a CSV with {example}") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserInputError(f"{path}: cannot be read as text ({error}); save it as CSV in UTF-8") from None
-    delimiter = max(",;\t", key=text.partition("\n")[0].count)
-    reader = csv.reader(text.splitlines(), delimiter=delimiter)
-    rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     if not rows:
-        raise UserInputError(f"{path}: is empty; write a header line such as {EXAMPLE} and one row per time")
+        raise UserInputError(f"{path}: is empty; write a header line such as {example} and one row per time")
     above = next((k for k, (_, row) in enumerate(rows) if _is_number(row[0])), len(rows))
     above = above if above < len(rows) else min(1, len(rows))
     header = [[cell.strip() for cell in row] for _, row in rows[:above]]
@@ -178,17 +195,12 @@ def _joined(times: np.ndarray, positions: np.ndarray, points: Sequence[str]) -> 
 def _times(table: Table, names: Sequence[str], time: int | None, frame: int | None, fps: float | None) -> np.ndarray:
     """[s, (n,)]"""
     if time is not None:
-        found = table.numbers(time, names[time]) * (_unit(names[time], SECONDS) or 1.0)
-    elif fps is not None:
-        found = (np.arange(len(table.rows)) if frame is None else table.numbers(frame, names[frame])) / fps
-    elif frame is not None:
+        return table.numbers(time, "the time", needed=True) * (_unit(names[time], SECONDS) or 1.0)
+    if fps is not None:
+        return (np.arange(len(table.rows)) if frame is None else table.numbers(frame, "the frame", needed=True)) / fps
+    if frame is not None:
         raise UserInputError(f"{table.path}: counts frames and has no times; give --fps")
-    else:
-        raise UserInputError(_unknown(table.path, names, "time", "time_s"))
-    if not np.isfinite(found).all():
-        line = table.lines[int(np.argmax(~np.isfinite(found)))]
-        raise UserInputError(f"{table.path}, line {line}: the time is empty; fill it in or remove the row")
-    return found
+    raise UserInputError(_unknown(table.path, names, "time", "time_s"))
 
 
 def _unknown(path: Path, names: Sequence[str], what: str, example: str) -> str:
@@ -244,7 +256,7 @@ def read_spins(path: Path) -> dict[str, tuple[float, float, float]]:
     Raises:
         UserInputError: it cannot be read, or a column is missing.
     """
-    table = _cells(path)
+    table = read_cells(path)
     names = [name.lower() for name in (table.header[-1] if table.header else [])]
     columns = [next((k for k, n in enumerate(names) if re.search(rf"(^{a}(_|$))|(_{a}$)", n)), None) for a in AXES]
     rest = [k for k in range(len(names)) if k not in columns]
@@ -253,9 +265,6 @@ def read_spins(path: Path) -> dict[str, tuple[float, float, float]]:
             f"{path}: a file of spins has a column for the recording and three for its spin in rad/s, such as "
             f"recording,spin_x,spin_y,spin_z; it has {', '.join(names) or 'no header'}"
         )
-    spins = np.stack([table.numbers(k, names[k]) for k in columns if k is not None], axis=1)
-    if not np.isfinite(spins).all():
-        line = table.lines[int(np.argmax(~np.isfinite(spins).all(1)))]
-        raise UserInputError(f"{path}, line {line}: the spin is empty; fill it in or remove the row")
+    spins = np.stack([table.numbers(k, "the spin", needed=True) for k in columns if k is not None], axis=1)
     called = [Path(name).stem if not name.isdigit() else name for name in table.words(rest[0])]
     return {name: (x, y, z) for name, (x, y, z) in zip(called, spins.tolist(), strict=True)}

@@ -1,7 +1,5 @@
 """Positions of one body over time, as they were read."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a careful colleague would say about a fit: every doubt in one place, from states, courses and images."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 """A reason to doubt a result, as a careful colleague would say it."""
 
-from __future__ import annotations
-
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,3 @@ class Doubt:
     def __str__(self) -> str:
         """All of it in one line."""
         return f"doubt: {self.where}: {self.what}. Likely cause: {self.cause}. Remedy: {self.remedy}."
-
-    def as_dict(self) -> dict[str, str]:
-        """For JSON."""
-        return asdict(self)

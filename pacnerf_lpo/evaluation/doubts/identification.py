@@ -1,7 +1,5 @@
 """Doubts about what was identified: velocity, physical parameters, and how the search for them ended."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +16,7 @@ in which it is optimised, so that nothing stopped it but the bound. For other pa
 HALF_LATTICE = 0.25
 """Decades, half the distance of two points of the search: an optimum nearer to the end of the search was not
 enclosed."""
-UNUSUAL = 3.0
+FAR = 3.0
 """Standard deviations from the prior mean, or from the guess where there is no prior: one value in 370 by chance."""
 SEEN_STEP = 1.0
 """Pixels by which a velocity that is still moving displaces the body at the contact: less is not seen in an image."""
@@ -83,7 +81,7 @@ def doubts_about_parameters(
         if name == GROUND_HEIGHT.name:
             one = _far_ground(value, physics.ground_height, state.spacing)
         if one is None and name != GROUND_HEIGHT.name:
-            one = _unusual(parameter, value, physics.guess[name])
+            one = _far_from_prior(parameter, value, physics.guess[name])
         found += [] if one is None else [one]
     return found
 
@@ -197,19 +195,23 @@ def _far_ground(value: float, configured: float, spacing: float) -> Doubt | None
     )
 
 
-def _unusual(parameter: Parameter, value: float, guess: float) -> Doubt | None:
+def _far_from_prior(parameter: Parameter, value: float, guess: float) -> Doubt | None:
     mean, deviation = parameter.prior(guess)
     away = abs(parameter.transform.to_free(value) - mean) / deviation
-    if not np.isfinite(away) or away <= UNUSUAL:
+    if not np.isfinite(away) or away <= FAR:
         return None
-    usual = parameter.usual is not None
+    known = parameter.prior_value is not None
     return Doubt(
-        "unusual",
+        "far_from_prior",
         f"physics, {parameter.name}",
         f"{parameter.label} = {parameter.show(value)} is {away:.1f} standard deviations from "
-        + (f"the usual {parameter.usual[0]:g}" if parameter.usual else f"the guess, {parameter.show(guess)}"),
-        "the video hardly determines it, or the law is another one" if usual else "the guess, or the unit of a length",
-        "hold it at a known value (physics.material.known)" if usual else "check the guess and the scale of the scene",
+        + (
+            f"the prior mean {parameter.prior_value[0]:g}"
+            if parameter.prior_value
+            else f"the guess, {parameter.show(guess)}"
+        ),
+        "the video hardly determines it, or the law is another one" if known else "the guess, or the unit of a length",
+        "hold it at a known value (physics.material.known)" if known else "check the guess and the scale of the scene",
     )
 
 

@@ -1,7 +1,5 @@
 """Doubts that the images of a model raise: where its residuals stand out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Doubts where identification by images and identification by outlines give different answers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Doubts about a video as a measurement of the fit: too few views or pixels, no contact, another ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

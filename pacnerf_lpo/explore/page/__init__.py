@@ -1,7 +1,5 @@
 """The page of a session: what a person sees and touches. Its viewer is the optional dependency ``explore``."""
 
-from __future__ import annotations
-
 import socket
 from typing import TYPE_CHECKING
 
@@ -12,11 +10,11 @@ if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
 
 LOCAL = "127.0.0.1"
-"""Where a page listens unless told otherwise: it has no password."""
+"""Where a page listens where nothing else is given: it has no password."""
 PORT = 8080
 
 
-def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> Page:
+def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> "Page":
     """The page of a session, served until it is closed.
 
     Args:
@@ -46,7 +44,7 @@ def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool 
     return Page(session, host, port, dark)
 
 
-def show(session: Session, height: int = 800, dark: bool = False) -> Page:
+def show(session: Session, height: int = 800, dark: bool = False) -> "Page":
     """The page inside a notebook's cell; close it with ``close()``.
 
     Args:

@@ -1,7 +1,5 @@
 """Questions: what would help, a fit, a whole diagnosis, and which recording to make next."""
 
-from __future__ import annotations
-
 import html
 import threading
 from collections.abc import Callable
@@ -26,7 +24,7 @@ MOST = 6
 class Ask:
     """The tab of questions."""
 
-    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+    def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, self.gui = page, page.server.gui
         self._offered: dict[str, tuple[Suggestion, viser.GuiCheckboxHandle]] = {}
         self._rows: list[Any] = []

@@ -1,7 +1,5 @@
 """Sliders of everything that can be changed, and effects to add or to take out."""
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +23,7 @@ NOTCHES = 300
 class Change:
     """The tab of settings and effects."""
 
-    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+    def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, self.gui = page, page.server.gui
         self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}

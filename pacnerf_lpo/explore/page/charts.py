@@ -1,7 +1,5 @@
 """Errors as small SVG pictures, for the live page and for one without a server: no NaN is ever drawn."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence
@@ -10,27 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.explore.records import Step
+from pacnerf_lpo.report.encoding import asset
 
 FITTED, HELD = "#2a7de1", "#e8710a"
 """Colours of what is fitted and of what is held out; apart for every common colour deficiency, on light and on dark."""
 KEY = f'<b style="color:{FITTED}">fitted</b>, <b style="color:{HELD}">held out</b>'
-STYLE = (
-    "<style>.pl{display:block;width:100%;padding:6px 10px;box-sizing:border-box;"
-    "font:11px system-ui,sans-serif;fill:currentColor;overflow:visible}"
-    ".pl [data-go],.steps [data-go]{cursor:pointer}.pl .soft{opacity:.62}.pl .line{stroke:currentColor;opacity:.18}"
-    ".pl .cell:hover{stroke:currentColor}.steps{display:flex;flex-direction:column-reverse;max-height:190px;"
-    "overflow:auto;font:12px system-ui,sans-serif}.steps table{width:100%;border-collapse:collapse}"
-    ".steps td{padding:1px 4px}.steps{margin:0 8px 12px}"
-    ".steps tr.now{background:rgba(42,125,225,.16)}.steps td.n{text-align:right;font-variant-numeric:tabular-nums}"
-    ".steps i{display:block;height:5px;border-radius:2px;margin:1px 0}.hint{font:12px system-ui,sans-serif;opacity:.7;"
-    "padding:0 10px 6px}</style>"
-)
-CLICK = (
-    "const c=event.target.closest('[data-go]');if(c)for(const p of c.dataset.go.split(' ')){const [id,v]=p.split('='),"
-    "s=document.getElementById(id),i=s&&s.parentElement.querySelector('input:not([type=hidden])');if(i){Object."
-    "getOwnPropertyDescriptor(HTMLInputElement.prototype,'value').set.call(i,v);"
-    "i.dispatchEvent(new Event('input',{bubbles:true}))}}"
-)
+STYLE = f"<style>{asset('step_charts.css')}</style>"
+CLICK = asset("step_charts.js").strip()
 """Sets sliders of the page by their element: ``data-go="ELEMENT=VALUE ELEMENT=VALUE"``."""
 
 

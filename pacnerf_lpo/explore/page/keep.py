@@ -1,7 +1,5 @@
 """Keeping: an overlay for fit, the session itself, and a page for others."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +19,7 @@ OVERLAY = "effects.yaml"
 class Keep:
     """The tab of what is saved."""
 
-    def __init__(self, page: Page, tabs: viser.GuiTabGroupHandle):
+    def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, gui = page, page.server.gui
         with tabs.add_tab("Keep", viser.Icon.DEVICE_FLOPPY):
             self.folder = gui.add_text("folder", str(page.session.folder))
@@ -29,7 +27,7 @@ class Keep:
             session = gui.add_button("Save session", icon=viser.Icon.DEVICE_FLOPPY, hint="to open it again")
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")
             self.saved = gui.add_html("")
-            report = gui.add_button("Save report", icon=viser.Icon.REPORT, hint="this step beside the first one")
+            report = gui.add_button("Save report", icon=viser.Icon.REPORT, hint="this step and the first one")
         report.on_click(page.by_hand(page.ask.asker(self._report)))
         for button, save in ((overlay, self._overlay), (session, self._session), (story, self._story)):
             button.on_click(page.by_hand(self._saver(save)))

@@ -1,7 +1,5 @@
 """What every open page of a session shows, and the threads behind it."""
 
-from __future__ import annotations
-
 import io
 import threading
 from collections.abc import Callable, Iterator
@@ -162,7 +160,7 @@ class Page:
             yield
 
     def redraw(self) -> None:
-        """Simulate where needed and draw the current step; an unstable one leaves the picture as it was and is told."""
+        """Simulate where needed and draw the current step; an unstable one leaves the picture and is reported."""
         session, step = self.session, self.session.current
         if step.trouble is None:
             motions = {name: session.motion(step.number, name) for name in session.recordings}

@@ -1,7 +1,5 @@
 """The body in space, and a camera's picture of it: which frame, which camera, which colours."""
 
-from __future__ import annotations
-
 import html
 from typing import TYPE_CHECKING
 
@@ -44,7 +42,7 @@ SHARE = 99.5
 class See:
     """The left upper panel, and what stands in the scene."""
 
-    def __init__(self, page: Page):
+    def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
         self._pictures: dict[tuple[int, int], np.ndarray] = {}
         self._paint: tuple[object, dict[str, np.ndarray], float] = (None, {}, 1.0)
@@ -67,8 +65,8 @@ class See:
         with self.panel.add_tab("Show", viser.Icon.PALETTE):
             self.paint = gui.add_dropdown("colour", tuple(PAINTS), hint="of the particles")
             self.legend = gui.add_html("")
-            told = "hull of the mattes, tracks and clouds, in space"
-            self.measured = gui.add_checkbox("measured", not page.cameras, hint=told)
+            hint = "hull of the mattes, tracks and clouds, in space"
+            self.measured = gui.add_checkbox("measured", not page.cameras, hint=hint)
             self.close = gui.add_checkbox("close-up", True, hint="the picture follows the body")
             self.dark = gui.add_checkbox("dark", page.dark, hint="colours of all pages")
         self._listen()

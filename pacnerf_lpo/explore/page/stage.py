@@ -1,7 +1,5 @@
 """The 3-D part of the page: bodies, what was measured of them, the ground, and the cameras to step into."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The history of steps and where the current one fails: by camera and frame, over time, by side of the body."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 class Story:
     """The left lower panel."""
 
-    def __init__(self, page: Page):
+    def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
         self._regions: tuple[object, dict[str, np.ndarray]] = (None, {})
         panel = gui.add_panel()

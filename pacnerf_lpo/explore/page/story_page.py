@@ -1,7 +1,5 @@
 """The history of a session as one self-contained page: motion in 3-D, steps and errors, without a server."""
 
-from __future__ import annotations
-
 import html
 import io
 import math
@@ -48,14 +46,14 @@ def story_page(session: Session) -> str:
     kept = chosen_steps(steps, current.number)
     errors = {step.number: session.error(step.number) for step in kept}
     at = worst(errors[kept[0].number], len(session.cameras()))
-    told = {str(step.number): step_payload(session, step, errors[step.number], at) for step in kept}
+    shown_steps = {str(step.number): step_payload(session, step, errors[step.number], at) for step in kept}
     shown = current if current in kept else kept[-1]
     motion = session.motion(shown.number)
     data = {
-        "steps": told,
+        "steps": shown_steps,
         "current": shown.number,
         "frame": at[1] if at else 0,
-        "particles": told[str(shown.number)]["particles"],
+        "particles": shown_steps[str(shown.number)]["particles"],
         "times": motion.times.tolist(),
         "frames": [f"frame {frame}" for frame in range(len(motion.times))],
     }

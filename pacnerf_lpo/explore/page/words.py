@@ -1,7 +1,5 @@
 """Values, evidence and differences as a person reads them."""
 
-from __future__ import annotations
-
 import html
 import math
 
@@ -17,7 +15,7 @@ MOST_SIZES = 2
 
 
 def short(setting: Setting) -> str:
-    """``E = 97 kPa`` or, where a box beside it shows the value, ``v_x [m/s]``."""
+    """``E = 97 kPa`` or, where a box next to it shows the value, ``v_x [m/s]``."""
     own, _, recording = setting.name.partition(OF)
     name = f"{symbol(own)} {recording}" if recording else symbol(own)
     if setting.logarithmic:
@@ -53,11 +51,11 @@ def evidence(found: Suggestion) -> str:
 
 
 def reason(found: Suggestion) -> str:
-    """What a video shows of an effect, what it is confused with, and what would tell."""
+    """What a video shows of an effect, what it is confused with, and what would decide."""
     text = capitalised(found.signature)
     if found.confused_with:
         text += f"; easily confused with {listed([readable(name) for name in found.confused_with])}"
-    return f"{text}. It would tell: {found.separating_experiment}." if found.separating_experiment else f"{text}."
+    return f"{text}. To decide: {found.separating_experiment}." if found.separating_experiment else f"{text}."
 
 
 def difference_table(session: Session, before: int, after: int) -> str:

@@ -1,7 +1,5 @@
 """One thread that does what hands ask for, one thing after the other, the newest wish of a kind only."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import traceback

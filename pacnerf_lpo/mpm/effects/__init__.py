@@ -1,14 +1,7 @@
-"""Physical effects beside material, ground and gravity, one per file."""
+"""Physical effects in addition to material, ground and gravity, one per file."""
 
 from pacnerf_lpo.mpm.effects.adhesion import Adhesion
-from pacnerf_lpo.mpm.effects.base import (
-    BodyForce,
-    Effect,
-    GroundEffect,
-    InitialState,
-    LawEffect,
-    Softening,
-)
+from pacnerf_lpo.mpm.effects.base import BodyForce, Effect, GroundEffect, InitialState, LawEffect, Softening
 from pacnerf_lpo.mpm.effects.central_force import CentralForce
 from pacnerf_lpo.mpm.effects.cohesion import Cohesion
 from pacnerf_lpo.mpm.effects.density_gradient import DensityGradient

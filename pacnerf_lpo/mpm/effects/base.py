@@ -21,7 +21,7 @@ of the noise, and an effect that stands out by a hundred is as many times strong
 
 
 class Effect(ABC):
-    """Physics beside material, ground and gravity, with named coefficients that can be identified.
+    """Physics in addition to material, ground and gravity, with named coefficients that can be identified.
 
     Subclasses are one of the kinds below (where the effect acts) and fill in what the kind is known by:
 
@@ -77,6 +77,13 @@ class Effect(ABC):
         free = np.array([parameter.transform.to_free(float(value)) for value in tried])
         mean = free.mean() if self.null_is_far(name) else parameter.transform.to_free(null)
         return float(mean), max(self.reach * float(np.abs(free - mean).max()), parameter.prior(null)[1])
+
+    def side(self, name: str) -> tuple[float, float]:
+        """Between which values a coefficient may lie [SI]: a one-sided effect does not cross its null."""
+        if not self.one_sided:
+            return -np.inf, np.inf
+        null = self.null[name]
+        return (null, np.inf) if sum(probe[name] - null for probe in self.probes) > 0 else (-np.inf, null)
 
     def null_is_far(self, name: str) -> bool:
         """Whether the null of a coefficient stands for infinity."""

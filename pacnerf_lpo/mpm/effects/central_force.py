@@ -14,7 +14,7 @@ class CentralForce(BodyForce):
     """Acceleration -k (x - p) towards a point p: an isotropic spring per unit mass.
 
     It is written b - k (x - c) around a given reference point c, so that strength and place are identified together:
-    the centre is p = c + b / k, which the null k = 0 could not tell anything of.
+    the centre is p = c + b / k, which the null k = 0 says nothing of.
 
     Args:
         pull: k [1/s^2]; negative pushes away.

@@ -6,6 +6,11 @@ LEAST_FACTOR = 0.05
 """A gradient leaves at least this part of mass and stiffness."""
 
 
+def one_at_a_time(**sizes: float) -> tuple[dict[str, float], ...]:
+    """Probes that each set one coefficient to its size [SI], and all others to 0."""
+    return tuple({name: size if name == moved else 0.0 for name in sizes} for moved, size in sizes.items())
+
+
 def from_centre(positions: Tensor, mass: Tensor) -> Tensor:
     """Positions relative to the centre of mass [m, (N, 3)]."""
     return positions - (mass[:, None] * positions).sum(0) / mass.sum()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState
-from pacnerf_lpo.mpm.effects.common import linear_factor
+from pacnerf_lpo.mpm.effects.common import linear_factor, one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 
 
@@ -21,26 +21,17 @@ class DensityGradient(InitialState):
         name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"density gradient along {name[-1]}", scale=0.5)
         for name in ("density_gradient_x", "density_gradient_y", "density_gradient_z")
     }
-    null = {"density_gradient_x": 0.0, "density_gradient_y": 0.0, "density_gradient_z": 0.0}  # noqa: RUF012
+    null = dict.fromkeys(parameters, 0.0)
     signature = "the body tips over on contact, towards its heavy side"
     confused_with = ("StiffnessGradient", "InitialSpin")
     separating_experiment = "the body balanced on an edge, which shows its centre of mass"
-    probes = (
-        {"density_gradient_x": 2.0, "density_gradient_y": 0.0, "density_gradient_z": 0.0},
-        {"density_gradient_x": 0.0, "density_gradient_y": 2.0, "density_gradient_z": 0.0},
-        {"density_gradient_x": 0.0, "density_gradient_y": 0.0, "density_gradient_z": 2.0},
-    )
+    probes = one_at_a_time(density_gradient_x=2.0, density_gradient_y=2.0, density_gradient_z=2.0)
 
     def __init__(
         self, density_gradient_x: float = 0.0, density_gradient_y: float = 0.0, density_gradient_z: float = 0.0
     ):
-        super().__init__(
-            {
-                "density_gradient_x": density_gradient_x,
-                "density_gradient_y": density_gradient_y,
-                "density_gradient_z": density_gradient_z,
-            }
-        )
+        given = density_gradient_x, density_gradient_y, density_gradient_z
+        super().__init__(dict(zip(self.parameters, given, strict=True)))
 
     @staticmethod
     def apply(

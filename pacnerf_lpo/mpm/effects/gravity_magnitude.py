@@ -9,9 +9,9 @@ from pacnerf_lpo.mpm.point import Point
 
 
 class GravityMagnitude(BodyForce):
-    """Acceleration (0, -d, 0) beside gravity.
+    """Acceleration (0, -d, 0) in addition to gravity.
 
-    Motion alone cannot tell it from a length scale that is wrong by g / (g + d).
+    Motion alone does not separate it from a length scale that is wrong by g / (g + d).
 
     Args:
         extra_gravity: d [m/s^2]; negative where the body falls slower (buoyancy).
@@ -21,7 +21,7 @@ class GravityMagnitude(BodyForce):
         "extra_gravity": Parameter("extra_gravity", "m/s^2", Identity(), (-20.0, 100.0), "extra gravity")
     }
     null = {"extra_gravity": 0.0}  # noqa: RUF012
-    signature = "the body falls along another vertical parabola, in all views alike"
+    signature = "the body falls along another vertical parabola, the same in all views"
     confused_with = ("LinearDrag", "QuadraticDrag")
     separating_experiment = "a scale bar in the picture; and a second drop from twice the height, against drag"
     probes = ({"extra_gravity": -0.5}, {"extra_gravity": 0.5}, {"extra_gravity": 2.0})

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState
-from pacnerf_lpo.mpm.effects.common import from_centre
+from pacnerf_lpo.mpm.effects.common import from_centre, one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 
 
@@ -21,16 +21,12 @@ class InitialSpin(InitialState):
         name: Parameter(name, "rad/s", Identity(), (-200.0, 200.0), f"initial spin about {name[-1]}")
         for name in ("spin_x", "spin_y", "spin_z")
     }
-    null = {"spin_x": 0.0, "spin_y": 0.0, "spin_z": 0.0}  # noqa: RUF012
+    null = dict.fromkeys(parameters, 0.0)
     of_recording = True
     signature = "the body turns from frame 0 on"
     confused_with = ("GroundFriction", "DensityGradient")
     separating_experiment = "a longer flight before the contact"
-    probes = (
-        {"spin_x": 1.0, "spin_y": 0.0, "spin_z": 0.0},
-        {"spin_x": 0.0, "spin_y": 1.0, "spin_z": 0.0},
-        {"spin_x": 0.0, "spin_y": 0.0, "spin_z": 1.0},
-    )
+    probes = one_at_a_time(spin_x=1.0, spin_y=1.0, spin_z=1.0)
 
     def __init__(self, spin_x: float = 0.0, spin_y: float = 0.0, spin_z: float = 0.0):
         super().__init__({"spin_x": spin_x, "spin_y": spin_y, "spin_z": spin_z})

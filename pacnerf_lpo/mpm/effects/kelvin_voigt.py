@@ -12,7 +12,7 @@ from pacnerf_lpo.mpm.tensors import added, determinant, deviator, scaled, symmet
 
 
 class KelvinVoigt(LawEffect):
-    """A dashpot beside the material: tau += 2 eta J dev(sym grad v), with eta times the particle's stiffness factor.
+    """A dashpot parallel to the material: tau += 2 eta J dev(sym grad v), eta times the particle's stiffness factor.
 
     Explicit time steps bear it while eta < rho dx^2 / (4 dt), about.
 

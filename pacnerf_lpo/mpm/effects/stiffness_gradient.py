@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState
-from pacnerf_lpo.mpm.effects.common import linear_factor
+from pacnerf_lpo.mpm.effects.common import linear_factor, one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 
 
@@ -20,26 +20,17 @@ class StiffnessGradient(InitialState):
         name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"stiffness gradient along {name[-1]}", scale=0.5)
         for name in ("stiffness_gradient_x", "stiffness_gradient_y", "stiffness_gradient_z")
     }
-    null = {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 0.0}  # noqa: RUF012
+    null = dict.fromkeys(parameters, 0.0)
     signature = "one side gives way more than the other, and the body tips over on rebound"
     confused_with = ("DensityGradient", "InitialSpin")
     separating_experiment = "the same body dropped upside down"
-    probes = (
-        {"stiffness_gradient_x": 2.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 0.0},
-        {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 2.0, "stiffness_gradient_z": 0.0},
-        {"stiffness_gradient_x": 0.0, "stiffness_gradient_y": 0.0, "stiffness_gradient_z": 2.0},
-    )
+    probes = one_at_a_time(stiffness_gradient_x=2.0, stiffness_gradient_y=2.0, stiffness_gradient_z=2.0)
 
     def __init__(
         self, stiffness_gradient_x: float = 0.0, stiffness_gradient_y: float = 0.0, stiffness_gradient_z: float = 0.0
     ):
-        super().__init__(
-            {
-                "stiffness_gradient_x": stiffness_gradient_x,
-                "stiffness_gradient_y": stiffness_gradient_y,
-                "stiffness_gradient_z": stiffness_gradient_z,
-            }
-        )
+        given = stiffness_gradient_x, stiffness_gradient_y, stiffness_gradient_z
+        super().__init__(dict(zip(self.parameters, given, strict=True)))
 
     @staticmethod
     def apply(

@@ -11,7 +11,7 @@ from pacnerf_lpo.mpm.point import Point
 class UniformForce(BodyForce):
     """Acceleration (a_x, 0, a_z), the same everywhere. Its vertical part is :class:`GravityMagnitude`.
 
-    Motion alone cannot tell a wind a from a tilt of the world by atan(a / g).
+    Motion alone does not separate a wind a from a tilt of the world by atan(a / g).
 
     Args:
         push_x: a_x [m/s^2].
@@ -26,12 +26,10 @@ class UniformForce(BodyForce):
     of_medium = True
     signature = "the body drifts sideways along a parabola from frame 0 on, in all views"
     confused_with = ("CentralForce", "CameraRotation")
-    separating_experiment = "a plumb line in the picture tells tilt from wind; a second start position, a central force"
-    probes = (
-        {"push_x": 0.5, "push_z": 0.0},
-        {"push_x": 0.0, "push_z": 0.5},
-        {"push_x": 1.0, "push_z": 1.0},
+    separating_experiment = (
+        "a plumb line in the picture separates tilt from wind; a second start position, a central force"
     )
+    probes = ({"push_x": 0.5, "push_z": 0.0}, {"push_x": 0.0, "push_z": 0.5}, {"push_x": 1.0, "push_z": 1.0})
 
     def __init__(self, push_x: float = 0.0, push_z: float = 0.0):
         super().__init__({"push_x": push_x, "push_z": push_z})

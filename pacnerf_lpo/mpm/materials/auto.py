@@ -1,7 +1,5 @@
 """Matter of which nobody has said what it is: laws compete for it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pacnerf_lpo.errors import UserInputError
@@ -18,8 +16,8 @@ class Auto(Material):
     in: its flight before contact hardly depends on the law.
 
     Args:
-        laws: what competes, from the simple to the complex: of two that cannot be told apart the first is used. None:
-            elastic, viscous, granular, plastic and viscoplastic matter, with guesses from the speed of the impact. E
+        laws: what competes, from the simple to the complex: of two that cannot be separated the first is used. None:
+            elastic, viscous, granular, plastic and viscoplastic laws, with guesses from the speed of the impact. E
             and nu of grains are known, as in the papers: a heap slides, and hardly shows them.
     Raises:
         UserInputError: fewer than two laws, one of them twice, or Auto among them.

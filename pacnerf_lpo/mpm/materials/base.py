@@ -1,6 +1,4 @@
-"""What a material is: named parameters, and one local law. Add one by adding one file like those beside this one."""
-
-from __future__ import annotations
+"""What a material is: named parameters, and one local law. Add one by adding one file like those next to this one."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -30,7 +28,7 @@ class Material(ABC):
 
     parameters: ClassVar[dict[str, Parameter]]
     family: ClassVar[str] = ""
-    """How a person calls matter of this kind, such as elastic."""
+    """How a person calls a material of this kind, such as elastic."""
     deforms: ClassVar[bool] = True
 
     def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
@@ -48,7 +46,7 @@ class Material(ABC):
         """Names of the parameters that are identified."""
         return [name for name in self.parameters if name not in self.known]
 
-    def guessed(self, values: Mapping[str, float | None]) -> Material:
+    def guessed(self, values: Mapping[str, float | None]) -> "Material":
         """The same law with another guess of some parameters [SI]; those of value None keep theirs."""
         given = {name: value for name, value in values.items() if value is not None}
         return type(self)(**{**self.guess, **given}, known=self.known)  # type: ignore[arg-type]

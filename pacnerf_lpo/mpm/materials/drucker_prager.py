@@ -25,7 +25,7 @@ class DruckerPrager(Material):
 
     Args:
         theta: friction angle [deg]; below 65, more than sand, gravel and broken rock have: a wider cone carries
-            unconfined matter and stands in for cohesion.
+            unconfined sand and stands in for cohesion.
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         known: names of parameters that are not identified.

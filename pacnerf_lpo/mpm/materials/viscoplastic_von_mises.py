@@ -31,10 +31,7 @@ class ViscoplasticVonMises(Material):
 
     family = "viscoplastic"
     parameters = named(
-        SHEAR,
-        BULK,
-        YIELD,
-        Parameter("eta", "Pa s", Log10(), (0.0, 1e9), "plastic viscosity", impact=0.03, rate=0.05),
+        SHEAR, BULK, YIELD, Parameter("eta", "Pa s", Log10(), (0.0, 1e9), "plastic viscosity", impact=0.03, rate=0.05)
     )
 
     def __init__(

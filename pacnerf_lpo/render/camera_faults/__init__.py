@@ -8,12 +8,4 @@ from pacnerf_lpo.render.camera_faults.exposure import Exposure
 from pacnerf_lpo.render.camera_faults.radial_distortion import RadialDistortion
 from pacnerf_lpo.render.camera_faults.time_offset import TimeOffset
 
-__all__ = [
-    "CameraDrift",
-    "CameraRotation",
-    "CameraShift",
-    "Exposure",
-    "Observation",
-    "RadialDistortion",
-    "TimeOffset",
-]
+__all__ = ["CameraDrift", "CameraRotation", "CameraShift", "Exposure", "Observation", "RadialDistortion", "TimeOffset"]

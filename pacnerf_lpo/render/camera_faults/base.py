@@ -1,7 +1,5 @@
 """What a camera fault is. Add one by adding one file like ``exposure.py``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -46,7 +44,7 @@ class Observation(Effect):
         """What the methods receive, from the values of all parameters by their unique names."""
         return SimpleNamespace(**{name: values[self.full_name(name)] for name in type(self).parameters})
 
-    def at(self, view: int) -> Observation:
+    def at(self, view: int) -> "Observation":
         """The same fault of another camera (file id)."""
         short = {name: self.guess[self.full_name(name)] for name in type(self).parameters}
         moved = copy(self)

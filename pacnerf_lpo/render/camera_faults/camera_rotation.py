@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.mpm.effects.common import one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.render.camera_faults.base import Observation
 
@@ -32,11 +33,7 @@ class CameraRotation(Observation):
     signature = "one view is shifted or turned by the same amount in every frame, frame 0 included; the others fit"
     confused_with = ("CameraShift", "UniformForce")
     separating_experiment = "a checkerboard or a plumb line filmed by all cameras before the drop"
-    probes = (
-        {"tilt": 0.25, "pan": 0.0, "roll": 0.0},
-        {"tilt": 0.0, "pan": 0.25, "roll": 0.0},
-        {"tilt": 0.0, "pan": 0.0, "roll": 1.0},
-    )
+    probes = one_at_a_time(tilt=0.25, pan=0.25, roll=1.0)
 
     def __init__(self, tilt: float = 0.0, pan: float = 0.0, roll: float = 0.0, view: int | None = None):
         super().__init__({"tilt": tilt, "pan": pan, "roll": roll}, view)

@@ -1,7 +1,5 @@
 """COLMAP: a sparse model, binary or text, next to images in one folder per camera, or one video per camera."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 import tempfile

@@ -1,7 +1,5 @@
 """D-NeRF: ``transforms_<split>.json`` with one field of view, and a pose and a time per image."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

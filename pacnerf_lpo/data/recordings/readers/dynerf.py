@@ -1,7 +1,5 @@
 """DyNeRF: ``poses_bounds.npy`` with a row per camera, and ``cam*.mp4``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

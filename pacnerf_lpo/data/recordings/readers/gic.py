@@ -1,7 +1,5 @@
 """GIC: PAC-NeRF's files with ``transforms_train.json``, images ``m_`` on white and, transparent, ``a_``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

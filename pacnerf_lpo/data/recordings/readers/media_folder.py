@@ -1,7 +1,5 @@
 """A folder with a video or a folder of images per camera: finds what belongs to a camera of a calibration."""
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """nerfstudio and instant-ngp: ``transforms.json`` with intrinsics for all frames or for each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

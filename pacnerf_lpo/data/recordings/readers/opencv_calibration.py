@@ -1,7 +1,5 @@
 """Videos, or folders of images, with a calibration of OpenCV's kind in YAML or JSON."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

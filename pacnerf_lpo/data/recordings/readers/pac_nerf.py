@@ -1,7 +1,5 @@
 """PAC-NeRF: ``all_data.json`` with one pose per image, ``data/r_<camera>_<frame>.png``, plates as frame -1."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.data.checks import check_cameras, image_folder

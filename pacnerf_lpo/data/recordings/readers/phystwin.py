@@ -1,7 +1,5 @@
 """PhysTwin: ``calibrate.pkl`` with camera-to-world poses, ``metadata.json``, ``color/<camera>/<frame>.png``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, opengl_axes

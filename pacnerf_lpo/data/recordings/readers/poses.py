@@ -1,7 +1,5 @@
 """Lists of images with a pose each, gathered into cameras that stand still."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Spring-Gaus, real captures: ``dynamic/cameras_calib.json``, sequences of images, and the lens of a static COLMAP."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Spring-Gaus, synthetic: ``camera.json`` [{camera, K, c2w}] next to one folder of transparent images per camera."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

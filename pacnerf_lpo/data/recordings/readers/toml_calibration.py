@@ -1,7 +1,5 @@
 """Videos, or folders of images, with a calibration in TOML: Anipose and aniposelib, or caliscope."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

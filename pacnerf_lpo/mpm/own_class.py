@@ -1,0 +1,136 @@
+"""Whether an effect or a material of one's own keeps what its class promises: a small block, some rollouts in 64 bits.
+
+The adjoint of a law is derived. But plain torch (``coefficients``, ``apply``) may cut a gradient, and an effect may not
+vanish at what its class calls the null.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnerf_lpo.mpm.effects.base import Effect
+from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.simulator import Simulator
+
+DX, SUBSTEPS, FRAMES, STEP_RATE = 0.1, 12, 5, 2400
+"""Node spacing [m], substeps of a frame, frames, and substeps per second: a throw of 20 ms that ends on the ground."""
+STEP = 1e-2
+"""Of a noticeable change: the error of a central difference is the square of that, and nodes that are too light to
+count, which the engine drops, make the positions jump by some 1e-8 m between its ends.
+"""
+AGREE = 1e-2
+"""Relative to the derivative: both errors together are 1e-4 of it, and particles of a sand that begin to yield between
+the ends make half a per cent; a gradient that is cut is another number.
+"""
+SAME, SEEN = 1e-12, 1e-8
+"""Metres: positions of 1 m in 64 bits, rounded some times a substep; and what is far above that."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One promise: what it is, what was found, and whether it is kept."""
+
+    what: str
+    found: str
+    kept: bool
+
+
+def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
+    """Checks of an effect on the motion or the state at frame 0 of a material.
+
+    Args:
+        effect: with its guess.
+        material: that moves.
+
+    Raises:
+        UserInputError: the effect has no meaning for the material, or its function cannot be compiled.
+        SimulationError: the motion is unstable at a probe.
+    """
+    names = set(effect.parameters)
+    missing = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]
+    yield Check("described", ", ".join(missing) or "signature and separating experiment", not missing)
+    yield _described(effect.parameters)
+    odd = [key for values in (effect.null, *effect.probes) for key in set(values) ^ names]
+    kept = bool(effect.probes) and not odd
+    yield Check(
+        "null and probes name every coefficient", ", ".join(sorted(set(odd))) or f"{len(effect.probes)} probes", kept
+    )
+    if not kept:
+        return
+    for values in (effect.null, *effect.probes):
+        for name, value in values.items():
+            effect.parameters[name].check(value, type(effect).__name__)
+    without, withit = _block(material, []), _block(material, [effect])
+    still = without({})
+    change = float((withit(effect.null) - still).abs().max())
+    yield Check("nothing changes at the null", f"{change:.1e} m", change <= SAME)
+    for probe in effect.probes:
+        moved = float((withit(probe) - still).abs().max())
+        yield Check(f"a probe is seen ({_said(probe)})", f"{moved:.1e} m", moved > SEEN)
+    yield from _gradients(withit, effect.parameters, effect.probes[-1])
+
+
+def check_material(material: Material) -> Iterator[Check]:
+    """Checks of a constitutive law at its guess; raises as :func:`check_effect`."""
+    yield _described(material.parameters)
+    moved = _block(material, [], at_rest=True)({})
+    away = float((moved - moved[:1]).abs().max())
+    yield Check("a body at rest stays at rest", f"{away:.1e} m", away <= SAME)
+    yield from _gradients(_block(material, []), material.parameters, material.guess)
+
+
+def _described(parameters: Mapping[str, Parameter]) -> Check:
+    bad = [name for name, one in parameters.items() if name != one.name or not one.unit or not one.label]
+    return Check("parameters have their name, a unit and a label", ", ".join(bad) or ", ".join(parameters), not bad)
+
+
+def _gradients(move: Callable[[Mapping], Tensor], parameters: Mapping[str, Parameter], at: Mapping) -> Iterator[Check]:
+    """The derivative of a sum over all positions by each free coordinate, against central differences."""
+
+    def total(values: Mapping) -> Tensor:
+        path = move(values)
+        weights = torch.randn(path.shape, generator=torch.Generator().manual_seed(0), dtype=path.dtype)
+        return (weights * (path - path[:1])).sum()
+
+    for name, parameter in parameters.items():
+        free = torch.tensor(parameter.transform.to_free(at[name]), dtype=torch.float64, requires_grad=True)
+        moved = total({**at, name: parameter.transform.to_physical(free)})
+        exact = torch.autograd.grad(moved, free, allow_unused=True)[0] if moved.requires_grad else None
+        step = STEP * parameter.scale
+        ends = [total({**at, name: parameter.physical(free.item() + side * step)}) for side in (-1, 1)]
+        expected, found = float(ends[1] - ends[0]) / (2 * step), 0.0 if exact is None else float(exact)
+        close = abs(found - expected) <= AGREE * abs(expected) + SAME
+        yield Check(f"derivative by {name}", f"{found:.6g}, by differences {expected:.6g}", close)
+
+
+def _block(material: Material, effects: list[Effect], at_rest: bool = False) -> Callable[[Mapping], Tensor]:
+    """Positions [m, (F, N, 3)] of a block that is thrown on the ground, sheared and squeezed, or that rests in the air,
+    as a function of values of parameters [SI].
+    """
+    gravity = (0.0, 0.0, 0.0) if at_rest else (0.0, -9.8, 0.0)
+    simulator = Simulator(
+        material, dx=DX, substeps=SUBSTEPS, frame_dt=SUBSTEPS / STEP_RATE, gravity=gravity, effects=effects, dtype="f64"
+    )
+    generator = torch.Generator().manual_seed(1)
+    axes = [(torch.arange(count, dtype=torch.float64) + 0.5) * DX / 2 for count in (4, 6, 4)]
+    lattice = torch.cartesian_prod(*axes)
+    noise = torch.rand(lattice.shape, generator=generator, dtype=torch.float64) - 0.5
+    positions = lattice + torch.tensor([0.0, 1.0 if at_rest else 0.04, 0.0]) + 0.15 * DX * noise
+    gradient = torch.tensor([[-3.0, 2.0, 1.0], [0.0, -4.0, 2.0], [1.0, -1.0, 2.0]], dtype=torch.float64)
+    thrown = torch.tensor([0.6, -2.0, -0.3]) + (positions - positions.mean(0)) @ gradient.T
+    velocity = torch.zeros_like(positions) if at_rest else thrown
+    mass = torch.full((len(positions),), 1000 * (DX / 2) ** 3, dtype=torch.float64)
+
+    def move(values: Mapping) -> Tensor:
+        own = {name: torch.as_tensor(values.get(name, material.guess[name])).double() for name in material.guess}
+        others = {name: torch.as_tensor(v).double() for name, v in values.items() if name not in own}
+        return simulator(positions, velocity, mass, torch.ones_like(mass), own, FRAMES, others)
+
+    return move
+
+
+def _said(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in values.items())

@@ -1,0 +1,1 @@
+const c=event.target.closest('[data-go]');if(c)for(const p of c.dataset.go.split(' ')){const [id,v]=p.split('='),s=document.getElementById(id),i=s&&s.parentElement.querySelector('input:not([type=hidden])');if(i){Object.getOwnPropertyDescriptor(HTMLInputElement.prototype,'value').set.call(i,v);i.dispatchEvent(new Event('input',{bubbles:true}))}}
