@@ -15,6 +15,7 @@ SUBJECTS = {
     "five_scenes": "validation.five_scenes",
     "hidden_effects": "validation.hidden_effects.score",
     "identification": "validation.identification",
+    "mattes": "validation.mattes",
     "own_recording": "validation.own_recording",
     "random_hands": "validation.random_hands",
     "real_measurements": "validation.real_measurements",

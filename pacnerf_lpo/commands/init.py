@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
-from pacnerf_lpo.data.recordings.conversion import convert
+from pacnerf_lpo.data.recordings.conversion import convert, forget_mattes
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
 from pacnerf_lpo.data.recordings.look import examine
 from pacnerf_lpo.data.recordings.recording import GRAVITY
@@ -67,6 +67,7 @@ def run(
     if shape is not None or holds_positions(Path(source)):
         return _flights(Path(source), Path(scene), Solid.stated(source, shape, size, mass), up, unit, fps, spins, start)
     doing("reading the recording")
+    forget_mattes(Path(scene))
     recording = read_recording(Path(source), format)
     if fps is not None:
         recording = recording.with_frame_rate(fps)

@@ -1,10 +1,12 @@
 """From a recording to a scene in PAC-NeRF's layout, with what its outlines say."""
 
 import json
+import logging
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +18,15 @@ from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.questions import asked, timed
 from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.data.recordings.refinement import refined
 from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
 from pacnerf_lpo.errors import UserInputError
+
+log = logging.getLogger(__name__)
+
+DOUBTFUL = 0.9
+"""Expected overlap below which a matte is reported as doubtful: of a body of forty pixels, its rim of one pixel."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,7 @@ class Scene:
 
     folder: where it is. recording: as used. times: [s, (F,)]. findings: what was measured.
     mattes: how each camera was matted
+    overlaps: intersection over union that each camera's mattes are expected to have with the truth, 1 for given ones
     offsets: how much later than these times each camera's frames were taken [s, (V,)]
     clocks: the same in words
     mended: repeated, missing, filled-in and cut-off frames, a line each
@@ -37,6 +46,7 @@ class Scene:
     times: np.ndarray
     findings: Findings
     mattes: tuple[str, ...]
+    overlaps: tuple[float, ...]
     offsets: np.ndarray
     clocks: str
     mended: tuple[str, ...]
@@ -46,7 +56,8 @@ def convert(recording: Recording, folder: Path) -> Scene:
     """Write ``folder/all_data.json`` and ``folder/data``: undistorted, matted, in metres, y up, the ground at y = 0.
 
     Images smaller than the largest are extended to the right and below; what no camera pixel shows is marked by an
-    occluder (frame -2). Backgrounds, given or found, are frame -1. Nothing is left behind where something is wrong.
+    occluder (frame -2). Backgrounds, given or found, are frame -1. Where something is wrong, no scene is left, but the
+    mattes made so far, in a folder beside it that the message names.
 
     Raises:
         UserInputError: something in the recording is wrong or missing, or ``folder`` is in use.
@@ -55,32 +66,77 @@ def convert(recording: Recording, folder: Path) -> Scene:
         raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
     check_recording(recording)
     recording, stamps = timed(recording)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as work:
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        beside = tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-")
+    except OSError as error:
+        raise UserInputError(f"{folder}: cannot be written ({error.strerror}); give another place") from None
+    with beside as work:
         images = Path(work, "data")
         images.mkdir()
-        mattes = [Mattes(camera) for camera in recording.cameras]
-        size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
-        shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
-        if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
-            check_different([shot.images for shot in shots], recording)
-        check_in_front([shot.sighting for shot in shots], recording)
-        shots, clocks = synchronised(shots)
-        corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
-        timeline = common_times(recording, corrected)
-        for view, matted in enumerate(mattes):
-            _write_camera(images, view, matted, size, shots[view], timeline.places[view])
-        now = timeline.start + timeline.times
-        views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
-        recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
+        with _kept_to_look_at(images, [camera.name for camera in recording.cameras], folder):
+            mattes = [Mattes(camera) for camera in recording.cameras]
+            size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
+            shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
+            if all(m.plate is not None for m in mattes):  # drawn on nothing, a symmetric body may look the same twice
+                check_different([shot.images for shot in shots], recording)
+            check_in_front([shot.sighting for shot in shots], recording)
+            shots, clocks = refined(images, mattes, stamps, size, *synchronised(shots))
+            corrected = [shot.sighting.times + offset for shot, offset in zip(shots, clocks.offsets, strict=True)]
+            timeline = common_times(recording, corrected)
+            for view, matted in enumerate(mattes):
+                _write_camera(images, view, matted, size, shots[view], timeline.places[view])
+            now = timeline.start + timeline.times
+            views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
+            recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
         Path(work, NAME).write_text(json.dumps(_entries(recording, timeline, findings)))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
             shutil.move(os.path.join(work, name), folder / name)
     names = [camera.name for camera in recording.cameras]
     mended = tuple(_mended(names, shots, timeline))
-    ways = tuple(m.way for m in mattes)
-    return Scene(folder, recording, timeline.times, findings, ways, timeline.offsets, clocks.said(names), mended)
+    ways, overlaps = tuple(m.described for m in mattes), tuple(float(m.overlaps.mean()) for m in mattes)
+    for name, overlap in zip(names, overlaps, strict=True):
+        if overlap < DOUBTFUL:
+            log.warning(
+                "camera %s: object and background are hard to tell apart (expected overlap with the truth %.2f); give "
+                "masks, or an image of the empty background as backgrounds/%s.png",
+                name,
+                overlap,
+                name,
+            )
+    return Scene(
+        folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended
+    )
+
+
+def _mattes_beside(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}_mattes")
+
+
+def forget_mattes(folder: Path) -> None:
+    """Remove the mattes that an earlier, refused attempt left beside the folder of a scene."""
+    beside = _mattes_beside(folder)
+    for old in beside.glob("*_[0-9][0-9][0-9][0-9].png"):
+        old.unlink()
+    if beside.is_dir() and not any(beside.iterdir()):
+        beside.rmdir()
+
+
+@contextmanager
+def _kept_to_look_at(images: Path, names: Sequence[str], folder: Path) -> Iterator[None]:
+    """Where the recording is refused, keep its mattes beside the folder of the scene, and say where."""
+    try:
+        yield
+    except UserInputError as error:
+        beside, made = _mattes_beside(folder), [*images.glob("own_*.png"), *images.glob("m_*.png")]
+        if not made:
+            raise
+        beside.mkdir(exist_ok=True)
+        for path in made:
+            _, view, frame = path.stem.split("_")
+            shutil.move(path, beside / f"{names[int(view)]}_{int(frame):04}.png")
+        raise UserInputError(f"{error}; {beside} has its mattes, to look at") from None
 
 
 def _write_camera(

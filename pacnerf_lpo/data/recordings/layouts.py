@@ -56,7 +56,8 @@ def read_recording(folder: Path, name: Format | None = None) -> Recording:
         UserInputError: there is no such folder, no layout or several fit it, or something in the files is wrong.
     """
     if not folder.is_dir():
-        raise UserInputError(f"{folder}: there is no such folder; give the one that holds videos and calibration")
+        wrong = "is a file, unpack it if it is an archive" if folder.is_file() else "there is no such folder"
+        raise UserInputError(f"{folder}: {wrong}; give the folder that holds videos and calibration")
     fitting = [layout for layout in LAYOUTS if (layout.fits(folder) if name is None else layout.name == name)]
     if len(fitting) > 1:
         found = "; ".join(f"{layout.name} ({layout.looks_for})" for layout in fitting)

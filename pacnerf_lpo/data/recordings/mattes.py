@@ -6,10 +6,21 @@ import numpy as np
 
 from pacnerf_lpo.data.images import on_white, read_png
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.recordings.background import still_background
+from pacnerf_lpo.data.recordings.background import (
+    Background,
+    background_by_views,
+    expected_overlap,
+    solid_part,
+    still_background,
+)
+from pacnerf_lpo.data.recordings.colours import Colours
+from pacnerf_lpo.data.recordings.footage import Footage
 from pacnerf_lpo.data.recordings.media import library, read_frames
-from pacnerf_lpo.data.recordings.recording import Camera, check_image_size, check_lens
+from pacnerf_lpo.data.recordings.other_views import Expectation
+from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
+from pacnerf_lpo.data.recordings.resolution import reduced
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.heartbeat import doing
 
 WHITE = 1.0 - 1.5 / 255.0
 """From here on a value counts as pure white."""
@@ -52,7 +63,10 @@ class Mattes:
     which is a plate or comes from the video itself.
 
     lens: as it undistorts. plate: the background, undistorted [0..1, (H, W, 3)]; None where none was needed.
-    way: how the mattes were made, in words.
+    way: how the mattes were made, in words. still: what was found in a video without a plate.
+    expected: what the other views say about this camera. compared: whether these were asked.
+    overlaps: intersection over union that each frame's matte is expected to have with the truth, 1 where it is given
+    [(F,)]. masks: where the object is, as far as the frames were matted [(F, h, w), bool, reduced].
     """
 
     def __init__(self, camera: Camera):
@@ -63,7 +77,12 @@ class Mattes:
         check_lens(str(camera.frames[0].file), camera, self.size)
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
-        self.cut: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+        self.still: Background | None = None
+        self._corrected: Background | None = None
+        self.expected: Expectation | None = None
+        self.compared, self.overlaps = False, np.ones(len(camera.frames))
+        self.masks = np.zeros((len(camera.frames), *reduced(self.lens.valid).shape), bool)
+        self.cut: Callable[[np.ndarray, np.ndarray | None, int], np.ndarray]
         border = np.concatenate((first[0], first[-1], first[:, 0], first[:, -1]))
         if camera.frames[0].mask is not None:
             self.way, self.cut = "masks", self._by_mask
@@ -71,34 +90,81 @@ class Mattes:
             self.way, self.cut = "transparency", self._by_alpha
         elif camera.on_white or border.min() > WHITE:
             self.way, self.cut = "white around the object", self._by_white
+        elif camera.plate is None:
+            self.way, self.cut = "background of the video", self._by_video
+            self.find_background()
         else:
             self.way, self.cut = "background plate", self._by_plate
-            if camera.plate is None:
-                self.way, background = "background of the video", still_background(camera)
-            else:
-                background = read_png(camera.plate)[..., :3]
+            background = read_png(camera.plate)[..., :3]
             if background.shape[1::-1] != self.size:
                 raise UserInputError(
                     f"{camera.plate}: not of the size of the images of camera {camera.name}; make them one size"
                 )
             self.plate = self.lens.undistorted(background)
 
+    @property
+    def described(self) -> str:
+        """How the mattes were made, in words."""
+        if self.still is None:
+            return self.way
+        return f"{self.way}{' and the other views' if self.compared else ''}"
+
+    def find_background(self) -> None:
+        """Find the background in the video itself, for all mattes from now on.
+
+        Raises:
+            UserInputError: nothing moves.
+        """
+        camera = self.camera
+        doing(f"finding the background of camera {camera.name}")
+        self.footage = Footage(self._pictures)
+        found = still_background(self.footage)
+        if found is None:
+            raise UserInputError(
+                f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
+                f"background as backgrounds/{camera.name}.png"
+            )
+        self.still = found.at_full_size(self.footage)
+        self.plate = self.still.plate
+        doing("matting the videos")
+
+    def correct(self, expected: Expectation, colours: Colours) -> None:
+        """Find the background and ``masks`` again with what the other views say about all frames, at reduced size."""
+        self.masks = self.masks.copy()
+        self.expected, self._corrected = expected, background_by_views(self.footage, expected, self.masks, colours)
+        for number, (image, prior) in enumerate(zip(self.footage, expected, strict=True)):
+            self.masks[number] = self._cut(image, number, self._corrected, prior)[1] > 0.5
+
+    def take_correction(self) -> None:
+        """Matte with the corrected background from now on."""
+        if self._corrected is not None:
+            self.still, self._corrected = self._corrected.at_full_size(self.footage), None
+            self.plate = self.still.plate
+
+    def _pictures(self) -> Iterator[np.ndarray]:
+        return (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames())
+
     def __iter__(self) -> Iterator[np.ndarray]:
         """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""
+        for number, (frame, pixels) in enumerate(self._frames()):
+            mask = None if frame.mask is None else read_png(frame.mask)
+            if mask is not None and mask.shape[:2] != pixels.shape[:2]:
+                raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
+            result = self.cut(pixels, mask, number)
+            result[..., 3] *= self.lens.valid
+            self.masks[number] = reduced(result[..., 3]) > 0.5
+            yield result
+
+    def _frames(self) -> Iterator[tuple[Frame, np.ndarray]]:
         for frame, pixels in zip(self.camera.frames, read_frames(self.camera.frames), strict=True):
             if pixels.shape[1::-1] != self.size:
                 raise UserInputError(
                     f"{frame.file}: {pixels.shape[1]} x {pixels.shape[0]} pixels, but the first image of camera "
                     f"{self.camera.name} has {self.size[0]} x {self.size[1]}; make them one size"
                 )
-            mask = None if frame.mask is None else read_png(frame.mask)
-            if mask is not None and mask.shape[:2] != pixels.shape[:2]:
-                raise UserInputError(f"{frame.mask}: not of the size of {frame.file.name}; make them one size")
-            result = self.cut(pixels, mask)
-            result[..., 3] *= self.lens.valid
-            yield result
+            yield frame, pixels
 
-    def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    def _by_mask(self, pixels: np.ndarray, mask: np.ndarray | None, _: int) -> np.ndarray:
         if mask is None:
             raise UserInputError(
                 f"camera {self.camera.name}: some frames have a mask and some have not; give all or none"
@@ -110,14 +176,32 @@ class Mattes:
             raise UserInputError(f"{name}: bright along the image border, so it marks the background; invert the masks")
         return self.lens.undistorted(np.dstack((pixels[..., :3], opacity)).astype(np.float32))
 
-    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         return self.lens.undistorted(pixels)
 
-    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         return np.dstack(on_white(self.lens.undistorted(pixels[..., :3])))
 
-    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
+        assert self.still is not None
+        image = self.lens.undistorted(pixels[..., :3])
+        expected = 0.0 if self.expected is None else self.expected.log_odds(number, image.shape)
+        return _unmixed(*self._cut(image, number, self.still, expected))
+
+    def _cut(
+        self, image: np.ndarray, number: int, background: Background, expected: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        odds = background.denoised_odds(image, expected)
+        solid = solid_part(odds)
+        self.overlaps[number] = expected_overlap(odds, solid)
+        return matte(image, background.plate, solid)
+
+    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
         assert self.plate is not None
-        colour, opacity = matte(self.lens.undistorted(pixels[..., :3]), self.plate)
-        own = (colour - (1.0 - opacity[..., None])) / np.maximum(opacity[..., None], 1e-3)
-        return np.dstack((np.clip(own, 0.0, 1.0), opacity)).astype(np.float32)
+        return _unmixed(*matte(self.lens.undistorted(pixels[..., :3]), self.plate))
+
+
+def _unmixed(colour: np.ndarray, opacity: np.ndarray) -> np.ndarray:
+    """The object's own colour and its opacity [(H, W, 4)] from its colour on white [0..1, (H, W, 3)]."""
+    own = (colour - (1.0 - opacity[..., None])) / np.maximum(opacity[..., None], 1e-3)
+    return np.dstack((np.clip(own, 0.0, 1.0), opacity)).astype(np.float32)

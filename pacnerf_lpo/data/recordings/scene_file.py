@@ -88,9 +88,15 @@ def _cameras(scene: Scene) -> str:
 
 def _mattes(scene: Scene) -> str:
     counted = Counter(scene.mattes)
+    how = ", ".join(f"by {way} in {count} cameras" for way, count in counted.items())
     if len(counted) == 1:
-        return f"by {scene.mattes[0]}, in all cameras"
-    return ", ".join(f"by {way} in {count} cameras" for way, count in counted.items())
+        how = f"by {scene.mattes[0]}, in all cameras"
+    worst = int(np.argmin(scene.overlaps))
+    if scene.overlaps[worst] == 1.0:
+        return how
+    sure = f"overlap (IoU) expected with the truth {np.mean(scene.overlaps):.2f}"
+    sure += f", in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
+    return f"{how}; {sure}, if their colours tell object and background apart; a common error of all views is not in it"
 
 
 def _clock(scene: Scene) -> str:

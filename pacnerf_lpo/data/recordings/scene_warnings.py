@@ -39,6 +39,8 @@ AFTER = 5
 """Frames from contact on: of a soft body at usual frame rates, compression, its turning point and some rebound."""
 LATEST = 0.8
 """Contact after this part of a video leaves little of it to the material."""
+FASTER = 1.5
+"""Speeds relative to the fastest of the fall: impacts only slow a body, and its deforming moves its middle a little."""
 OFF_GRAVITY = 0.1
 """Difference between measured and stated gravity that is said, relative to it; air drags most bodies by less."""
 OUTSIDE = 0.02
@@ -49,7 +51,7 @@ OUTSIDE = 0.02
 class SceneWarning:
     """Something doubtful.
 
-    kind: disagreement, views, box, contact, flight, gravity, border, matte, blur, pixels or clock
+    kind: disagreement, views, box, contact, flight, throws, gravity, border, matte, blur, pixels or clock
     what: a sentence without its full stop
     remedy: what to do, as a clause
     cameras, frames: where; empty where it is everywhere
@@ -67,7 +69,20 @@ class SceneWarning:
 
 def scene_warnings(look: Look) -> list[SceneWarning]:
     """Everything doubtful about a scene, the most important first."""
-    parts = (_disagreement, _views, _box, _contact, _flight, _gravity, _border, _mattes, _blur, _pixels, _clocks)
+    parts = (
+        _disagreement,
+        _views,
+        _box,
+        _contact,
+        _flight,
+        _throws,
+        _gravity,
+        _border,
+        _mattes,
+        _blur,
+        _pixels,
+        _clocks,
+    )
     return [warning for part in parts for warning in part(look)]
 
 
@@ -185,6 +200,23 @@ def _flight(look: Look) -> Iterator[SceneWarning]:
             f"the free flight is too short to measure gravity ({how}): neither scale nor up direction can be checked",
             "begin the recording earlier, or drop from higher; make sure that unit, up and frame rate are right",
             frames=tuple(range(hit)),
+        )
+
+
+def _throws(look: Look) -> Iterator[SceneWarning]:
+    """No body moves up or down faster than it fell before the contact."""
+    times = look.scene.times
+    until = times[: min(look.scene.hit_frame, len(times) - 1) + 1, None]
+    fastest = float(np.abs((look.motion.velocity + look.motion.acceleration * until)[:, 1]).max())
+    speeds = np.abs(np.diff(look.centre)) / np.diff(times)
+    jumps = np.flatnonzero(speeds > FASTER * fastest + look.size * OUTSIDE / np.diff(times)) + 1
+    if len(jumps):
+        yield SceneWarning(
+            "throws",
+            f"the object moves {speeds[jumps - 1].max():.2g} m/s up or down before frame {jumps[0]}, and its fastest "
+            f"before the contact was {fastest:.2g} m/s: several throws in one video, or frames in a wrong order",
+            f"cut all videos before frame {jumps[0]}; each throw is a recording of its own",
+            frames=tuple(jumps.tolist()),
         )
 
 

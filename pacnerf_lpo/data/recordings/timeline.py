@@ -123,7 +123,8 @@ def _shown(recording: Recording, camera: Camera, times: np.ndarray, grid: np.nda
     if gap[worst] > FILLED * step:
         raise UserInputError(
             f"{recording.source}, camera {camera.name}: no frames between {times[after[worst] - 1]:.4g} and "
-            f"{times[after[worst]]:.4g} s; they were dropped; cut all videos there, or use --leave_out {camera.name}"
+            f"{times[after[worst]]:.4g} s; they were dropped, or its mattes are wrong and look like another time; cut "
+            f"all videos there, give its masks or background plate, or use --leave_out {camera.name}"
         )
     between = np.interp(wanted, times, np.arange(len(times)))
     return np.where(taken, nearest, between), offset if abs(offset) > 1e-3 * step else 0.0

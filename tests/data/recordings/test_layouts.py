@@ -101,7 +101,7 @@ def test_the_scene_is_read_and_its_mattes_are_the_ball(made, name):
 def test_every_value_of_the_scene_file_says_where_it_is_from(made):
     done = made("opencv_shared")
     assert "mm, as in it the body falls at 9." in done.text and "6 of them undistorted" in done.text
-    assert "by background of the video, in all cameras" in done.text
+    assert "by background of the video and the other views, in all cameras; overlap (IoU) expected" in done.text
     keys = [line for line in done.text.splitlines() if ": " in line and not line.startswith("#")]
     bare = [line.split(":")[0].strip() for line in keys if "#" not in line]
     assert set(bare) <= {"class_path", "box_upper", "E", "nu"}  # explained one line above

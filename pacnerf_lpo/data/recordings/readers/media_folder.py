@@ -1,6 +1,8 @@
 """A folder with a video or a folder of images per camera: finds what belongs to a camera of a calibration."""
 
+import logging
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +11,12 @@ import numpy as np
 
 from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, pose_from_opencv, rotation_from_vector
 from pacnerf_lpo.data.recordings.files import entry, numbers
-from pacnerf_lpo.data.recordings.media import frames_of, images_in, videos_in
+from pacnerf_lpo.data.recordings.media import VIDEOS, frames_of, images_in, videos_in
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.scene_folder import SCENE_FILE
+
+log = logging.getLogger(__name__)
 
 MASKS, PLATES = "masks", "backgrounds"
 FULL_TURN = 2.0 * np.pi + 1e-3
@@ -29,6 +34,7 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
     Raises:
         UserInputError: a value is missing or wrong, or frames and masks do not go together.
     """
+    name = name.removesuffix(Path(name).suffix) if Path(name).suffix.lower() in VIDEOS else name
     intrinsic = numbers(f"{where}, K", entry(where, values, "K", "camera_matrix", "matrix", "mtx", "intrinsic"), (3, 3))
     lens = _first(values, "dist", "distortions", "distortion_coefficients", "distortion", "D", "dist_coeffs")
     turn = entry(where, values, "R", "rotation", "rvec", "r")
@@ -56,6 +62,32 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
         size=None if size is None else (round(size[0]), round(size[1])),
     )
     return replace(camera, frames=_with_masks(folder, name, _frames(folder, name)))
+
+
+def say_what_is_not_read(folder: Path, cameras: Sequence[Camera]) -> None:
+    """Warn of folders with images, of masks and of backgrounds, that belong to no camera."""
+    read = {path for camera in cameras for path in camera.frames[0].file.parents} | {folder / MASKS, folder / PLATES}
+    names = {camera.name for camera in cameras}
+    left = [path for path in sorted(folder.iterdir()) if path not in read and _holds_images(path)]
+    for part in (folder / MASKS, folder / PLATES):
+        left += [path for path in (sorted(part.iterdir()) if part.is_dir() else ()) if path.stem not in names]
+    if left:
+        log.warning(
+            "%s: not read: %s; masks are looked for in %s/CAMERA/, one image for each frame, and images of the empty "
+            "background in %s/CAMERA.png, with the names of the calibration: %s",
+            folder,
+            ", ".join(str(path.relative_to(folder)) for path in left),
+            MASKS,
+            PLATES,
+            ", ".join(sorted(names)),
+        )
+
+
+def _holds_images(path: Path) -> bool:
+    """Whether a folder, which is no scene of ``init``, has images or folders of images."""
+    if not path.is_dir() or (path / SCENE_FILE).exists():
+        return False
+    return any(images_in(place) for place in (path, *path.iterdir()))
 
 
 def _flat(where: str, values: Any) -> list[float]:

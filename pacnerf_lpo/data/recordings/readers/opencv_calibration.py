@@ -5,7 +5,7 @@ from typing import Any
 
 from pacnerf_lpo.data.recordings.files import read_values
 from pacnerf_lpo.data.recordings.readers.layout import Layout
-from pacnerf_lpo.data.recordings.readers.media_folder import camera_of, media_in
+from pacnerf_lpo.data.recordings.readers.media_folder import camera_of, media_in, say_what_is_not_read
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -17,6 +17,7 @@ NAMES = ("calibration", "calib", "cameras", "extrinsics")
 def read(folder: Path) -> Recording:
     """OpenCV's world-to-camera poses; neither unit nor axes are stated."""
     cameras = [camera_of(folder, name, where, values) for name, where, values in _calibrations(folder)]
+    say_what_is_not_read(folder, cameras)
     return Recording(LAYOUT.name, folder, tuple(cameras), metric=True)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from pacnerf_lpo.data.recordings.files import entry, read_values
 from pacnerf_lpo.data.recordings.readers.layout import Layout
-from pacnerf_lpo.data.recordings.readers.media_folder import camera_of, media_in
+from pacnerf_lpo.data.recordings.readers.media_folder import camera_of, media_in, say_what_is_not_read
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -18,6 +18,7 @@ def read(folder: Path) -> Recording:
         for key, values in _cameras(path).items()
         if not values.get("ignore", False)
     ]
+    say_what_is_not_read(folder, cameras)
     return Recording(LAYOUT.name, folder, tuple(cameras), metric=True)
 
 

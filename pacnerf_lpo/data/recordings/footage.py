@@ -1,0 +1,61 @@
+"""The frames of a camera that stands still, at the resolution at which objects are looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from pacnerf_lpo.data.recordings.colours import FINEST, smoothed
+from pacnerf_lpo.data.recordings.resolution import reduced
+
+KEYFRAMES = 16
+"""Frames from which the background is found, spaced by how much moves between them: a rest is few, a fall is many."""
+STILL = 4.0
+"""Changes of a frame count as motion from so many times their median on: most of the image stands still."""
+RESTING = 0.01
+"""What a frame without motion counts, relative to that with the most."""
+
+
+class Footage:
+    """All frames reduced, and those of them at full size that decide about the background.
+
+    coarse: reduced frames [bytes, (F, h, w, 3)]. chosen: numbers of those that decide.
+    """
+
+    def __init__(self, pictures: Callable[[], Iterator[np.ndarray]]):
+        """pictures: all frames, undistorted, each time it is called [0..1, (H, W, 3)]."""
+        self._pictures = pictures
+        self.coarse = np.stack([_bytes(reduced(pixels)) for pixels in pictures()])
+        self.chosen = _keyframes(self.coarse)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """The reduced frames, one after the other [0..1, (h, w, 3)]."""
+        return (frame / np.float32(255.0) for frame in self.coarse)
+
+    def decisive(self) -> np.ndarray:
+        """The chosen frames, reduced [0..1, (K, h, w, 3)]."""
+        return np.asarray(self.coarse[self.chosen] / np.float32(255.0))
+
+    def full_size(self) -> np.ndarray:
+        """The chosen frames at full size [bytes, (K, H, W, 3)]."""
+        return np.stack([_bytes(pixels) for number, pixels in enumerate(self._pictures()) if number in self.chosen])
+
+
+def _bytes(pixels: np.ndarray) -> np.ndarray:
+    return np.round(255.0 * pixels).astype(np.uint8)
+
+
+def _keyframes(frames: np.ndarray) -> list[int]:
+    """Numbers of frames of which each shows about as much motion since the one before; all where there are few."""
+    if len(frames) <= KEYFRAMES:
+        return list(range(len(frames)))
+    before, moved = None, []
+    for frame in frames:
+        now = smoothed(frame / np.float32(255.0))
+        change = np.zeros(1) if before is None else np.linalg.norm(now - before, axis=-1)
+        moved.append(float((change > max(STILL * float(np.median(change)), FINEST)).mean()))
+        before = now
+    course = np.cumsum(np.array(moved) + RESTING * max(moved))
+    wanted = np.linspace(course[0], course[-1], KEYFRAMES)
+    return sorted(set(np.abs(course[:, None] - wanted).argmin(axis=0).tolist()))
