@@ -43,7 +43,7 @@ law, with those on the fourth node of a row, which has no weight: forward 36 ope
 38 in the scatter, their sums, weights and law 470; backward 166 in two adjoint gathers and 38 in the scatter, sums,
 weights and law 1100. Memory traffic that no cache saves: states read and written once [bytes]."""
 SIZES = {
-    "particles": [(1000, 80, 2), (4096, 80, 2), (15625, 40, 2), (64000, 20, 2), (250047, 8, 2), (1000000, 4, 2)],
+    "particles": [(1000, 80, 2), (4096, 80, 2), (15625, 80, 2), (64000, 40, 2), (250047, 40, 2), (1000000, 40, 2)],
     "substeps": [(8000, 40, 2), (8000, 80, 2), (8000, 160, 2), (8000, 320, 2)],
     "frames": [(8000, 20, 3), (8000, 20, 5), (8000, 20, 9), (8000, 20, 17)],
 }
