@@ -216,6 +216,8 @@ def draw(grown: Mapping[str, Sequence[Sequence[float]]]) -> None:
     for axis, (what, points) in zip(axes, grown.items(), strict=True):
         x, y = np.array(points).T
         axis.loglog(x, y, "o-", label=f"slope {slope(points):.2f}")
+        axis.set_xticks(x, [f"{int(size):,}" for size in x], rotation=30)
+        axis.minorticks_off()
         axis.set_xlabel(what)
         axis.set_ylabel("ms per substep" if what == "particles" else "ms per rollout")
         axis.legend()
