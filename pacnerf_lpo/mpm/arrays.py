@@ -162,20 +162,9 @@ class Bench:
     ZERO: nothing else.
     """
 
-    W, DW, CELL, GIVEN, MOMENTS, SLOPE, SPEED, OUTSIDE, LOW, HIGH, ZERO, ROWS = (
-        0,
-        9,
-        18,
-        21,
-        34,
-        47,
-        50,
-        51,
-        52,
-        55,
-        58,
-        59,
-    )
+    W, DW, CELL, GIVEN = 0, 9, 18, 21
+    MOMENTS, SLOPE, SPEED, OUTSIDE = 34, 47, 50, 51
+    LOW, HIGH, ZERO, ROWS = 52, 55, 58, 59
 
 
 @dataclass(frozen=True)

@@ -124,26 +124,12 @@ class Emitted:
         return cls(*(entry(array, i) for i in range(len(fields(cls)))))  # type: ignore[arg-type]
 
 
-class Array:
-    """A contiguous tensor as launches take it, made once where many of them use it.
-
-    tensor: it.
-    described: its address, bytes, length, and that it has no gradient.
-    """
-
-    __slots__ = ("described", "tensor")
-
-    def __init__(self, tensor: Tensor):
-        self.tensor = tensor
-        self.described = tensor.data_ptr(), tensor.element_size() * tensor.numel(), (len(tensor),), 0
-
-
 class Launcher:
     """A kernel with its arguments bound: a launch sets only those that change (Taichi's own call costs 10 times more).
 
     Args:
         kernel: a ``ti.kernel`` whose parameters are 1-D arrays of numbers or vectors (contiguous torch tensors), and
-            numbers. An array may be given as :class:`Array`, too.
+            numbers.
         dtype: ``"f32"`` or ``"f64"``, the type of decimal constants inside the kernel.
     """
 
@@ -176,8 +162,7 @@ class Launcher:
         try:
             with warnings.catch_warnings(), _quick_translation():
                 warnings.simplefilter("ignore", SyntaxWarning)
-                shown = [value.tensor if isinstance(value, Array) else value for value in arguments]
-                handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*shown)]
+                handle = self._kernel.compiled_kernels[self._kernel.ensure_compiled(*arguments)]
             self._compiled = runtime.prog.compile_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), handle)
             self._context = handle.make_launch_context()
         except Exception as error:
@@ -189,9 +174,8 @@ class Launcher:
 
     def _set(self, name: str, value: Any) -> None:
         if isinstance(value, Tensor):
-            value = Array(value)
-        if isinstance(value, Array):
-            value = value.described
+            assert value.is_contiguous(), name
+            value = value.data_ptr(), value.element_size() * value.numel(), (len(value),), 0  # it has no gradient
         if self._bound.get(name) == value:
             return
         self._bound[name], index = value, self._position[name]
