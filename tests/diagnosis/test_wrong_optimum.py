@@ -13,7 +13,7 @@ from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import refined
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.multistart import Search
 from tests.diagnosis import falling
 from tests.diagnosis.examples import refit
@@ -22,7 +22,7 @@ RIDGE, WRONG = 7.0, 8.0
 """log10 of a modulus above which a body falls otherwise, and of one with which the difference is least there."""
 
 
-def path(model: Model, free: np.ndarray) -> torch.Tensor:
+def path(model: BodyModel, free: np.ndarray) -> torch.Tensor:
     """The motion, of which the modulus has two optima: beyond the ridge the body is held up [m, (F, N, 3)]."""
     beyond = free[model.names.index("E")]
     held = 6.0 + 3.0 * (beyond - WRONG) ** 2 if beyond > RIDGE else 0.0
@@ -38,7 +38,7 @@ def misled(monkeypatch, small_threads) -> falling.Falling:
         return refined(problem, effects, known, Search([], 0, 0), *more, **settings)
 
     monkeypatch.setattr(comparison, "base_fit", unsearched)
-    monkeypatch.setattr(Model, "path", path)
+    monkeypatch.setattr(BodyModel, "path", path)
     problem = falling.Falling({})
     problem.first_guess = {**falling.GUESS, "E": 10**WRONG}
     return problem
@@ -63,12 +63,12 @@ def test_a_better_optimum_that_cannot_be_examined_still_counts(misled, tmp_path,
     """Replicates at the better optimum, on finer grids, are unstable: the round stays, and names nothing."""
     fine = 0.95 * falling.SPACING
 
-    def unstable(model: Model, free: np.ndarray) -> torch.Tensor:
+    def unstable(model: BodyModel, free: np.ndarray) -> torch.Tensor:
         if model.body.spacing < fine and free[model.names.index("E")] < RIDGE:
             raise SimulationError(3, 1, "made unstable by a test")
         return path(model, free)
 
-    monkeypatch.setattr(Model, "path", unstable)
+    monkeypatch.setattr(BodyModel, "path", unstable)
     rounds = diagnosed(misled, tmp_path)
     assert verdict(rounds).names == [] and rounds[0].comparison.known["E"] > 10**RIDGE
     assert rounds[0].refits[0].cost_without < 0.5 * rounds[0].comparison.cost

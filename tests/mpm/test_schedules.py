@@ -5,18 +5,22 @@ That one, a thread per particle and atomic sums, is compiled for the CPU here.
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 import torch
 
-from pacnerf_lpo.mpm import effects, kernels, materials, schedule_cpu
+from pacnerf_lpo.mpm import effects, materials
 from pacnerf_lpo.mpm.effects import Effect, GroundFriction, LinearDrag, YieldStress
 from pacnerf_lpo.mpm.materials import Material, NeoHookean
 from pacnerf_lpo.mpm.simulator import Simulator
-from pacnerf_lpo.mpm.taichi_calls import Launcher
 from tests.mpm.scenes import CASES
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_threads")]
 F64 = torch.float64
+ROOT = Path(__file__).parents[2]
 SLIDING = [LinearDrag(1.0), YieldStress(1e4, 0.0), GroundFriction(0.3)]
 """A body force, an effect on the law that keeps a history, and one on the ground."""
 MODELS: dict[str, tuple[Material, list[Effect]]] = {
@@ -54,23 +58,30 @@ def test_both_schedules_agree(model):
         torch.testing.assert_close(other, one, rtol=1e-9, atol=1e-11 * float(one.abs().max()))
 
 
-def test_launches_that_are_stopped_go_on_where_they_were(monkeypatch):
+STOPPED = """
+import os
+os.environ["PACNERF_LPO_THREADS"] = "2"  # of a process of its own, as Taichi starts once
+from pacnerf_lpo.mpm import kernels, rollout, schedule_cpu
+from pacnerf_lpo.mpm.taichi_calls import Launcher
+from tests.mpm.test_schedules import rolled_out
+
+rollout.LEAST_PARTICLES, launch, launches = 1, Launcher.__call__, []
+Launcher.__call__ = lambda self, **changed: (launches.append(1), launch(self, **changed))[1]
+expected, usual = rolled_out("sliding"), len(launches)
+schedule_cpu.PATIENCE = 1
+kernels.build.cache_clear()
+stopped = 0
+for _ in range(20):  # whether a thread has to wait is up to the machine
+    before = len(launches)
+    found = rolled_out("sliding")
+    stopped += len(launches) - before > usual
+    assert all((one == other).all() for one, other in zip(expected, found, strict=True))
+print(stopped)
+"""
+
+
+def test_launches_that_are_stopped_go_on_where_they_were():
     """Threads that lose patience at once stop a launch whenever they would wait, at any place of a frame."""
-    expected = rolled_out("sliding")
-    launches: list[int] = []
-    launch = Launcher.__call__
-
-    def counted(self: Launcher, **changed: int) -> None:
-        launches.append(1)
-        launch(self, **changed)
-
-    monkeypatch.setattr(Launcher, "__call__", counted)
-    monkeypatch.setattr(schedule_cpu, "PATIENCE", 1)
-    kernels.build.cache_clear()
-    try:
-        found = rolled_out("sliding")
-    finally:
-        kernels.build.cache_clear()
-    assert len(launches) > 6, "three frames forward and backward; none was stopped"
-    for one, other in zip(expected, found, strict=True):
-        torch.testing.assert_close(other, one, rtol=0, atol=0)
+    run = subprocess.run([sys.executable, "-c", STOPPED], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    assert int(run.stdout.split()[-1]) > 0, "no launch was stopped"

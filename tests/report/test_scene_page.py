@@ -65,7 +65,7 @@ def test_page_is_well_formed_self_contained_and_small(page):
 
 def test_first_screen_says_what_was_found_and_how_it_is_known(page):
     head = page[: page.index('id="pictures"')]
-    assert f"6 cameras show a body of 0.47 m in {FRAMES} frames, 24 a second" in head
+    assert f"6 cameras show a body of 0.46 m in {FRAMES} frames, 24 a second" in head
     assert f"reaches the ground at frame {CONTACT}" in head
     for text in ("layout opencv", "mm, as in it the body falls at", "lowest point of the outlines", "2 warnings",
                  "ends soon after the first contact", "The object is small"):  # fmt: skip
