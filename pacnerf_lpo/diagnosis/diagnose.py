@@ -22,7 +22,15 @@ from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import check_jobs
-from pacnerf_lpo.inference.decision import LEVEL, best, explains_most, indistinguishable, log_odds, worth_refitting
+from pacnerf_lpo.inference.decision import (
+    LEVEL,
+    LINEAR,
+    best,
+    explains_most,
+    indistinguishable,
+    log_odds,
+    worth_refitting,
+)
 from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
@@ -172,8 +180,10 @@ def _forward(
             progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
             continue
         keep(rounds)
-        if last.accepted is None or options.until != "refit":
+        if options.until != "refit" or (last.accepted is None and not _widened(problem, store, rounds, told)):
             break
+        last = rounds[-1]
+        assert last.accepted is not None
         effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
     return rounds
 
@@ -252,7 +262,7 @@ def _round(
 def _select(problem: Problem, found: Round, screening: Screening) -> None:
     """Take over the refit that is believed, if there is one."""
     found.accepted, found.alike = None, []
-    size = len(found.comparison.residual[problem.fitted])
+    size = int(problem.usable.sum())
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
     for contenders in (physics, cameras):  # fitted to different data
@@ -281,11 +291,33 @@ def _leave_out(
     _select(problem, found, found.screening)
 
 
+def _widened(problem: Problem, store: Store, rounds: list[Round], progress: Callable[[str], None]) -> bool:
+    """Where the rounds end with an unknown cause or with more than the model predicts: fit what no straight line led
+    to, in the last round, then in those before it, until another effect is the best of one, with which that round ends
+    then; whether there is one.
+    """
+    if not (unknown_wins(rounds[-1]) or leaves_more(rounds[-1])):
+        return False
+    for place, found in reversed(list(enumerate(rounds))):
+        if found.widened or found.screening is None:
+            continue
+        found.widened, before = True, found.accepted
+        number = _number(place + 1, found.again, found)
+        found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, found.refits)
+        found.effort["refit"]["simulations"] += simulated
+        _select(problem, found, found.screening)
+        if found.accepted is not None and (before is None or found.accepted.name != before.name):
+            del rounds[place + 1 :]
+            return True
+    return False
+
+
 def _number(count: int, again: int, found: Round | None) -> str:
-    """Of a round in the names of its steps: beginning again, and effects that a round had to leave out, make others of
-    it and the next.
+    """Of a round in the names of its steps: beginning again, and what a round had to leave out or fitted in addition,
+    make others of it and the next.
     """
     begun = f"{count}_again{again}" if again else str(count)
+    begun += "_widened" if found is not None and found.widened else ""
     return "_without_".join([begun, *(found.left_out if found else ())])
 
 
@@ -313,10 +345,10 @@ def _refits(
     progress: Callable[[str], None],
     kept: Sequence[Refit] = (),
 ) -> tuple[list[Refit], int]:
-    """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and
-    while more than noise is left, the non-local ones, of which it says little: from their probes, and where the model
-    without them has gone far from what was expected and no effect explains the most of it, by a search of their own
-    parameter space, too.
+    """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and in
+    a widened round those whose linear change is no accident; and while more than noise is left, the non-local ones, of
+    which it says little: from their probes, and where the model without them has gone far from what was expected and no
+    effect explains the most of it, by a search of their own parameter space, too.
 
     Args:
         problem, store, number, found, screening, progress: the round.
@@ -347,7 +379,7 @@ def _refits(
     by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
     nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
     scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
-    for name in worth_refitting(list(scored.items()), screening.threshold):
+    for name in worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR):
         attempt(by_name[name], False)
     for searched in (False, True) if bent(found.comparison) else (False,):
         for candidate in nonlocal_:
@@ -365,8 +397,8 @@ def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Scree
     for again in refits:
         outside = again.name in screening.outside
         least = min(other.cost_without for other in refits if (other.name in screening.outside) == outside)
-        size = int(masks(problem)[outside].sum())
-        found.append(again if least == again.cost_without else again.against(least, size, screening))
+        sizes = int(masks(problem)[outside].sum()), int(problem.usable.sum())
+        found.append(again if least == again.cost_without else again.against(least, sizes, screening))
     return found
 
 

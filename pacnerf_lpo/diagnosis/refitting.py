@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,9 +17,11 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
+from pacnerf_lpo.inference.checks import Prediction, prediction
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, Contender, log_bayes_factor, log_occam_factor
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
+from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 ITERATIONS, QUICK_ITERATIONS = 12, 8
@@ -38,8 +41,9 @@ class Refit:
     residual: measured minus predicted [pixels, (R, F, 11)]
     cost_without, cost: sums of squares of the standardised residual and of the priors' terms in the fitted entries,
         without the effect at the best optimum known.
-    log_bayes_factor: of the effect against the model without it.
+    log_bayes_factor: of the effect against the model without it: of the fitted data, or where it is less, of all.
     occam: logarithm of the part of the prior of the coefficients that the data leave.
+    held_without, held: what the two predict of the held-out data.
     p_value: of the whole procedure.
     notes: sentences about estimates at a bound or far from what was expected.
     simulated: simulations that it took.
@@ -55,6 +59,8 @@ class Refit:
     cost: float
     log_bayes_factor: float
     occam: float
+    held_without: Prediction
+    held: Prediction
     p_value: float
     notes: tuple[str, ...]
     simulated: int
@@ -63,12 +69,19 @@ class Refit:
     @property
     def contender(self) -> Contender:
         """As a decision sees it."""
-        return Contender(self.name, self.cost, self.occam, self.p_value)
+        return Contender(self.name, self.cost + self.held.cost, self.occam + self.held.occam, self.p_value)
 
-    def against(self, cost_without: float, size: int, screening: Screening) -> Refit:
-        """The same against another optimum of the model without the effect, of D data."""
-        scale = screening.scale(self.name)
-        factor = log_bayes_factor(cost_without, self.cost, size, self.occam, scale)
+    def against(self, cost_without: float, sizes: tuple[int, int], screening: Screening) -> Refit:
+        """The same against another optimum of the model without the effect, of so many fitted data, and data in all.
+
+        False alarms are counted in the fitted data. So what was held out may speak against an effect, not for it.
+        """
+        scale, without = screening.scale(self.name), cost_without + self.held_without.cost
+        occam = self.occam + self.held.occam - self.held_without.occam
+        factor = min(
+            log_bayes_factor(cost_without, self.cost, sizes[0], self.occam, scale),
+            log_bayes_factor(without, self.cost + self.held.cost, sizes[1], occam, scale),
+        )
         p_value = screening.p_value(self.name, factor)
         return replace(self, cost_without=cost_without, log_bayes_factor=factor, p_value=p_value)
 
@@ -118,7 +131,7 @@ def refit(
     if thorough and again.p_value < LEVEL and again.cost < best_cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         cost, known, used = better_null(*null, fits.seen(best))
-        again = replace(again.against(cost, fits.size, screening), better=known, simulated=again.simulated + used)
+        again = replace(again.against(cost, fits.sizes, screening), better=known, simulated=again.simulated + used)
     return again
 
 
@@ -133,7 +146,8 @@ class _Fits:
         candidate: Candidate,
         screening: Screening,
     ):
-        self.comparison, self.name, self.effects = comparison, candidate.name, [*effects, candidate.effect]
+        self.problem, self.comparison = problem, comparison
+        self.name, self.effects = candidate.name, [*effects, candidate.effect]
         outside = candidate.name in screening.outside
         self.mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
         self.noise = comparison.noise(problem, self.mask)
@@ -144,6 +158,7 @@ class _Fits:
         self.objective = StandardisedObjective(problem, self.model, *rest)
         self.own = np.isin(self.model.names, list(candidate.effect.parameters))
         self.size = int(self.mask.sum())
+        self.sizes = self.size, int(problem.usable.sum())
 
     def best(
         self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, thorough: bool
@@ -180,8 +195,27 @@ class _Fits:
         told, _ = intervals_in_si(self.model, best.free, self.deviation, jacobian, along, self.noise)
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
         suspect = tuple(notes(self.model, best.free, self.mean, self.deviation))
-        blank = Refit(self.name, known, told, residual, 0.0, cost, 0.0, occam, 1.0, suspect, rollouts)
-        return blank.against(self.without, self.size, screening)
+        held = self._predicted(*self.objective.seen(best), self.deviation)
+        rest = occam, self._held_without, held, 1.0, suspect, rollouts
+        return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
+            self.without, self.sizes, screening
+        )
+
+    @cached_property
+    def _held_without(self) -> Prediction:
+        return self._predicted(self.comparison.residual, self.comparison.jacobian, self.comparison.deviation)
+
+    @cached_property
+    def _whole(self) -> NoiseModel:
+        return self.comparison.noise(self.problem, self.problem.usable)
+
+    def _predicted(self, residual: np.ndarray, jacobian: np.ndarray, deviation: np.ndarray) -> Prediction:
+        """Of the usable entries not fitted, by residual and derivative of a model [(R, F, 11), (R, F, 11, K)]."""
+        fitted = self.mask[self.problem.usable]
+        if fitted.all():
+            return Prediction(0.0, 0.0)
+        changes = np.nan_to_num(jacobian[self.problem.usable]) * deviation
+        return prediction(self._whole, self.noise, np.nan_to_num(residual[self.problem.usable]), changes, fitted)
 
     def seen(self, found: Fit) -> np.ndarray:
         """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""

@@ -47,6 +47,7 @@ class Round:
     finished: whether every hypothesis that could win was fitted.
     effort: seconds and simulations of every step, by name.
     again: how often the diagnosis began a round again before this one was reached.
+    widened: whether hypotheses to which no straight line leads were fitted, too.
     """
 
     effects: tuple[Effect, ...]
@@ -71,6 +72,7 @@ class Round:
     finished: bool = False
     effort: dict[str, dict[str, float]] = field(default_factory=dict)
     again: int = 0
+    widened: bool = False
 
     @property
     def better(self) -> dict[str, float] | None:

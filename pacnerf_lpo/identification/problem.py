@@ -24,7 +24,7 @@ from pacnerf_lpo.identification.silhouette_moments import (
     silhouette_moments,
 )
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.inference.layout import Layout
+from pacnerf_lpo.inference.layout import AT_REST, Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState, Video
@@ -232,6 +232,7 @@ class Problem(ABC):
         names = np.broadcast_to(np.array([*KINDS, BRIGHTNESS], dtype=object), (self.views, len(KINDS) + 1))
         names = np.concatenate((names, self.point_kinds))
         places = np.where(row < self.views, row, self.views - 1 - row)
+        frame = np.where((row < self.views) & (frame == 0), AT_REST, frame)
         return Layout(places, frame + self.first_frames[row], names[row, kind].astype(str))
 
     @property

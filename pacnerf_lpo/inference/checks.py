@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from pacnerf_lpo.inference.decision import half_log_volume
 from pacnerf_lpo.inference.noise import NoiseModel
 
 
@@ -58,6 +59,39 @@ def check_held_out(whole: NoiseModel, part: NoiseModel, residual: np.ndarray, fi
         for (outer, replicate), (inner, _) in zip(whole.left_out, part.left_out, strict=True)
     ]
     return _check(_square(whole, residual) - _square(part, residual[fitted]), replicates, size)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well a model that was fitted to a part of the data predicts the others: together with the likelihood of that
+    part, it is the likelihood of all data.
+
+    cost: square of the standardised deviation of the held-out data, given the fitted ones
+    occam: logarithm of the part of their variance that is not the parameters'
+    """
+
+    cost: float
+    occam: float
+
+
+def prediction(
+    whole: NoiseModel, part: NoiseModel, residual: np.ndarray, changes: np.ndarray, fitted: np.ndarray
+) -> Prediction:
+    """Of held-out entries, given the fitted ones.
+
+    Args:
+        whole, part: noise of all entries and of the fitted ones, the discrepancies among its directions, the parameters
+            not
+        residual: measured minus predicted, all entries (D,)
+        changes: of it by one prior standard deviation of every parameter (D, K)
+        fitted: which entries were fitted [(D,), bool]
+    """
+    everything = np.ones_like(fitted)
+    pairs = [
+        (_square(noise.with_directions(changes[rows]), residual[rows]), half_log_volume(noise.whiten(changes[rows])))
+        for noise, rows in ((whole, everything), (part, fitted))
+    ]
+    return Prediction(pairs[0][0] - pairs[1][0], pairs[1][1] - pairs[0][1])
 
 
 def _square(noise: NoiseModel, residual: np.ndarray) -> float:

@@ -23,7 +23,8 @@ class Contender:
     """A hypothesis that was fitted with all other parameters.
 
     name: of the hypothesis
-    cost: |y|^2 at its optimum, with the terms of the priors
+    cost: |y|^2 at its optimum, with the terms of the priors, of all data: those that were fitted, and given them those
+        that were held out
     occam: logarithm of the part of the prior of its coefficients that the data leave
     p_value: probability that the best of all hypotheses reaches its Bayes factor where nothing is missing
     """
@@ -41,7 +42,7 @@ def log_odds(contenders: Sequence[Contender], size: int, scale: float) -> dict[s
 
     Args:
         contenders: fitted to the same data
-        size: D, number of those
+        size: D, number of all data
         scale: s, factor on the noise along a typical hypothesis
     """
     if not contenders:
@@ -91,10 +92,11 @@ def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
         others: change of the standardised residual by one prior standard deviation of every other parameter (D, K)
         own: the same of the coefficients (D, m)
     """
-    return _half_log_volume(others) - _half_log_volume(np.concatenate((others, own), axis=1))
+    return half_log_volume(others) - half_log_volume(np.concatenate((others, own), axis=1))
 
 
-def _half_log_volume(changes: np.ndarray) -> float:
+def half_log_volume(changes: np.ndarray) -> float:
+    """Half of the log determinant of the covariance of standardised data, I + X X^T, with changes X (D, K)."""
     return 0.5 * float(np.linalg.slogdet(np.eye(changes.shape[1]) + changes.T @ changes)[1])
 
 
@@ -108,14 +110,15 @@ def explains_most(cost_without: float, cost: float, size: int) -> bool:
     return cost - size < LEFT * (cost_without - size)
 
 
-def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float) -> list[str]:
+def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float, part: float = LINEAR) -> list[str]:
     """Names of the hypotheses whose linear change says that they could win, best first.
 
     Args:
         scores: name and log Bayes factor of every hypothesis by its linear change
         threshold: of the log Bayes factor of the best
+        part: of the best log Bayes factor that has to be reached
     """
     ranked = sorted(scores, key=lambda entry: -entry[1])
     reached = max((factor for _, factor in ranked), default=0.0)
-    least = max(threshold - DECISIVE, LINEAR * reached - DECISIVE)
+    least = max(threshold, part * reached) - DECISIVE
     return [name for name, factor in ranked if factor >= least]

@@ -122,7 +122,7 @@ def _odds(problem: Problem, found: Round) -> dict[str, float]:
     """Log odds of every refit against the best of those fitted to the same data, by name."""
     if found.screening is None:
         return {}
-    size, outside = int(problem.fitted.sum()), found.screening.outside
+    size, outside = int(problem.usable.sum()), found.screening.outside
     families = [[a.contender for a in found.refits if (a.name in outside) == held] for held in (False, True)]
     parts = [log_odds(family, size, found.screening.usual_scale) for family in families]
     return {name: value for part in parts for name, value in part.items()}
@@ -207,6 +207,8 @@ def _refit(problem: Problem, again: Refit, found: Round) -> dict[str, Any]:
         "values": {one["name"]: one for one in _intervals(again.intervals, unknowns)},
         "cost_without": again.cost_without,
         "cost": again.cost,
+        "held_cost_without": again.held_without.cost,
+        "held_cost": again.held.cost,
         "log_bayes_factor": again.log_bayes_factor,
         "p_value": again.p_value,
         "notes": list(again.notes),

@@ -14,7 +14,7 @@ from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.calibration import Calibration
-from pacnerf_lpo.inference.checks import Check
+from pacnerf_lpo.inference.checks import Check, Prediction
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -55,6 +55,8 @@ def refit(name: str, **changes: Any) -> Refit:
         "cost": 60.0,
         "log_bayes_factor": 20.0,
         "occam": -4.0,
+        "held_without": Prediction(80.0, 1.0),
+        "held": Prediction(30.0, 0.5),
         "p_value": 1e-4,
         "notes": ("a note",),
         "simulated": 12,

@@ -16,6 +16,7 @@ from pacnerf_lpo.diagnosis import store
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
 from pacnerf_lpo.diagnosis.screening import Probes
 from pacnerf_lpo.diagnosis.store import RECORDS, Store, packed, read
+from pacnerf_lpo.inference.checks import Prediction
 from pacnerf_lpo.inference.force_law import Law, Term
 from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.intervals import Interval, Profile
@@ -27,6 +28,7 @@ EXAMPLES = [
     comparison(),
     Interval("E", 1e5, 9e4, np.inf, 5e3, False),
     Law([TERM], 0.8),
+    Prediction(12.5, -3.0),
     Profile(1.0, 2.0, False, True, [(1.0, 2.5), (1.5, 2.0)]),
     refit("CameraShift@3"),
     ResidualForce(np.arange(3.0), np.ones((3, 3)), np.ones((3, 4, 3)), Law([TERM], 0.8), 0.7),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pacnerf_lpo.inference.checks import check_fitted, check_held_out
+from pacnerf_lpo.inference.checks import check_fitted, check_held_out, prediction
 from pacnerf_lpo.inference.noise import NoiseModel
 from tests.inference import toy
 
@@ -40,6 +40,31 @@ def test_held_out_entries_are_judged_by_the_conditional_gaussian():
         conditional_square(drawn[k], np.delete(drawn, k, axis=0).mean(0), 8 / 7 * C) / size for k in range(len(drawn))
     ]
     assert check.replicates == pytest.approx(left_out, rel=1e-6)
+
+
+def test_the_likelihood_of_a_part_and_of_what_it_predicts_are_that_of_all():
+    """Replicates that vary by less than the sensor noise, so that both covariances are known: what is predicted of the
+    held-out entries differs between two models by what a dense Gaussian says, its determinant included.
+    """
+    rng = np.random.default_rng(3)
+    drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
+    whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT)
+    part = NoiseModel.from_replicates(drawn[:, FITTED], SENSOR[FITTED], LAYOUT.where(FITTED))
+
+    def dense(residual: np.ndarray, changes: np.ndarray) -> float:
+        C, log = 9 / 8 * (np.diag(SENSOR**2) + changes @ changes.T), []
+        for rows in (np.ones(SIZE, bool), FITTED):
+            away, block = (residual - drawn.mean(0))[rows], C[np.ix_(rows, rows)]
+            log.append(-0.5 * float(away @ np.linalg.solve(block, away)) - 0.5 * np.linalg.slogdet(block)[1])
+        return log[0] - log[1]
+
+    def predicted(residual: np.ndarray, changes: np.ndarray) -> float:
+        found = prediction(whole, part, residual, changes, FITTED)
+        return found.occam - found.cost / 2
+
+    models = [(rng.standard_normal(SIZE), B), (rng.standard_normal(SIZE), 0.1 * B[:, :2])]
+    (first, second), (one, other) = ([way(*model) for model in models] for way in (predicted, dense))
+    assert first - second == pytest.approx(one - other, rel=1e-3)
 
 
 @pytest.mark.parametrize("held", [False, True])

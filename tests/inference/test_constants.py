@@ -19,6 +19,7 @@ DECIDING = {
 """Another value of one of these could make another verdict of the same recording."""
 NUMERICAL = {
     "inference/calibration.py": {"DRAWS", "TAIL_DRAWS"},
+    "inference/layout.py": {"AT_REST"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},

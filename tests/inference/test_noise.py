@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pacnerf_lpo.inference.layout import AT_REST, Layout
 from pacnerf_lpo.inference.noise import NoiseModel
 from tests.inference import toy
 
@@ -107,3 +108,16 @@ def test_an_error_whose_direction_is_known_is_noise():
         measured = [WORLD.draw(rng, 1)[0] + 3 * rng.choice([-1, 1]) * error[:, 0] for _ in range(30)]
         found[directions is not None] = np.median([np.mean(noise.whiten_residual(one) ** 2) for one in measured])
     assert found[True] < 1.3 < 2 * found[True] < found[False]
+
+
+def test_errors_at_rest_are_no_measure_of_those_of_motion():
+    """Where views disagree by ten times as much at frame 0 as later, as a wrong shape makes them, left-out replicates
+    are as large as the model says in every frame: within a fifth, of 16 entries and 40 replicates.
+    """
+    rng = np.random.default_rng(4)
+    size = np.where(LAYOUT.frame == 0, 10.0, 1.0) * toy.SENSOR
+    layout = Layout(LAYOUT.view, np.where(LAYOUT.frame == 0, AT_REST, LAYOUT.frame), LAYOUT.kind)
+    noise = NoiseModel.from_replicates(size * rng.standard_normal((40, SIZE)), 0.1 * SENSOR, layout)
+    left = np.array([model.whiten_residual(replicate) for model, replicate in noise.left_out])
+    for frame in range(3):
+        assert (left[:, LAYOUT.frame == frame] ** 2).mean() == pytest.approx(1.0, abs=0.2)
