@@ -52,15 +52,20 @@ def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
 def sensor_noise(moments: np.ndarray) -> np.ndarray:
     """Standard deviation of moments [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE` pixels,
     independently along the outline, of about 1.5 times the length of a circle's.
+
+    The numbers are those of a disc of radius R with an error e along its edge, such as 1/A times the integral of x e for
+    its centroid, where x is R / sqrt(2) on average along the edge and R / 2 over the area.
     """
     size, across, down = moments[..., 2], moments[..., 3], moments[..., 4]
-    total = EDGE * np.sqrt(1.5 * 2 * np.sqrt(np.pi) * size)  # of the area, in square pixels
+    edge = EDGE * np.sqrt(1.5)  # on average over a pixel of a circle's outline
+    total = edge * np.sqrt(2 * np.sqrt(np.pi) * size)  # of the area, in square pixels
     found = np.empty_like(moments)
-    found[..., 0] = found[..., 3] = total * across / size**2
-    found[..., 1] = found[..., 4] = total * down / size**2
+    for first, length in enumerate((across, down)):
+        found[..., first] = np.sqrt(2) * total * length / size**2
+        found[..., 3 + first] = np.sqrt(3 / 4) * total * length / size**2
     found[..., 2] = total / (2 * size)
-    found[..., 5] = total * np.maximum(across, down) / size**2
-    found[..., 6:] = EDGE / 3
+    found[..., 5] = np.sqrt(1 / 2) * total * np.maximum(across, down) / size**2
+    found[..., 6:] = 1.27 * edge / np.sqrt(size)[..., None]  # 1.27 R of the edge, before a chord of 1.19 R
     return found
 
 

@@ -48,13 +48,17 @@ class Calibration:
         """Probability that the best of all hypotheses reaches this though nothing is missing.
 
         Beyond the simulated maxima by the tail of Student's t, x^-dof in the deviate x and so of power -dof/2 in the
-        logarithm of a Bayes factor, which is x^2 / 2.
+        logarithm of a Bayes factor, which is x^2 / 2 more than that of no deviation at all, the least of the maxima.
         """
         beyond = len(self.draws) - int(np.searchsorted(self.draws, log_bayes_factor))
         if beyond >= TAIL_DRAWS:
             return (beyond + 1) / (len(self.draws) + 1)
-        last = float(self.draws[-TAIL_DRAWS])
-        return TAIL_DRAWS / len(self.draws) * (last / max(log_bayes_factor, last)) ** (self.dof / 2)
+        least, last = float(self.draws[0]), float(self.draws[-TAIL_DRAWS])
+        return (
+            TAIL_DRAWS
+            / len(self.draws)
+            * ((last - least) / max(log_bayes_factor - least, last - least)) ** (self.dof / 2)
+        )
 
 
 def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float, seed: int = 0) -> Calibration:

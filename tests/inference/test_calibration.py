@@ -69,9 +69,13 @@ def test_a_p_value_is_the_share_of_simulated_maxima_beyond_and_falls_on_as_a_pow
     assert told.p_value(told.threshold) == pytest.approx(0.01, rel=0.02)
     assert told.p_value(float(np.median(draws))) == pytest.approx(0.5, rel=0.01)
     last = float(draws[-calibration.TAIL_DRAWS])
-    assert told.p_value(4 * last) == pytest.approx(calibration.TAIL_DRAWS / 10_000 / 4**5)
+    far = 4 * (last - draws[0]) + draws[0]
+    assert told.p_value(far) == pytest.approx(calibration.TAIL_DRAWS / 10_000 / 4**5)
     ps = [told.p_value(x) for x in np.linspace(0, 5 * last, 400)]
     assert (np.diff(ps) <= 0).all() and ps[0] == 1.0
+    below = Calibration({}, 10.0, 0.01, -1.0, draws - 20.0)  # where the data speak against all hypotheses
+    assert below.p_value(far - 20.0) == pytest.approx(told.p_value(far))
+    assert 0.0 < below.p_value(5.0) < 1e-4
 
 
 def test_scales_are_moderated_towards_their_mean_and_never_below_one():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Family = Literal["null", "single", "camera", "pair", "outside"]
-DEVELOPMENT, SCORED = range(0, 1000), range(1000, 2000)
+DEVELOPMENT, SCORED = range(0, 1000), range(1000, 4000)
 """Seeds to tune the method with, and seeds that it is judged by; they never meet."""
 CYCLE: tuple[tuple[Family, float], ...] = (
     ("null", 0.0),
