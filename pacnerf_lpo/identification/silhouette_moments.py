@@ -53,7 +53,7 @@ def sensor_noise(moments: np.ndarray) -> np.ndarray:
     """Standard deviation of moments [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE` pixels,
     independently along the outline, of about 1.5 times the length of a circle's.
 
-    The numbers are those of a disc of radius R with an error e along its edge, such as 1/A times the integral of x e for
+    The numbers are those of a disc of radius R with an error e along its edge, such as the integral of x e over A for
     its centroid, where x is R / sqrt(2) on average along the edge and R / 2 over the area.
     """
     size, across, down = moments[..., 2], moments[..., 3], moments[..., 4]
