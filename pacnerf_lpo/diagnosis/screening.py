@@ -120,7 +120,9 @@ def masks(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening:
-    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates."""
+    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates; see
+    :func:`contradicted`.
+    """
     families = [[*probes.inside, *discrepancies(comparison, problem.fitted)], probes.outside]
     level = 1 - (1 - LEVEL) ** (1 / sum(map(bool, families)))
     scores: list[Score] = []
@@ -135,10 +137,26 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
         calibrations.append(replace(calibration, scales=scales))
         found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
         scores += [replace(one, signature=_whole(one.signature, mask)) for one in found]
+    scores = contradicted(problem, comparison, scores, calibrations[0])
     scores.sort(key=lambda one: -one.log_bayes_factor)
     signatures = np.stack([one.signature for one in scores])
     outside = [one.name for one in probes.outside]
     return Screening(scores, calibrations, outside, correlation(signatures))
+
+
+def contradicted(
+    problem: Problem, comparison: Comparison, scores: Sequence[Score], calibration: Calibration
+) -> list[Score]:
+    """Scores in which what is no effect of the catalogue has the log Bayes factor of all data, where that is less than
+    that of the fitted ones: what was held out may speak against it, not for it.
+    """
+    mask = problem.usable
+    noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
+    of_all = {
+        one.name: score(noise, residual, one, calibration.scales[one.name]).log_bayes_factor
+        for one in discrepancies(comparison, mask)
+    }
+    return [replace(one, log_bayes_factor=min(one.log_bayes_factor, of_all.get(one.name, np.inf))) for one in scores]
 
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
