@@ -60,7 +60,7 @@ def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.
     cameras show it, when its particles are opaque; none of a body that is rigid.
 
     The error of a method of order p at node spacing h is C h^p, and the step to 1.4 h changes it by (1.4^p - 1) C h^p:
-    the whole error for p = 2, two fifths of it for p = 1. Replicates, with spacings of 0.6 h to 0.9 h, show a quarter or more.
+    the whole error for p = 2, two fifths of it for p = 1. Replicates, with 0.6 h to 0.9 h, show a quarter and more.
 
     A surface is half transparent in the model, and where it is does not matter while the body is thick, as residuals
     are relative to frame 0. A sheet or a spray thinner than the spacing is opaque in a matte, and hardly there in the
