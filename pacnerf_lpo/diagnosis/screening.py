@@ -120,8 +120,8 @@ def masks(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening:
-    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates. What
-    was held out may speak against a discrepancy.
+    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates.
+    What was held out may speak against a discrepancy.
     """
     families = [[*probes.inside, *discrepancies(comparison, problem.fitted)], probes.outside]
     level = 1 - (1 - LEVEL) ** (1 / sum(map(bool, families)))
