@@ -43,3 +43,10 @@ def duration(seconds: float) -> str:
     if minutes < 100:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def figure(value: float, unit: str = "") -> str:
+    """A number of three digits with its unit, or a dash where there is none; thousands are written out."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    return f"{value:.0f} {unit}".strip() if 1e3 <= abs(value) < 1e6 else f"{value:.3g} {unit}".strip()

@@ -1,8 +1,7 @@
 """``diagnosis.html``: one page about what is missing in a model, to be read without statistics and without network."""
 
-import html
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,9 @@ from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
-from pacnerf_lpo.report.diagnosis_markup import bullets
 from pacnerf_lpo.report.encoding import atlas, atlas_columns
 from pacnerf_lpo.report.flights import flights_section
-from pacnerf_lpo.report.page import page
+from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
 
@@ -75,54 +73,36 @@ def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, A
 
 def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
-    verdict = result["verdict"]
-    advice = [f"To separate {names}: {experiment}." for names, experiment in words.experiments(result)]
     return page(
         "diagnosis",
-        f"{result['scene']}: {verdict['sentence']}",
+        f"{result['scene']}: {result['verdict']['sentence']}",
         STYLES,
         SCRIPTS,
         payload(result, images),
-        scene=html.escape(result["scene"]),
+        result=result,
         unit=words.unit_of(result),
-        light=sections.traffic_light(words.light(verdict)),
-        sentence=html.escape(verdict["sentence"]),
-        details=bullets(verdict["details"]),
+        light=words.light(result["verdict"]),
         cards=sections.first_screen(result),
-        rounds="".join(_round(result, number) for number in range(len(result["rounds"]))),
+        rounds=[_round(done, number) for number, done in enumerate(result["rounds"])],
         flights=flights_section(result),
         points="" if result.get("flights") else sections.points_table(result),
         recordings=recordings_section(result),
         parameters=sections.parameter_table(result),
-        parameter_title="What it does to the parameters" if len(result["stages"]) > 1 else "The parameters",
-        undetermined=bullets(words.undetermined(result)) or "<p>Every parameter is determined.</p>",
-        limits=bullets(words.NOT_IDENTIFIABLE),
-        experiments=bullets(advice) or "<p>No indistinguishable effects are left here.</p>",
-        notes=_notes(words.notes(result)),
+        undetermined=words.undetermined(result),
+        limits=words.NOT_IDENTIFIABLE,
+        experiments=[f"To separate {names}: {experiment}." for names, experiment in words.experiments(result)],
+        notes=words.notes(result),
         bounds=sections.bounds_table(result),
         effort=sections.effort_table(result),
     )
 
 
-def _round(result: Mapping[str, Any], number: int) -> str:
+def _round(done: Mapping[str, Any], number: int) -> str:
     """Check, ranking, confounding and refits of one round; the first is open."""
-    done = result["rounds"][number]
     effects = listed([readable(name) for name in done["effects"]], "and") if done["effects"] else "no effect added"
     title = "The model as it was fitted" if not number else f"The model with {effects}"
-    refits = f'<div class="card scroll"><h3>Fitted again with one more effect</h3>{evidence.refit_table(done)}</div>'
-    return (
-        f"<details{'' if number else ' open'}><summary>{html.escape(title)}</summary>"
-        f"<p>{html.escape(words.checked(done))}</p>{_notes(done['notes'])}"
-        f'<div class="pair"><div class="card"><h3>Log Bayes factor of each effect</h3>{evidence.ranking(done)}</div>'
-        f'<div class="card"><h3>Correlation of signatures [%] (100: the same)</h3>'
-        f"{evidence.confounding(done['screen'])}</div></div>"
-        f"{refits if done['screen'] else ''}</details>"
-    )
-
-
-def _notes(sentences: Sequence[str]) -> str:
-    """What is suspect about estimates, so that it is seen."""
-    return f'<div class="warning">{bullets(sentences)}</div>' if sentences else ""
+    tables = evidence.ranking(done), evidence.confounding(done["screen"]), evidence.refit_table(done)
+    return parts("diagnosis").round(not number, title, words.checked(done), done, *tables)
 
 
 def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -12,9 +12,9 @@ from pacnerf_lpo.diagnosis.contributions import estimates, steady_forces
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import RigidProblem
-from pacnerf_lpo.report.diagnosis_markup import row, table, text
 from pacnerf_lpo.report.diagnosis_stages import Stage
 from pacnerf_lpo.report.encoding import plain
+from pacnerf_lpo.report.page import parts
 from pacnerf_lpo.report.wording import readable
 
 MAGNUS = "Magnus"
@@ -118,27 +118,19 @@ def flights_section(result: Mapping[str, Any]) -> str:
     if not found:
         return ""
     names = list(found[0]["estimates"])
-    head = ["flight", "samples", *(f"{text(readable(name))}, this flight alone" for name in names)]
+    titles = ["flight", "samples", *(f"{readable(name)}, this flight alone" for name in names)]
     spinning = any(one["spin"] for one in found)
-    head += ["mean |spin x velocity| [m/s²]"] if spinning else []
+    titles += ["mean |spin x velocity| [m/s²]"] if spinning else []
     sides = any(one["side"] for one in found)
-    head += ["side force found without the spin [m/s²]", "its angle to spin x velocity"] if sides else []
+    titles += ["side force found without the spin [m/s²]", "its angle to spin x velocity"] if sides else []
     rows = []
-    for one in found:
-        cells = [text(one["name"]), str(len(one["times"]))]
-        cells += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
-        cells += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
-        cells += _side_cells(one["side"]) if sides else []
-        rows.append(row(cells))
-    said = agreement(found)
-    note = f'<p class="note">{text(said)}</p>' if said else ""
-    options = "".join(f'<option value="{k}">{text(one["name"])}</option>' for k, one in enumerate(found))
-    each = f'<div class="card scroll">{table(head, rows)}{note}</div>' if names else ""
-    controls = f'<div class="controls"><label>flight <select id="flight">{options}</select></label></div>'
-    return (
-        f'<section id="flights"><h2>See it</h2>{controls}<div class="pair" id="flight-charts"></div>'
-        f'<div class="legend" id="flight-legend"></div>{each}</section>'
-    )
+    for one in found if names else []:
+        row = [one["name"], len(one["times"])]
+        row += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
+        row += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
+        row += _side_cells(one["side"]) if sides else []
+        rows.append(row)
+    return parts("diagnosis").flights(found, titles, rows, agreement(found))
 
 
 def _side_cells(side: Mapping[str, float] | None) -> list[str]:

@@ -1,6 +1,5 @@
 """One self-contained page that shows what a run found: no network, no other file."""
 
-import html
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report import sections
 from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.payload import build_payload
@@ -45,26 +45,23 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     """The page as text."""
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
-    verdict = judge(results, (moving or shown)[-1])
+    found = sections.found_values(results)
     return page(
         "report",
-        f"{results['scene']}: {sections.found_sentence(results)}",
+        f"{results['scene']}: {', '.join(f'{symbol(name)} = {value}' for name, value in found)}",
         ("report.css",),
         SCRIPTS,
         payload,
-        eyebrow=html.escape(f"{results['scene']} · {results['material']}"),
-        found=sections.found_heading(results),
-        grade=verdict.grade,
+        results=results,
+        status=run.manifest.status,
+        found=found,
+        verdict=judge(results, (moving or shown)[-1]),
         scale=f"silhouettes overlap in the worst frame; good: by {GOOD:.0%} or more, fair: by {FAIR:.0%} or more",
-        headline=html.escape(verdict.headline),
-        doubts=sections.doubt_list(results),
         figures=sections.key_figures(results),
         parameters=sections.parameter_table(results),
-        laws=sections.law_table(results),
-        quality=sections.quality_table(results) + sections.round_table(results),
-        times=sections.time_bars(results),
-        config=html.escape((run.run_dir / CONFIG_FILE).read_text()),
-        state=sections.state_line(run.manifest.status, results),
+        quality=sections.quality_table(results),
+        longest=max((phase["seconds"] for phase in results["phases"]), default=0) or 1,
+        config=(run.run_dir / CONFIG_FILE).read_text(),
     )
 
 

@@ -1,15 +1,47 @@
-"""The shell that all self-contained pages share: head, style, body, data and scripts in one file."""
+"""HTML from the templates among the assets, and the shell that all self-contained pages share."""
 
 import html
-from collections.abc import Mapping, Sequence
-from string import Template
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
+
+from pacnerf_lpo.quantities import duration, figure, quantity, symbol
 from pacnerf_lpo.report.encoding import asset, json_text
+from pacnerf_lpo.report.wording import capitalised, readable
+
+PARTS = "_parts.html"
+"""Ending of templates with macros: in those, line breaks and the indentation after them are no part of the HTML."""
+
+
+@cache
+def environment() -> Environment:
+    """The templates. What they are given is escaped, unless it is HTML already (``Markup``)."""
+    made = Environment(
+        loader=FunctionLoader(_source),
+        autoescape=True,
+        finalize=_escaped,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    named = (capitalised, duration, figure, options, quantity, readable, share, short_symbol, shown, signed)
+    made.filters |= {function.__name__: function for function in named}
+    made.filters |= {"form": format, "symbol": symbol_html, "places": places, "decades": lambda x: x / math.log(10.0)}
+    made.tests["finite"] = math.isfinite
+    return made
+
+
+def parts(name: str) -> Any:
+    """The macros of ``NAME_parts.html``, as functions that return HTML."""
+    return environment().get_template(name + PARTS).module
 
 
 def page(
-    name: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], **parts: str
+    name: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], **values: Any
 ) -> str:
     """A page as text.
 
@@ -18,12 +50,63 @@ def page(
         title: of the window.
         styles, scripts: names of assets, in their order.
         data: that the scripts read.
-        parts: HTML of the places of the template; ``$particles`` is the stage of moving particles everywhere.
+        values: of the template.
     """
-    return Template(asset("page.html")).substitute(
-        title=html.escape(title),
-        style="\n".join(map(asset, styles)),
-        body=Template(asset(f"{name}.html")).substitute(particles=asset("particles.html"), **parts),
-        data=json_text(data),
-        scripts="\n".join(map(asset, scripts)),
+    return (
+        environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            style=Markup("\n".join(map(asset, styles))),
+            body=Markup(environment().get_template(f"{name}.html").render(values)),
+            data=Markup(json_text(data)),
+            scripts=Markup("\n".join(map(asset, scripts))),
+        )
     )
+
+
+def shown(value: float, unit: str) -> Markup:
+    """A value with its unit, or infinity; powers and the minus sign as in print."""
+    size = quantity(abs(value), unit).replace("^2", "²").replace("^3", "³") if math.isfinite(value) else "∞"
+    return Markup("&minus;{}" if value < 0 else "{}").format(size)
+
+
+def signed(value: float) -> Markup:
+    """With one digit and a true minus sign."""
+    return Markup(f"{value if abs(value) >= 0.05 else 0.0:.1f}".replace("-", "&minus;"))
+
+
+def share(value: float, most: float) -> str:
+    """A length on an axis that ends at ``most``, as CSS has it."""
+    return f"{100 * min(max(value / max(most, 1e-12), 0.0), 1.0):.1f}%"
+
+
+def options(words: str) -> Markup:
+    """Plain text with options of the command line as code, each on one line."""
+    return Markup(re.sub(r"--\w+", r"<code>\g<0></code>", html.escape(words)))
+
+
+def places(points: Iterable[tuple[float, float]]) -> str:
+    """Points of a line as SVG has them."""
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+
+
+def symbol_html(name: str) -> Markup:
+    """The usual symbol of a parameter with its index."""
+    head, _, tail = symbol(name).partition("_")
+    return Markup("{}<sub>{}</sub>" if tail else "{}").format(head, tail)
+
+
+def short_symbol(name: str) -> Markup:
+    """The usual symbol; nothing where a parameter has only a name."""
+    head, _, tail = symbol(name).partition("_")
+    return Markup("") if len(head) > 1 or len(tail) > 2 else symbol_html(name)
+
+
+def _escaped(value: Any) -> Any:
+    return value if hasattr(value, "__html__") else Markup(html.escape(str(value)))
+
+
+def _source(name: str) -> str:
+    text = asset(name)
+    return "".join(map(str.strip, text.splitlines())) if name.endswith(PARTS) else text

@@ -1,6 +1,5 @@
 """``plan.json`` and ``plan.html``: which recording to make next, ranked, in words and as bars."""
 
-import html
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -49,28 +48,21 @@ def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
 
 
 def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str:
-    """The page as text."""
+    """The page as text: one bar for each recording, cut off beyond the longest, and the odds pair by pair."""
     title = f"{scene}: which recording would separate {_together(names)}"
-    rows = "".join(
-        f"<tr><td>{html.escape(one.words)}</td><td>{html.escape(readable(pair.true))}</td>"
-        f"<td>{html.escape(readable(pair.against))}</td><td>{odds(pair.log_bayes_factor)}</td></tr>"
-        for one in proposals
-        for pair in one.odds
-    )
-    return shell("plan", title, ("plan.css",), (), {}, heading=html.escape(title), bars=bars(proposals), rows=rows)
-
-
-def bars(proposals: Sequence[Proposal]) -> str:
-    """One bar for each recording, as SVG; those beyond the longest are cut off."""
     end = 1.05 * ENOUGH
-    marks = []
-    for rank, one in enumerate(proposals):
-        length = WIDTH * float(np.clip(one.score / end, 0.002, 1.0))
-        top = rank * ROW
-        colour = "#2a7f62" if one.score >= DECISIVE else "#9a9a9a"
-        label = html.escape(f"{one.words}: {odds(one.score)}")
-        marks.append(f'<text x="0" y="{top + 16}">{label}</text>')
-        marks.append(f'<rect x="0" y="{top + 22}" width="{length:.1f}" height="{BAR}" fill="{colour}"/>')
-    height, line = len(proposals) * ROW, WIDTH * DECISIVE / end
-    marks.append(f'<path d="M{line:.1f} 0V{height}" stroke="#c0392b" stroke-dasharray="4 4"/>')
-    return f'<svg viewBox="0 0 {WIDTH} {height}" width="100%" role="img">{"".join(marks)}</svg>'
+    bars = [
+        (rank * ROW, one.score >= DECISIVE, one, WIDTH * float(np.clip(one.score / end, 0.002, 1.0)))
+        for rank, one in enumerate(proposals)
+    ]
+    values = {
+        "heading": title,
+        "odds": odds,
+        "bars": bars,
+        "proposals": proposals,
+        "line": WIDTH * DECISIVE / end,
+        "height": len(proposals) * ROW,
+        "width": WIDTH,
+        "bar": BAR,
+    }
+    return shell("plan", title, ("plan.css",), (), {}, **values)

@@ -3,13 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pacnerf_lpo.report.diagnosis_markup import row, table, text
+from pacnerf_lpo.report.page import parts
 from pacnerf_lpo.report.wording import listed, readable
 
-Result = Mapping[str, Any]
 
-
-def recordings_section(result: Result) -> str:
+def recordings_section(result: Mapping[str, Any]) -> str:
     """A table of the recordings with a sentence on each; nothing where there is one only."""
     recordings = result.get("recordings", [])
     if len(recordings) < 2:
@@ -17,19 +15,11 @@ def recordings_section(result: Result) -> str:
     labels = {p["name"]: p["label"] for p in result["rounds"][0]["parameters"]}
     rows = []
     for number, one in enumerate(recordings, 1):
-        tells = [f"{text(labels.get(name, name))} {share:.0%}" for name, share in one["tells"].items()]
+        tells = ", ".join(f"{labels.get(name, name)} {share:.0%}" for name, share in one["tells"].items())
         seen = f"{len(one['views'])} views, {len(one['frames'])} frames"
-        cells = f"{number}: {text(one['name'])}", seen, text(phases_of(one)), text(asks_for(one)), ", ".join(tells)
-        rows.append(row(cells))
-    head = ["recording", "what there is", "motion", "asks for", "its share of what is known of"]
-    return (
-        f'<section><h2>What each recording contributes</h2><div class="card scroll">{table(head, rows)}</div></section>'
-    )
-
-
-def phases_of(recording: Mapping[str, Any]) -> str:
-    """``free fall, impact and rebound``."""
-    return listed(list(dict.fromkeys(recording["phases"])), "and")
+        phases = listed(list(dict.fromkeys(one["phases"])), "and")
+        rows.append((f"{number}: {one['name']}", seen, phases, asks_for(one), tells))
+    return parts("diagnosis").recordings(rows)
 
 
 def asks_for(recording: Mapping[str, Any]) -> str:

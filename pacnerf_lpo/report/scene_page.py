@@ -1,7 +1,5 @@
 """``scene.html``: shows a person whether a scene is right, one page that opens without network."""
 
-import html
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,11 +10,9 @@ from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.scene_warnings import SceneWarning
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import overlay
-from pacnerf_lpo.report.diagnosis_markup import table
 from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.scene_pictures import camera_pictures, ground_step, space_data
-from pacnerf_lpo.report.wording import capitalised
 
 PAGE_FILE = "scene.html"
 STYLES = ("report.css", "scene.css")
@@ -35,7 +31,6 @@ def write_scene_page(look: Look, warnings: Sequence[SceneWarning]) -> Path:
 def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
     """The page as text."""
     scene = look.scene
-    source = f"from {scene.source}, layout {scene.layout}" if scene.source else "a scene"
     name = scene.folder.resolve().name
     return page(
         "scene",
@@ -43,15 +38,15 @@ def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
         STYLES,
         SCRIPTS,
         {"space": space_data(look), "height": height_data(look)},
-        folder=html.escape(name),
-        source=html.escape(source),
-        found=html.escape(found_sentence(look)),
-        facts=facts_table(look),
-        warnings=warning_list(warnings),
-        legend=legend(look),
-        cameras=camera_figures(look, warnings),
-        fall=html.escape(fall_sentence(look)),
-        values=values_table(look),
+        folder=name,
+        source=f"from {scene.source}, layout {scene.layout}" if scene.source else "a scene",
+        found=found_sentence(look),
+        facts=facts(look),
+        warnings=warnings,
+        layers={**overlay.LAYERS, "grid": f"ground, squares of {ground_step(look):g} m"},
+        cameras=cameras(look, warnings),
+        fall=fall_sentence(look),
+        all_values=scene.values,
     )
 
 
@@ -64,82 +59,44 @@ def found_sentence(look: Look) -> str:
     )
 
 
-def facts_table(look: Look) -> str:
+def facts(look: Look) -> list[tuple[str, str, str]]:
     """What was found, and how it is known."""
     scene, (x, y, z) = look.scene, (look.upper - look.lower).tolist()
     why = {value.key: value.why.split("; ", 1)[-1] for value in scene.values}
     covered = 100 * (1.0 - max(float(np.nanmax(hull.outside)) for hull in look.hulls.values()))
     seconds = scene.times[-1] - scene.times[0]
-    facts = [
+    clocks = [("clocks", "", scene.notes["clocks"])] if "clocks" in scene.notes else []
+    mattes = f"{scene.notes.get('mattes', 'as given')}; the worst of all pictures"
+    return [
         ("body", f"{x:.2g}, {y:.2g}, {z:.2g} m", "along x, y and z at frame 0, from the outlines of all views"),
         ("frames", f"{len(scene.times)} in {seconds:.3g} s", why.get("physics.frame_rate", "")),
         ("scale", "metres", scene.notes.get("scale", "as stated")),
         ("up", "y", scene.notes.get("up", "as stated")),
         ("ground", f"y = {scene.ground_height:.3g} m", scene.notes.get("ground", "as stated")),
         ("contact", f"frame {scene.hit_frame}", why.get("phases.velocity.init_args.hit_frame", "")),
-        (
-            "mattes",
-            f"{covered:.1f} % in the hull",
-            f"{scene.notes.get('mattes', 'as given')}; the worst of all pictures",
-        ),
+        ("mattes", f"{covered:.1f} % in the hull", mattes),
         ("cameras", str(len(scene.views)), ", ".join(view.name for view in scene.views)),
-        *([("clocks", "", scene.notes["clocks"])] if "clocks" in scene.notes else []),
+        *clocks,
     ]
-    rows = [
-        f'<tr><td class="muted">{name}</td><td><b>{html.escape(value)}</b></td><td>{said(how)}</td></tr>'
-        for name, value, how in facts
-    ]
-    return table(("", "found", "how it is known"), rows, "why")
 
 
-def warning_list(warnings: Sequence[SceneWarning]) -> str:
-    """Every warning with its remedy, or that there is none."""
-    if not warnings:
-        return '<p class="verdict good"><b>no warnings</b> Nothing looks wrong. See below whether you agree.</p>'
-    items = "".join(
-        f'<li class="{one.kind}">{said(capitalised(one.what))}. <span>What to do: {said(one.remedy)}.</span></li>'
-        for one in warnings
-    )
-    count = f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
-    return f'<p class="verdict fair"><b>{count}</b></p><ul class="warnings">{items}</ul>'
-
-
-def said(words: str) -> str:
-    """Plain text as HTML, with options of the command line on one line each."""
-    return re.sub(r"--\w+", r"<code>\g<0></code>", html.escape(words))
-
-
-def legend(look: Look) -> str:
-    """Names of what is drawn, as switches."""
-    words = {**overlay.LAYERS, "grid": f"ground, squares of {ground_step(look):g} m"}
-    return "".join(
-        f'<label><input type="checkbox" data-layer="{name}" checked><span class="key {name}"></span>{text}</label>'
-        for name, text in words.items()
-    )
-
-
-def camera_figures(look: Look, warnings: Sequence[SceneWarning]) -> str:
-    """A pair of pictures for each camera, with how well its mattes fit the hull and what is doubtful about it."""
-    scene, parts = look.scene, []
+def cameras(look: Look, warnings: Sequence[SceneWarning]) -> list[tuple[str, list[str], list[Any]]]:
+    """Of each camera its name, what is doubtful about it, and two pictures: each with its title, how well the matte
+    fits the hull, and whether that is well enough.
+    """
+    scene, found = look.scene, []
+    moments = (0, "frame 0"), (scene.hit_frame, f"contact, frame {scene.hit_frame}")
     for number, (view, pictures) in enumerate(zip(scene.views, camera_pictures(look), strict=True)):
         doubts = [one.kind for one in warnings if 0 < len(one.cameras) < len(scene.views) and view.name in one.cameras]
-        marks = f"<em>warning: {html.escape(', '.join(dict.fromkeys(doubts)))}</em>" if doubts else ""
-        figures = "".join(
-            f'<figure tabindex="0" role="button" data-caption="camera {html.escape(view.name)}, {when}">{drawn}'
-            f"<figcaption>{when} <span>{_covered(look.hulls[frame].outside[number])}</span></figcaption></figure>"
-            for drawn, frame, when in zip(
-                pictures, (0, scene.hit_frame), ("frame 0", f"contact, frame {scene.hit_frame}"), strict=True
-            )
-        )
-        parts.append(f'<div class="camera"><h3>camera {html.escape(view.name)} {marks}</h3><div>{figures}</div></div>')
-    return "".join(parts)
-
-
-def _covered(outside: float) -> str:
-    if not np.isfinite(outside):
-        return "object not seen"
-    inside = f"{100 * (1.0 - outside):.1f} % of the matte in the hull"
-    return inside if 1.0 - outside >= INSIDE else f"<em>{inside}</em>"
+        figures = []
+        for drawn, (frame, when) in zip(pictures, moments, strict=True):
+            inside = 1.0 - look.hulls[frame].outside[number]
+            if np.isfinite(inside):
+                figures.append((drawn, when, f"{100 * inside:.1f} % of the matte in the hull", inside >= INSIDE))
+            else:
+                figures.append((drawn, when, "object not seen", True))
+        found.append((view.name, list(dict.fromkeys(doubts)), figures))
+    return found
 
 
 def height_data(look: Look) -> dict[str, Any]:
@@ -180,16 +137,6 @@ def fall_sentence(look: Look) -> str:
         f"{error:.1g}; gravity in scene.yaml is {gravity:.3g}), the distance of the body from the parabola {rest}. "
         "The contact is where the lowest point on its parabola reaches the ground."
     )
-
-
-def values_table(look: Look) -> str:
-    """Every value of scene.yaml with the comment on it."""
-    rows = [
-        f'<tr><td><code>{html.escape(one.key)}</code></td><td class="value"><b>{html.escape(one.text)}</b></td>'
-        f"<td>{said(one.why) or '<span class=muted>as usual</span>'}</td></tr>"
-        for one in look.scene.values
-    ]
-    return table(("value", "is", "where it comes from, and how sure"), rows, "why")
 
 
 def _rate(look: Look) -> float:

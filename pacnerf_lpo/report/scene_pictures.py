@@ -1,6 +1,5 @@
 """Each camera's first and contact frame with what is known drawn in, as SVG, and the scene in 3-D as data."""
 
-import html
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from pacnerf_lpo.data.recordings.look import Look
 from pacnerf_lpo.data.recordings.written_scene import View, picture
 from pacnerf_lpo.report import overlay
 from pacnerf_lpo.report.encoding import atlas, base64_array, quantised
+from pacnerf_lpo.report.page import parts
 
 IMAGE_BUDGET = 4_500_000
 LADDER = ((1280, 80), (960, 78), (720, 75), (540, 70), (400, 60))
@@ -74,32 +74,21 @@ def _drawn(look: Look, number: int, frame: int, image: str) -> str:
     scene, view, hull = look.scene, look.scene.views[number], look.hulls[frame]
     moving = look.views[frame][number]
     height, width = view.valid.shape
-    paths = {
-        "grid": overlay.lines(_ground(look)[0], view),
-        "box": overlay.lines(overlay.box_edges(scene.lower, scene.upper), moving),
-        "hull": overlay.hull_outline(hull.points, hull.cell, moving),
-        "matte": overlay.outline(hull.mattes[number], np.zeros(2), 1.0),
-    }
-    layers = [
-        f'<g class="{name}"><path class="casing" d="{data}"/><path d="{data}"/></g>'
-        for name, data in paths.items()
-        if data
-    ]
+    layers = (
+        ("grid", overlay.lines(_ground(look)[0], view)),
+        ("box", overlay.lines(overlay.box_edges(scene.lower, scene.upper), moving)),
+        ("hull", overlay.hull_outline(hull.points, hull.cell, moving)),
+        ("matte", overlay.outline(hull.mattes[number], np.zeros(2), 1.0)),
+    )
     origin = 0.5 * (scene.lower + scene.upper)
     origin[1] = scene.ground_height
     size = 0.055 * max(height, width)
-    for name, data, end in overlay.axes(origin, _axis_length(look), view):
-        x, y = np.clip(end, 0.9 * size, (width - 0.9 * size, height - 0.5 * size))
-        layers.append(
-            f'<g class="axes {name}"><path class="casing" d="{data}"/><path d="{data}"/>'
-            f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{size:.1f}px;stroke-width:{0.22 * size:.2f}px">'
-            f"{name}</text></g>"
-        )
-    title = html.escape(f"camera {view.name}, frame {frame}")
-    return (
-        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">'
-        f'<image href="{image}" width="{width}" height="{height}"></image>{"".join(layers)}</svg>'
-    )
+    least, most = 0.9 * size, (width - 0.9 * size, height - 0.5 * size)
+    axes = [
+        (name, line, *np.clip(end, least, most)) for name, line, end in overlay.axes(origin, _axis_length(look), view)
+    ]
+    title = f"camera {view.name}, frame {frame}"
+    return parts("scene").picture(width, height, title, image, layers, axes, size)
 
 
 def _ground(look: Look) -> tuple[list[overlay.Segment], float]:

@@ -1,15 +1,16 @@
 """Questions: what would help, a fit, a whole diagnosis, and which recording to make next."""
 
-import html
 import threading
 from collections.abc import Callable
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import viser
+from markupsafe import Markup
 
 from pacnerf_lpo.errors import Stopped
-from pacnerf_lpo.explore.page.charts import STYLE
+from pacnerf_lpo.explore.page.charts import hint
 from pacnerf_lpo.explore.page.words import evidence, reason
 from pacnerf_lpo.explore.records import Suggestion
 from pacnerf_lpo.report.wording import capitalised
@@ -36,51 +37,40 @@ class Ask:
             help_ = self.gui.add_button("What would help?", icon=viser.Icon.BULB)
             self.offers = self.gui.add_folder("Suggestions", visible=False)
             with self.gui.add_folder("Fit"):
-                self.groups = {
-                    group: self.gui.add_checkbox(group, True)
-                    for group in groups
-                    if group in ("material", "motion", "ground")
-                }
+                known = [group for group in groups if group in ("material", "motion", "ground")]
+                self.groups = {group: self.gui.add_checkbox(group, True) for group in known}
                 self.added = self.gui.add_checkbox("effects of the model", True)
                 fit = self.gui.add_button("Fit", icon=viser.Icon.TARGET)
             diagnose = self.gui.add_button("Diagnose", icon=viser.Icon.STETHOSCOPE, hint="all rounds: minutes")
             plan = self.gui.add_button("Which experiment next?", icon=viser.Icon.FLASK)
         self._buttons = [help_, fit, diagnose, plan]
         for button, job in ((help_, self._suggest), (fit, self._fit), (diagnose, self._diagnose), (plan, self._plan)):
-            button.on_click(page.by_hand(self.asker(job)))
+            button.on_click(page.by_hand(partial(self.ask, job)))
         self.halt.on_click(page.by_hand(lambda _: page.session.stop()))
 
-    def asker(self, job: Callable[[], None]) -> Callable[[Any], None]:
-        """A callback that has something long done, between a start and an end that one sees."""
+    def ask(self, job: Callable[[], None], _: Any) -> None:
+        """Have something long done, between a start and an end that one sees."""
+        self.page.questions.ask("question", partial(self._answer, job))
 
-        def ask(_: Any) -> None:
-            self.page.questions.ask("question", self._answering(job))
-
-        return ask
-
-    def _answering(self, job: Callable[[], None]) -> Callable[[], None]:
-        def answer() -> None:
-            ended = threading.Event()
-            self._task = "beginning"
-            threading.Thread(target=self._count, args=(ended,), name="seconds", daemon=True).start()
-            self._busy(True)
-            try:
-                job()
-            except Stopped:
-                self.page.say("Stopped", "What was found until then is kept.")
-            finally:
-                ended.set()
-                self._busy(False)
-                self.page.changes.ask("redraw", self.page.redraw, refined_later=True)
-
-        return answer
+    def _answer(self, job: Callable[[], None]) -> None:
+        ended = threading.Event()
+        self._task = "beginning"
+        threading.Thread(target=self._count, args=(ended,), name="seconds", daemon=True).start()
+        self._busy(True)
+        try:
+            job()
+        except Stopped:
+            self.page.say("Stopped", "What was found until then is kept.")
+        finally:
+            ended.set()
+            self._busy(False)
+            self.page.changes.ask("redraw", self.page.redraw, refined_later=True)
 
     def _count(self, ended: threading.Event) -> None:
         """Say what is being done and for how long, until it is done; an animated bar would cost the work a core."""
         began = monotonic()
         while not ended.wait(1.0):
-            said = f"{monotonic() - began:.0f} s: {self._task}"
-            self.doing.content = f'{STYLE}<div class=hint style="opacity:1">{html.escape(said)}</div>'
+            self.doing.content = hint(f"{monotonic() - began:.0f} s: {self._task}", "opacity:1")
         self.doing.content = ""
 
     def _busy(self, busy: bool) -> None:
@@ -105,7 +95,7 @@ class Ask:
         with self.offers:
             for one in found:
                 tick = self.gui.add_checkbox(capitalised(one.readable), False, hint=reason(one))
-                tick.on_update(self.page.by_hand(self._ticker(one, tick)))
+                tick.on_update(self.page.by_hand(partial(self._ticked, one)))
                 self._offered[one.effect] = one, tick
                 self._rows += [tick, self.gui.add_html(evidence(one))]
         self.offers.label = f"Suggestions for step {self.page.session.current.number}"
@@ -113,30 +103,22 @@ class Ask:
         if not found:
             self._report("Nothing of the catalogue would help.")
 
-    def _ticker(self, found: Suggestion, tick: viser.GuiCheckboxHandle) -> Callable[[Any], None]:
-        def ticked(_: Any) -> None:
-            session, wanted = self.page.session, tick.value
+    def _ticked(self, found: Suggestion, event: viser.GuiEvent) -> None:
+        self.page.make(f"tick {found.effect}", partial(self._change, found, event.target.value))
 
-            def change() -> None:
-                if wanted and found.effect not in session.current.effects:
-                    session.add(found.effect, found.values)
-                elif not wanted and found.effect in session.current.effects:
-                    session.remove(found.effect)
-
-            self.page.make(f"tick {found.effect}", change)
-
-        return ticked
+    def _change(self, found: Suggestion, wanted: bool) -> None:
+        session = self.page.session
+        if wanted and found.effect not in session.current.effects:
+            session.add(found.effect, found.values)
+        elif not wanted and found.effect in session.current.effects:
+            session.remove(found.effect)
 
     def _fit(self) -> None:
         ticked = {group for group, tick in self.groups.items() if tick.value}
-        names = [
-            setting.name
-            for setting in self.page.session.settings
-            if setting.active
-            and setting.fitted
-            and (setting.group in ticked or (setting.group not in self.groups and self.added.value))
-        ]
-        self.page.session.fit(names, self.tell)
+        effects = self.added.value
+        free = [setting for setting in self.page.session.settings if setting.active and setting.fitted]
+        chosen = [one for one in free if one.group in ticked or (effects and one.group not in self.groups)]
+        self.page.session.fit([setting.name for setting in chosen], self.tell)
 
     def _diagnose(self) -> None:
         _, sentences = self.page.session.diagnose(self.tell)
@@ -146,5 +128,4 @@ class Ask:
         self._report(*(f"{k + 1}. {one.words}" for k, one in enumerate(self.page.session.plan(self.tell))))
 
     def _report(self, *sentences: str) -> None:
-        said = "<br>".join(html.escape(sentence) for sentence in sentences)
-        self.answer.content = f'{STYLE}<div class=hint style="opacity:1">{said}</div>'
+        self.answer.content = hint(Markup("<br>").join(sentences), "opacity:1")

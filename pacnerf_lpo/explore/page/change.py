@@ -1,6 +1,7 @@
 """Sliders of everything that can be changed, and effects to add or to take out."""
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,9 +62,8 @@ class Change:
         groups = dict.fromkeys(setting.group for setting in settings)
         for name in [name for name in self._folders if name not in groups]:
             self._folders.pop(name).remove()
-        gone = [name for name in self._sliders if name not in {setting.name for setting in settings}]
-        for name in gone:
-            del self._sliders[name]
+        kept = {setting.name for setting in settings}
+        self._sliders = {name: slider for name, slider in self._sliders.items() if name in kept}
         effects = {info.name for info in self.page.session.effects}
         with self.space:
             for group in groups:
@@ -73,7 +73,7 @@ class Change:
                     if group in effects:
                         with self._folders[group]:
                             button = self.gui.add_button("Take out", order=99, color="gray")
-                        button.on_click(self._remover(group))
+                        button.on_click(self.page.by_hand(partial(self._remove, group)))
         for setting in settings:
             if setting.name not in self._sliders:
                 with self._folders[setting.group]:
@@ -85,24 +85,21 @@ class Change:
         slider.precision = max(0, 3 - math.floor(math.log10(max(abs(low), abs(high), 1e-12))))
         if setting.logarithmic:  # its box would show a logarithm; the label shows the value
             self.gui.add_html(f"<style>[id='{element(slider)}'] ~ *{{display:none}}</style>")
-        slider.on_update(self.page.by_hand(self._mover(setting.name, setting.logarithmic)))
+        slider.on_update(self.page.by_hand(partial(self._moved, setting)))
         return slider
 
-    def _mover(self, name: str, logarithmic: bool) -> Any:
-        def moved(event: Any) -> None:
-            value = float(event.target.value)
-            self._wanted[name] = 10.0**value if logarithmic else value
-            self.page.make("set", self._set)
-
-        return moved
+    def _moved(self, setting: Setting, event: Any) -> None:
+        value = float(event.target.value)
+        self._wanted[setting.name] = 10.0**value if setting.logarithmic else value
+        self.page.make("set", self._set)
 
     def _set(self) -> None:
         wanted, self._wanted = self._wanted, {}
         if wanted:
             self.page.session.set(wanted, dragging=True)
 
-    def _remover(self, effect: str) -> Any:
-        return self.page.by_hand(lambda _: self.page.make("remove", lambda: self.page.session.remove(effect)))
+    def _remove(self, effect: str, _: Any) -> None:
+        self.page.make("remove", partial(self.page.session.remove, effect))
 
     def _add(self) -> None:
         name = self.own.value.strip() or self._names.get(self.effect.value, "")
@@ -124,10 +121,7 @@ class Change:
         if setting.name in self._wanted:  # the hand is further on
             return
         low, high, value = _places(setting)
-        if low < slider.min:
-            slider.min = low
-        if high > slider.max:
-            slider.max = high
+        slider.min, slider.max = min(low, slider.min), max(high, slider.max)
         slider.value = value
         slider.label, slider.hint = short(setting), long(setting)
 

@@ -1,13 +1,14 @@
 """Keeping: an overlay for fit, the session itself, and a page for others."""
 
-import html
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import viser
+from markupsafe import Markup
 
-from pacnerf_lpo.explore.page.charts import STYLE
+from pacnerf_lpo.explore.page.charts import hint
 from pacnerf_lpo.explore.page.story_page import STORY, write_story
 
 if TYPE_CHECKING:
@@ -28,12 +29,12 @@ class Keep:
             story = gui.add_button("Save page", icon=viser.Icon.WORLD, hint="the history, to share, without a server")
             self.saved = gui.add_html("")
             report = gui.add_button("Save report", icon=viser.Icon.REPORT, hint="this step and the first one")
-        report.on_click(page.by_hand(page.ask.asker(self._report)))
+        report.on_click(page.by_hand(partial(page.ask.ask, self._report)))
         for button, save in ((overlay, self._overlay), (session, self._session), (story, self._story)):
-            button.on_click(page.by_hand(self._saver(save)))
+            button.on_click(page.by_hand(partial(self._ask, save)))
 
-    def _saver(self, save: Callable[[], None]) -> Callable[[Any], None]:
-        return lambda _: self.page.changes.ask(save.__name__, save)
+    def _ask(self, save: Callable[[], None], _: Any) -> None:
+        self.page.changes.ask(save.__name__, save)
 
     def _path(self) -> Path:
         path = Path(self.folder.value.strip() or ".")
@@ -49,16 +50,14 @@ class Keep:
         self._tell("Session saved", path, f"pacnerf-lpo explore {path.parent}")
 
     def _story(self) -> None:
-        self._tell(
-            "Page saved", write_story(self.page.session, self._path() / STORY), "one file, opens without a server"
-        )
+        path = write_story(self.page.session, self._path() / STORY)
+        self._tell("Page saved", path, "one file, opens without a server")
 
     def _report(self) -> None:
-        self._tell(
-            "Report saved", self.page.session.report(self._path(), progress=self.page.ask.tell), "open it in a browser"
-        )
+        path = self.page.session.report(self._path(), progress=self.page.ask.tell)
+        self._tell("Report saved", path, "open it in a browser")
 
     def _tell(self, title: str, path: Path, use: str) -> None:
         self.page.say(title, path.name)
-        text = f"<b>{title}</b>: {html.escape(str(path))}<br>{html.escape(use)}"
-        self.saved.content = f'{STYLE}<div class=hint style="opacity:1;overflow-wrap:anywhere">{text}</div>'
+        text = Markup("<b>{}</b>: {}<br>{}").format(title, path, use)
+        self.saved.content = hint(text, "opacity:1;overflow-wrap:anywhere")

@@ -1,13 +1,12 @@
 """The body in space, and a camera's picture of it: which frame, which camera, which colours."""
 
-import html
 from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 
 from pacnerf_lpo.explore import pictures
-from pacnerf_lpo.explore.page.charts import FITTED, HELD, STYLE, figure, path
+from pacnerf_lpo.explore.page.charts import CHARTS, path
 from pacnerf_lpo.explore.page.stage import KINDS, Moving
 from pacnerf_lpo.explore.records import Measured, Motion
 
@@ -55,10 +54,8 @@ class See:
             self.recording = gui.add_dropdown("recording", page.session.recordings, visible=several)
             self.frame = gui.add_slider("frame", 0, 1, 1, 0)
             self.camera = gui.add_slider("camera", 0, 1, 1, 0)
-            through = (
-                () if all(not page.session.cameras(name) for name in page.session.recordings) else ("look through",)
-            )
-            self.buttons = gui.add_button_group("", ("play", "pause", *through))
+            filmed = any(page.session.cameras(name) for name in page.session.recordings)
+            self.buttons = gui.add_button_group("", ("play", "pause", *(("look through",) if filmed else ())))
             self.caption = gui.add_html("")
             self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), jpeg_quality=QUALITY)
             self.path = gui.add_html("", visible=False)
@@ -190,15 +187,12 @@ class See:
                 self.picture.image = self._picture(frame)
                 seen = page.session.outlines(camera.view, frame, page.shown.step.number, page.recording)
                 page.stage.mark(page.camera, np.dstack((seen.image, GHOST * seen.measured)))
-        note = f' <b style="color:{HELD}">held out</b>' if held else " fitted"
-        lines = f'<b style="color:{FITTED}">measured</b>, <b style="color:{HELD}">model</b>'
-        side = f" Outlines: {lines}; right: model, residual" if cameras else ""
         centres = None if cameras or not page.shown.motions else self._centres(page.recording)
         self.path.visible = centres is not None
         if centres is not None:
             model = page.shown.motions[page.recording].positions.mean(1)
             self.path.content = path(times, centres, model, page.session.held_frames(page.recording), frame)
-        self.caption.content = f"{STYLE}<div class=hint>{html.escape(where)},{note}.{side}</div>"
+        self.caption.content = CHARTS.caption(where, held, bool(cameras))
 
     def _picture(self, frame: int) -> np.ndarray:
         page = self.page
@@ -241,18 +235,14 @@ class See:
         if kind == "appearance":
             self.legend.content = ""
             return np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
-        if kind == "speed":
-            values, least = motion.speed, 0.0
-        elif kind == "stretch":
-            values, least = session.stretch(step.number, name) - 1.0, 1.0
-        else:
-            values, least = session.particle_errors(step.number, name), 0.0
+        least = 1.0 if kind == "stretch" else 0.0
+        values = motion.speed
+        if kind != "speed":
+            values = (session.stretch if kind == "stretch" else session.particle_errors)(step.number, name) - least
         known = values[np.isfinite(values)]
         most = float(np.percentile(known, SHARE)) if len(known) else 1.0
-        stops = ",".join("#" + bytes(pictures.painted(np.array([k / 8]), 1.0)[0]).hex() for k in range(9))
-        ramp = f"display:inline-block;width:55%;height:9px;border-radius:4px;background:linear-gradient(90deg,{stops})"
-        ends = figure(least), figure(least + most, PAINTS[kind])
-        self.legend.content = f'{STYLE}<div class=hint>{ends[0]} <span style="{ramp}"></span> {ends[1]}</div>'
+        stops = ["#" + bytes(colour).hex() for colour in pictures.painted(np.linspace(0.0, 1.0, 9), 1.0)]
+        self.legend.content = CHARTS.colours(least, least + most, PAINTS[kind], stops)
         return pictures.painted(values, most)
 
     def _measure(self) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import viser
@@ -133,17 +134,14 @@ class Stage:
                 color=HELD_EDGE if held[number] else EDGE, wxyz=tuple(wxyz), position=tuple(pose[:3, 3]),
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
-            frustum.on_click(self._stepper(number))
+            frustum.on_click(partial(self._chosen, number))
             self._frusta.append(frustum)
             self._poses.append((wxyz, pose[:3, 3], fov))
         self._held = held
 
-    def _stepper(self, number: int) -> Callable[[viser.SceneNodePointerEvent], None]:
-        def step(event: viser.SceneNodePointerEvent) -> None:
-            self.choose(number)
-            self.step_into(number, event.client)
-
-        return step
+    def _chosen(self, number: int, event: viser.SceneNodePointerEvent) -> None:
+        self.choose(number)
+        self.step_into(number, event.client)
 
     def step_into(self, number: int, client: viser.ClientHandle | None) -> None:
         """Look through a camera, in one page or in all."""

@@ -1,6 +1,5 @@
 """The history of a session as one self-contained page: motion in 3-D, steps and errors, without a server."""
 
-import html
 import io
 import math
 from pathlib import Path
@@ -15,9 +14,9 @@ from pacnerf_lpo.explore.page.words import between
 from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.quantities import quantity, symbol
+from pacnerf_lpo.quantities import figure, quantity, symbol
 from pacnerf_lpo.report.encoding import data_uri
-from pacnerf_lpo.report.page import page
+from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.payload import moving_particles
 
 STORY = "story.html"
@@ -63,8 +62,8 @@ def story_page(session: Session) -> str:
         STYLES,
         SCRIPTS,
         data,
-        eyebrow=html.escape(session.name),
-        headline=html.escape(headline(session)),
+        eyebrow=session.name,
+        headline=headline(session),
         steps=charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step"),
     )
 
@@ -74,7 +73,7 @@ def headline(session: Session) -> str:
     first, now = session.steps[0], session.current
     for kind, a, b in (("held-out", first.held_out, now.held_out), ("fitted", first.fitted, now.fitted)):
         if a is not None and b is not None:
-            return f"{kind} error from {charts.figure(a)} to {charts.figure(b, session.unit)}"
+            return f"{kind} error from {figure(a)} to {figure(b, session.unit)}"
     return "an unstable model"
 
 
@@ -103,39 +102,29 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
         errors.times, errors.by_frame_fitted, errors.by_frame_held_out, at[1] if at else 0, errors.unit
     )
     cells = charts.heat_map(table, at or (0, 0))
-    parts = [
-        f"<div class=pair><div class=card><h3>Error by camera and frame</h3>{cells}</div>",
-        f"<div class=card><h3>Error over time [{errors.unit}]</h3>{line}</div></div>",
-        f"<h3>Model</h3><div class=card>{_values(session, step)}</div>",
-    ]
-    if at is not None:
-        parts.insert(0, _picture(session, step, at))
+    shown = None if at is None else _picture(session, step, at)
     return {
         "name": step.name,
         "particles": moving_particles(motion.positions, colours, motion.size, MOST_PARTICLES),
-        "html": "".join(parts),
+        "html": parts("story").step(shown, cells, line, errors.unit, _values(session, step)),
     }
 
 
-def _picture(session: Session, step: Step, at: tuple[int, int]) -> str:
+def _picture(session: Session, step: Step, at: tuple[int, int]) -> dict[str, str]:
     camera = session.cameras()[at[0]]
     image = pictures.seen_by(session, camera, at[1], step.number, 0, SIDE)
     content = io.BytesIO()
     Image.fromarray(image).save(content, "WEBP", quality=82)
     where = f"{camera.name}, frame {at[1]}{', held out' if camera.held_out else ''}"
-    shown = data_uri(content.getvalue(), "image/webp")
-    return (
-        f'<img alt="{html.escape(where)}" src="{shown}"><p class=note>Measured with '
-        f"the outlines of the video (blue) and of the model (orange); model; residual. {html.escape(where)}, where the "
-        "first step is worst.</p>"
-    )
+    return {"where": where, "picture": data_uri(content.getvalue(), "image/webp")}
 
 
-def _values(session: Session, step: Step) -> str:
+def _values(session: Session, step: Step) -> list[tuple[str, str, str]]:
+    """Symbol, value and interval of every number."""
     units = {setting.name: setting.unit for setting in session.settings}
-    rows = "".join(
-        f"<tr><td>{html.escape(symbol(name))}</td><td>{quantity(value, units.get(name, '1'))}</td><td class=muted>"
-        f"{between(step.intervals[name], units.get(name, '1')) if name in step.intervals else ''}</td></tr>"
-        for name, value in step.values.items()
-    )
-    return f"<table><thead><tr><th></th><th>value</th><th>90 % interval</th></tr></thead><tbody>{rows}</tbody></table>"
+    rows = []
+    for name, value in step.values.items():
+        unit = units.get(name, "1")
+        interval = between(step.intervals[name], unit) if name in step.intervals else ""
+        rows.append((symbol(name), quantity(value, unit), interval))
+    return rows

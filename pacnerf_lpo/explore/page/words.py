@@ -1,13 +1,12 @@
 """Values, evidence and differences as a person reads them."""
 
-import html
 import math
 
-from pacnerf_lpo.explore.page.charts import STYLE, figure
+from pacnerf_lpo.explore.page.charts import CHARTS
 from pacnerf_lpo.explore.records import Setting, Suggestion
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.mpm.parameters import OF
-from pacnerf_lpo.quantities import quantity, symbol
+from pacnerf_lpo.quantities import figure, quantity, symbol
 from pacnerf_lpo.report.wording import capitalised, listed, probability, readable
 
 MOST_SIZES = 2
@@ -44,10 +43,8 @@ def evidence(found: Suggestion) -> str:
         + (f" {between(found.intervals[name], found.units[name])}" if name in found.intervals else "")
         for name, value in found.values.items()
     ]
-    more = f", and {len(sizes) - MOST_SIZES} more" if len(sizes) > MOST_SIZES else ""
-    sure = "stands out" if found.stands_out else "may be chance"
-    text = f"<b>odds 10<sup>{odds:.0f}</sup></b>, {probability(found.p_value)}: {sure}"
-    return f"{STYLE}<div class=hint>{text}<br>{html.escape(', '.join(sizes[:MOST_SIZES]) + more)}</div>"
+    sure, more = "stands out" if found.stands_out else "may be chance", len(sizes) - MOST_SIZES
+    return CHARTS.evidence(odds, probability(found.p_value), sure, sizes[:MOST_SIZES], more)
 
 
 def reason(found: Suggestion) -> str:
@@ -64,12 +61,7 @@ def difference_table(session: Session, before: int, after: int) -> str:
     units = {setting.name: setting.unit for setting in session.settings}
     show = lambda name, value: "\N{EN DASH}" if value is None else quantity(value, units.get(name, "1"))  # noqa: E731
     number = lambda value: figure(math.nan if value is None else value, found.unit)  # noqa: E731
-    rows = [(f"{name}", show(name, a), show(name, b)) for name, (a, b) in found.changed.items()]
+    rows = [(name, show(name, a), show(name, b)) for name, (a, b) in found.changed.items()]
     for name, (a, b) in (("fitted error", found.fitted), ("held-out error", found.held_out)):
         rows.append((name, number(a), number(b)))
-    cells = "".join(
-        f"<tr><td>{html.escape(name)}</td><td class=n>{html.escape(a)}</td><td class=n>{html.escape(b)}</td></tr>"
-        for name, a, b in rows
-    )
-    head = f"<tr><td></td><td class=n>step {before}</td><td class=n>step {after}</td></tr>"
-    return f"{STYLE}<div class=steps><table><tbody>{head}{cells}</tbody></table></div>"
+    return CHARTS.differences(rows, before, after)
