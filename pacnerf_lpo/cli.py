@@ -58,9 +58,7 @@ FOLLOWS_LAW = ("physics.material", "phases.physics.init_args.method.init_args.le
 class PhaseCLI(LightningCLI):
     """Parses and links the sections data, physics, phases, outer_loop and trainer, and runs the phases.
 
-    Args:
-        args: command line after ``fit``.
-        datamodule_class, physics_class: what the sections ``data`` and ``physics`` configure.
+    ``args`` is the command line after ``fit``; the classes are what the sections ``data`` and ``physics`` configure.
     """
 
     def __init__(self, args: Sequence[str], datamodule_class: type[pl.LightningDataModule], physics_class: type):
@@ -316,12 +314,9 @@ def fit(
     finish: Callable[[Path, str | None], None],
     goes_on: bool = False,
 ) -> int:
-    """The command ``fit``; returns its exit status.
+    """The command ``fit``; returns its exit status. Arguments as of :class:`PhaseCLI` and :meth:`PhaseCLI.run`, and:
 
     Args:
-        args: command line after ``fit``.
-        datamodule_class, physics_class: as for :class:`PhaseCLI`.
-        doubt: as for :meth:`PhaseCLI.run`.
         finish: called with the run directory and the truth to compare with, once all phases are done.
         goes_on: a run of these settings that is there already goes on, as with ``--resume``.
     """

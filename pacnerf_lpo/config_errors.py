@@ -43,13 +43,7 @@ def find_configs(args: Sequence[str]) -> tuple[list[str], list[Path]]:
 
 
 def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> UserInputError:
-    """The parser's complaint as one line.
-
-    Args:
-        error: what the parser raised.
-        parser: with every argument declared, for the right names.
-        files: the configuration files, searched for the wrong name.
-    """
+    """The parser's complaint as one line, with the nearest right name and the place of the wrong one in the files."""
     text = str(error)
     where = ".".join(re.findall(r'Parser key "([^"]+)"', text))
     for explanation in (_unknown_key, _unknown_class, _missing, _wrong_type):

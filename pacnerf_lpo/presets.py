@@ -55,15 +55,12 @@ class Stack:
 
 
 def stack(folder: Path, words: Sequence[str]) -> Stack:
-    """The configurations of ``pacnerf-lpo fit SCENE``: ``fit``, the preset, the scene file, then what was typed.
+    """The configurations of ``pacnerf-lpo fit SCENE``: ``fit``, the preset, the scene file, then the words that were
+    typed.
 
     Values of the scene file win over those of a preset. Only the identification method is the preset's wherever the
     scene names another one. Voxels, time steps and images that the scene does not set follow its size, and never a
     constant of a preset.
-
-    Args:
-        folder: the scene.
-        words: the command line after it.
 
     Raises:
         UserInputError: no scene folder, or no such preset.

@@ -47,11 +47,8 @@ class Reusable:
         return f"the reconstruction is that of {self.source}; the velocity is fitted again, since {self.why_not}"
 
     def copy(self, manifest: Manifest, guess: Mapping[str, float]) -> ParticleState:
-        """Let a run begin with these phases; returns the last state.
-
-        Args:
-            manifest: of the run, without phases.
-            guess: its parameters to start from [SI], which take the place of those of the source.
+        """Let a run without phases begin with these; returns the last state. Its parameters to start from [SI],
+        ``guess``, take the place of those of the source.
         """
         manifest.begin_with(self.source, self.records)
         copy_events(self.source, manifest.run_dir, [record.phase for record in self.records])
@@ -66,12 +63,7 @@ class Reusable:
 
 
 def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusable:
-    """Which phases of a run another one can begin with.
-
-    Args:
-        source: the run directory.
-        config: complete configuration of the other one.
-        video: fingerprint of the video of the other one.
+    """Which phases of a run another one, with this complete configuration and fingerprint of its video, can begin with.
 
     Raises:
         UserInputError: the source has no finished reconstruction, or was made with another video or other settings.

@@ -8,12 +8,8 @@ if TYPE_CHECKING:
 
 
 def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
-    """Call ``run`` with a command line; returns the exit status. Its argument ``run_dir`` may be given as the scene.
-
-    Args:
-        run: typed function with a Google docstring.
-        name: of the command, as it is typed.
-        words: what follows it.
+    """Call ``run``, a typed function with a Google docstring, with the words that follow the name of a command; returns
+    the exit status. Its argument ``run_dir`` may be given as the scene.
 
     Raises:
         UserInputError: the words do not fit the function.

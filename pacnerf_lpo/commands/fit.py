@@ -38,13 +38,10 @@ def run(args: Sequence[str]) -> int:
 
 
 def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool) -> None:
-    """Say what is doubtful about the last finished phase of a run.
+    """Say what is doubtful about the last finished phase of a run, which ``template`` has configured.
 
-    Args:
-        manifest: of the run; keeps what the two methods of identification say.
-        data, physics: of the run.
-        template: the section of ``phases`` that configured the phase.
-        compare: run the methods against each other, after the identification of a body that was not corrected.
+    With ``compare``, images and outlines are compared after the identification of a body that was not corrected; the
+    manifest keeps what they say.
     """
     record = [record for record in manifest.phases if record.status == "done"][-1]
     stage = Stage(record, manifest.run_dir)

@@ -36,10 +36,7 @@ PROBES = 2.0
 class Catalogue:
     """The numbers and effects of a problem.
 
-    Args:
-        problem: measurements and models.
-        base: values of the first step [SI], around which sliders lie.
-        listed: YAML list of effects of one's own; None: none.
+    Sliders lie around ``base``, the values of the first step [SI]; ``listed`` is a YAML list of effects of one's own.
 
     Raises:
         UserInputError: the list cannot be read.

@@ -28,12 +28,8 @@ Progress = Callable[[str], None]
 
 
 class Some:
-    """An objective of a few of the coordinates, all others held; other processes get a copy.
-
-    Args:
-        objective: of all free coordinates [(K,)]
-        full: where the others stay [(K,)]
-        places: of those that move.
+    """An objective of the coordinates at ``places``, all others held where ``full`` has them [(K,)]; other processes
+    get a copy.
     """
 
     def __init__(self, objective: StandardisedObjective, full: np.ndarray, places: Sequence[int]):

@@ -43,12 +43,7 @@ class Known:
 
 
 class Noise:
-    """The noise of a session.
-
-    Args:
-        source: problem and store.
-        catalogue: of its effects.
-    """
+    """The noise of a session."""
 
     def __init__(self, source: Source, catalogue: Catalogue):
         self.source, self.problem, self.catalogue = source, source.problem, catalogue

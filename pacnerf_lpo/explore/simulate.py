@@ -53,12 +53,8 @@ def model_of(part: Part, resolution: Resolution) -> Model:
 
 
 def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | None = None) -> Errors:
-    """How far a rollout is from the measurements, see :class:`Errors`.
-
-    Args:
-        problem: the measurements.
-        found: the rollout.
-        floor: of the two parts, where it is known.
+    """How far a rollout is from the measurements, see :class:`Errors`; the floor of the two parts,
+    where it is known.
     """
     unit, factor = problem.unit
     table = np.sqrt(mean_of_outlines((factor * problem.residual(found.predicted)) ** 2))

@@ -21,11 +21,9 @@ from pacnerf_lpo.scene_folder import run_directory
 class Source:
     """A problem and where it came from.
 
-    problem: measurements and models.
-    store: of the steps of its diagnosis.
+    store: of the steps of its diagnosis, which has these options.
     runs: folders of the recordings.
     phase: of the runs; None: the last before a correction.
-    options: of the diagnosis.
     """
 
     problem: Problem

@@ -29,14 +29,7 @@ warnings.filterwarnings("ignore", ".*still being processed by the workers have b
 
 
 class Stepper:
-    """The steps of a session. Changes are made one after the other, each stops a refinement; looking waits for none.
-
-    Args:
-        catalogue: of the settings and effects that the steps have.
-
-    Attributes:
-        history: the steps.
-    """
+    """The steps of a session. Changes are made one after the other, each stops a refinement; looking waits for none."""
 
     def __init__(self, catalogue: Catalogue):
         self.catalogue, self.problem, self.history = catalogue, catalogue.problem, History()

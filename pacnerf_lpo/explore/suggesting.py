@@ -182,13 +182,8 @@ def on_coarse_body(problem: Problem) -> Problem:
 def fitted(
     problem: Problem, effects: tuple[Effect, ...], values: dict[str, float], noise: Comparison, progress: Progress
 ) -> Comparison:
-    """A model fitted with all its unknowns from where it stands, with a known noise around it.
-
-    Args:
-        problem: on its coarse body.
-        effects, values: of the model [SI]
-        noise: a comparison of the same data.
-        progress: receives a line about each step.
+    """A model [SI] fitted with all its unknowns from where it stands, on the coarse body, with the known noise of a
+    comparison of the same data around it.
 
     Raises:
         SimulationError: the motion is unstable where it stands.

@@ -9,11 +9,10 @@ NO_CORRECTION = "none"
 class Column:
     """One column of a table.
 
-    Attributes:
-        label: its heading, such as ``+LPO⁴``.
-        baseline, correction: names of files in ``configs/baselines`` and ``configs/corrections``.
-        round: after which round of Algorithm 1; 0 is the static phase.
-        group: columns of one group are compared with each other; an empty group is a reference.
+    label: its heading, such as ``+LPO⁴``.
+    baseline, correction: names of files in ``configs/baselines`` and ``configs/corrections``.
+    round: after which round of Algorithm 1; 0 is the static phase.
+    group: columns of one group are compared with each other; an empty group is a reference.
     """
 
     label: str
@@ -34,12 +33,11 @@ class Column:
 class RunName:
     """Which run of a suite: the results after every round come out of one run, so the round is not part of it.
 
-    Attributes:
-        scene: name of the scene.
-        baseline: name of a file in ``configs/baselines``.
-        correction: name of a file in ``configs/corrections``; empty for the common beginning of all corrections: static
-            grids, velocity and the first identification, which is also the baseline's own result.
-        views: name of a file in ``configs/views``; empty for the baseline's own views.
+    scene: name of the scene.
+    baseline: name of a file in ``configs/baselines``.
+    correction: name of a file in ``configs/corrections``; empty for the common beginning of all corrections: static
+        grids, velocity and the first identification, which is also the baseline's own result.
+    views: name of a file in ``configs/views``; empty for the baseline's own views.
     """
 
     scene: str

@@ -26,12 +26,11 @@ FAILURE_FILE = "failure.txt"
 class Task:
     """What a worker needs to go on with a run.
 
-    Attributes:
-        run_dir: a prepared run directory.
-        command: of ``fit``.
-        threads: CPU threads of the run.
-        memory: limit of its resident memory [bytes]; None for no limit.
-        stop: while this file exists, runs are stopped and none is started.
+    run_dir: a prepared run directory.
+    command: of ``fit``.
+    threads: CPU threads of the run.
+    memory: limit of its resident memory [bytes]; None for no limit.
+    stop: while this file exists, runs are stopped and none is started.
     """
 
     run_dir: Path

@@ -24,10 +24,7 @@ class ConfigReader:
         self._cli: PhaseCLI | None = None
 
     def read(self, words: Sequence[str]) -> dict[str, Any]:
-        """Every value of the configuration, those that nobody set included.
-
-        Args:
-            words: options of ``fit``, ``--config`` files among them.
+        """Every value of the configuration that options of ``fit`` give, those that nobody set included.
 
         Raises:
             UserInputError: they do not fit.
@@ -42,12 +39,9 @@ class ConfigReader:
 
 
 def run_key(config: Mapping[str, Any]) -> str:
-    """The key of a run's results.
+    """The key of the results of a run with a resolved configuration.
 
     The rounds are left out, because the results after every round are kept; so are the places of run, data and truth.
-
-    Args:
-        config: resolved configuration.
     """
     kept = deepcopy(dict(config))
     kept.pop("truth")

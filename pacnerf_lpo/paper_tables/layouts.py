@@ -32,10 +32,9 @@ PARAMETERS = {
 class Layout(ABC):
     """A table of the paper.
 
-    Attributes:
-        name: its file, and its place in ``paper.yaml``.
-        title: what it compares.
-        columns: from left to right.
+    name: its file, and its place in ``paper.yaml``.
+    title: what it compares.
+    columns: from left to right.
     """
 
     name: str
@@ -62,10 +61,9 @@ class Layout(ABC):
 class ImageLayout(Layout):
     """PSNR, SSIM and LPIPS by scene and on average.
 
-    Attributes:
-        views: the set of views that is scored. A reference that was trained on all views is scored on those that the
-            first compared column holds out.
-        first_frame: score the first frame only.
+    views: the set of views that is scored. A reference that was trained on all views is scored on those that the
+        first compared column holds out.
+    first_frame: score the first frame only.
     """
 
     views: Literal["train", "test"] = "test"
@@ -128,9 +126,8 @@ PAPER_SCENES = 9
 class SpreadLayout(Layout):
     """Image metrics averaged over scenes, as mean and standard deviation over several view sets.
 
-    Attributes:
-        views: the set of views that is scored.
-        sets: names of the view sets, files in ``configs/views``; empty for the baseline's own.
+    views: the set of views that is scored.
+    sets: names of the view sets, files in ``configs/views``; empty for the baseline's own.
     """
 
     views: Literal["train", "test"] = "test"

@@ -29,15 +29,11 @@ BEGINNING = 3  # static grids, velocity, first identification
 class PlannedRun:
     """A run of the suite.
 
-    Attributes:
-        name: what it is.
-        scene: where its video is.
-        files: its configuration files, in order.
-        rounds: rounds of Algorithm 1 that the tables need.
-        config: the resolved configuration.
-        key: of its results.
-        run_dir: where it is; the key is part of its name.
-        start: the run whose first phases it takes over, if any.
+    files: its configuration files, in order.
+    rounds: rounds of Algorithm 1 that the tables need.
+    config: the resolved configuration.
+    run_dir: where it is; the key of its results is part of its name.
+    start: the run whose first phases it takes over, if any.
     """
 
     name: RunName
@@ -94,14 +90,10 @@ class PlannedRun:
 def plan_runs(
     suite: "Suite", scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
 ) -> list[PlannedRun]:
-    """All runs of a suite, those that others start from first.
+    """All runs of a suite over scenes, those that others start from first.
 
-    Args:
-        suite: what is compared.
-        scenes: where.
-        configs: folder of the configurations.
-        overlays: files put on top of scene and baseline.
-        output: folder of the benchmark.
+    ``configs`` is the folder of the configurations, ``overlays`` are put on top of scene and baseline, ``output`` is
+    the folder of the benchmark.
 
     Raises:
         UserInputError: a configuration or a scene cannot be used.

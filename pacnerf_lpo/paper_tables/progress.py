@@ -25,12 +25,8 @@ TIMES = " | "
 class Progress:
     """While entered, shows the state of all runs on standard error, again and again.
 
-    In a terminal the view is replaced in place; elsewhere it is printed when it changes.
-
-    Args:
-        runs: all of them.
-        outcomes: those that have ended; filled by the runner meanwhile.
-        jobs: runs at the same time.
+    In a terminal the view is replaced in place; elsewhere it is printed when it changes. The runner fills ``outcomes``
+    meanwhile with those that have ended; ``jobs`` run at the same time.
     """
 
     def __init__(

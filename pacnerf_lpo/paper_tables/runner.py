@@ -24,10 +24,9 @@ Backend = Literal["loky", "dask", "ray"]
 class Resources:
     """How runs share the machine.
 
-    Attributes:
-        jobs: runs at the same time.
-        backend: what starts them when there are several.
-        memory: limit of each run's resident memory [bytes]; None for no limit.
+    jobs: runs at the same time.
+    backend: what starts them when there are several.
+    memory: limit of each run's resident memory [bytes]; None for no limit.
     """
 
     jobs: int = 1

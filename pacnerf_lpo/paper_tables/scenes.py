@@ -20,11 +20,10 @@ FLUIDS = ("droplet", "letter")
 class Scene:
     """A scene to run.
 
-    Attributes:
-        root: what ``data.root`` is set to.
-        configs: configuration files of the scene, in order.
-        truth: what ``truth`` is set to; only the evaluation at the end of a run opens it.
-        original: whether it is the paper's recording, so that the paper's figures can stand next to ours.
+    root: what ``data.root`` is set to.
+    configs: configuration files of the scene, in order.
+    truth: what ``truth`` is set to; only the evaluation at the end of a run opens it.
+    original: whether it is the paper's recording, so that the paper's figures can stand next to ours.
     """
 
     name: str

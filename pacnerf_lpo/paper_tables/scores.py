@@ -64,11 +64,8 @@ class Figures:
 
 
 class Book:
-    """Finds the figures that belong in a table.
-
-    Args:
-        runs: the runs of the suite; nothing is read from any other run.
-        outcomes: how they ended just now, by their directories.
+    """Finds the figures that belong in a table, in the runs of the suite and in no other; ``outcomes`` say by directory
+    how they ended just now.
     """
 
     def __init__(self, runs: Sequence[PlannedRun], outcomes: Mapping[Path, Outcome]):

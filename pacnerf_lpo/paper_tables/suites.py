@@ -19,11 +19,10 @@ FULL = Column("PAC-NeRF", "pac_nerf")
 class Suite:
     """Tables over scenes.
 
-    Attributes:
-        scenes: names of scenes; of the paper's nine, those that the data folder has are taken.
-        layouts: the tables.
-        overlays: configuration files that belong to the suite, relative to the folder of configurations.
-        asset: the scenes are the package's own, and no data folder is needed.
+    scenes: names of scenes; of the paper's nine, those that the data folder has are taken.
+    layouts: the tables.
+    overlays: configuration files that belong to the suite, relative to the folder of configurations.
+    asset: the scenes are the package's own, and no data folder is needed.
     """
 
     scenes: tuple[str, ...]

@@ -11,13 +11,12 @@ Mark = Literal["", "best", "second"]
 class Entry:
     """One figure of a table.
 
-    Attributes:
-        value: ours; None where there is none.
-        note: why there is none.
-        deviation: standard deviation where the value is a mean over view sets.
-        paper: what the paper prints in this place.
-        mark: among the compared columns of its row.
-        key: of the run it comes from.
+    value: ours; None where there is none.
+    note: why there is none.
+    deviation: standard deviation where the value is a mean over view sets.
+    paper: what the paper prints in this place.
+    mark: among the compared columns of its row.
+    key: of the run it comes from.
     """
 
     value: float | None = None
@@ -32,10 +31,9 @@ class Entry:
 class Row:
     """A line of a table.
 
-    Attributes:
-        scene, quantity: what it is about, for people.
-        form: how numbers are printed, such as ``.2f``.
-        better: 1 higher, -1 lower, 0 not to be compared.
+    scene, quantity: what it is about, for people.
+    form: how numbers are printed, such as ``.2f``.
+    better: 1 higher, -1 lower, 0 not to be compared.
     """
 
     scene: str
@@ -62,11 +60,8 @@ class Table:
 
 
 def marked(row: Row, groups: Sequence[str]) -> Row:
-    """Mark the best and the second best of each group of columns; equal as printed is equal.
-
-    Args:
-        row: without marks.
-        groups: of each column; columns with an empty group are not compared.
+    """Mark the best and the second best of each group of columns; equal as printed is equal. Columns with an empty
+    group are not compared.
     """
     entries = list(row.entries)
     for group in dict.fromkeys(filter(None, groups)):

@@ -172,12 +172,8 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
 
 
 def described(candidate: Candidate, count: int, alternative: int) -> dict[str, Any]:
-    """What a reader has to know of a candidate to read its score.
-
-    Args:
-        candidate: the effect.
-        count: of the coefficients that were estimated.
-        alternative: which of the trials explains most.
+    """What a reader has to know of a candidate to read its score: of so many coefficients that were estimated, and of
+    the trial that explains most.
     """
     effect, trials = candidate.effect, candidate.trials()
     names = list(effect.null)[:count]

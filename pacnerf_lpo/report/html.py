@@ -21,13 +21,8 @@ SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves
 
 
 def write_report(run_dir: str | Path) -> Path:
-    """Write ``report.html`` into the run directory; evaluates the run first where that has not been done.
-
-    Args:
-        run_dir: folder that ``pacnerf-lpo fit`` wrote.
-
-    Returns:
-        The page's path.
+    """Write ``report.html`` into a run directory, and return its path; evaluates the run first where that has not been
+    done.
 
     Raises:
         UserInputError: it is no run directory, or no phase of it is finished.

@@ -43,14 +43,8 @@ def parts(name: str) -> Any:
 def page(
     name: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], **values: Any
 ) -> str:
-    """A page as text.
-
-    Args:
-        name: of its template among the assets, without ``.html``.
-        title: of the window.
-        styles, scripts: names of assets, in their order.
-        data: that the scripts read.
-        values: of the template.
+    """A page as text: ``values`` fill its template, ``NAME.html``; styles and scripts are names of assets, in their
+    order, and the scripts read ``data``.
     """
     return (
         environment()

@@ -31,13 +31,7 @@ def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
 
 
 def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = None) -> dict[str, Any]:
-    """Everything the page's scripts read.
-
-    Args:
-        run: the run.
-        results: its ``results.json``.
-        truth: true parameters, drawn as lines where given.
-    """
+    """Everything the page's scripts read, of a run and its ``results.json``; true parameters are drawn as lines."""
     stages = shown_stages(run, results)
     video = run.data.video
     last = stages[-1] if stages else run.last

@@ -19,13 +19,9 @@ BAR, ROW, WIDTH = 18, 46, 720
 
 
 def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> Path:
-    """Write both files; returns the path of the page.
+    """Write both files into the folder of a diagnosis; returns the path of the page.
 
-    Args:
-        folder: of the diagnosis.
-        scene: its name.
-        names: of the hypotheses that are to be separated.
-        proposals: best first.
+    ``names`` are the hypotheses that are to be separated; the best proposal comes first.
     """
     content = {"scene": scene, "hypotheses": list(names), "proposals": [asdict(one) for one in proposals]}
     write_atomically(folder / RESULT, json.dumps(content, indent=1).encode())

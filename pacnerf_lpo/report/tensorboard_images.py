@@ -16,11 +16,8 @@ TITLE = "rendered | measured | residual (orange: model darker, blue: brighter)"
 
 
 def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
-    """Show what an evaluation measured: image metrics and rendered-vs-measured images at the last step of each phase.
-
-    Args:
-        run: the run.
-        results: what ``evaluate_run`` returned.
+    """Show what ``evaluate_run`` returned: image metrics and rendered-vs-measured images at the last step of each
+    phase.
     """
     step = 0
     for stage, result in zip(run.stages, results["phases"], strict=True):
@@ -64,13 +61,8 @@ def log_comparison(logger: PhaseLogger, tag: str, predicted: Tensor, measured: T
 
 
 def scalar_layout(results: Mapping[str, Any]) -> dict[str, Any]:
-    """The page "custom scalars": a chart for each physical parameter, the initial velocity, and the image metrics.
-
-    Args:
-        results: what ``evaluate_run`` returned.
-
-    Returns:
-        What ``SummaryWriter.add_custom_scalars`` takes: chapter, chart, and patterns of the tags in it.
+    """The page "custom scalars": a chart for each physical parameter, the initial velocity, and the image metrics, as
+    ``SummaryWriter.add_custom_scalars`` takes it: chapter, chart, and patterns of the tags in it.
     """
     last = results["phases"][-1]["parameters"]
     parameters = {}

@@ -31,15 +31,11 @@ def explained(phase: Mapping[str, Any], rows: Sequence[int]) -> float:
 
 
 def judge(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Verdict:
-    """Judge the last phase.
+    """Judge the last phase of evaluated results, which has images.
 
     By the overlap of the silhouettes in the frame in which it is least, a mean over the views held out, or over the
     training views where none is: ``good`` from GOOD on, ``fair`` from FAIR on. A model that is farther from the video
     than an empty scene is ``poor``.
-
-    Args:
-        results: of :func:`pacnerf_lpo.evaluation.evaluate.evaluate_run`.
-        phase: the entry of ``results["phases"]`` to judge, with images.
     """
     order = sorted([*results["views"]["train"], *results["views"]["test"]])
     train = [order.index(view) for view in results["views"]["train"]]

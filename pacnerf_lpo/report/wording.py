@@ -73,13 +73,7 @@ def capitalised(sentence: str) -> str:
 
 
 def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
-    """The verdict, then what else is to be said.
-
-    Args:
-        material: of the model.
-        rounds: of the diagnosis.
-        said: their verdict.
-    """
+    """The verdict on a diagnosis of a model with this material, then what else is to be said."""
     last = rounds[-1]
     if said.kind == "unfinished":
         return [UNFINISHED]
@@ -167,11 +161,8 @@ def _removed(rounds: list[Round]) -> list[str]:
 
 
 def force(explained: float, law: Law) -> list[str]:
-    """About the smooth force that would remove the residual.
-
-    Args:
-        explained: share of the fitted data's excess error that it removes.
-        law: that it looks like.
+    """About the smooth force that would remove a share ``explained`` of the fitted data's excess error, and the law
+    that it looks like.
     """
     found = [f"A smooth force on the body would remove {explained:.0%} of the excess error in the fitted data."]
     terms = ", ".join(f"{term.coefficient:.3g} {term.unit} times ({term.name})" for term in law.terms)

@@ -53,25 +53,16 @@ def hint(text: str, how: str = "") -> str:
 
 
 def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = None) -> str:
-    """The steps below each other, each with its name and both errors as bars; a click goes to it.
-
-    Args:
-        bars: steps, the oldest first.
-        current: number of the one that is shown.
-        unit: of the errors.
-        slider: element that chooses the step; None: nothing can be clicked.
+    """The steps below each other, the oldest first, each with its name and both errors as bars; a click goes to it
+    where an element, ``slider``, chooses the step.
     """
     worst = max((v for bar in bars for v in (bar.fitted, bar.held) if math.isfinite(v)), default=0.0) or 1.0
     return CHARTS.history(bars, current, worst, unit, slider)
 
 
 def heat_map(errors: Table, selected: tuple[int, int], sliders: tuple[str, str] | None = None) -> str:
-    """Errors by camera (rows) and frame (columns); what is held out has another colour, a click goes there.
-
-    Args:
-        errors: what is drawn.
-        selected: row and frame that are shown.
-        sliders: elements that choose the camera and the frame; None: nothing can be clicked.
+    """Errors by camera (rows) and frame (columns) with the place that is shown; what is held out has another colour. A
+    click goes to a place where elements, ``sliders``, choose camera and frame.
     """
     rows, frames = errors.table.shape
     wide, high = 300.0 / frames, min(16.0, 150.0 / rows)
@@ -79,13 +70,12 @@ def heat_map(errors: Table, selected: tuple[int, int], sliders: tuple[str, str] 
 
 
 def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected: int, unit: str) -> str:
-    """Errors over time [s], of what is fitted and of what is held out, with the frame that is shown.
+    """Errors over time, of what is fitted and of what is held out, with the frame that is shown.
 
     Args:
         times: of the frames [s, (F,)].
-        fitted, held: errors [(F,)], NaN where there is none.
+        fitted, held: errors [``unit``, (F,)], NaN where there is none.
         selected: frame that is shown.
-        unit: of the errors.
     """
     most = _largest(np.concatenate((fitted, held)))
     x = 38 + 300 * (times - times[0]) / (float(times[-1] - times[0]) or 1.0)

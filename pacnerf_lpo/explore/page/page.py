@@ -41,16 +41,10 @@ class Shown:
 
 
 class Page:
-    """A session on a local web page.
+    """A session on a local web page; arguments as of :func:`pacnerf_lpo.explore.page.open_page`.
 
     Changes are made by one thread, questions are answered by another, so that a hand never waits for an answer. All
     open pages show the same.
-
-    Args:
-        session: that is shown.
-        host: address to listen on.
-        port: to listen on; the next free one where it is taken.
-        dark: dark colours.
     """
 
     def __init__(self, session: Session, host: str = "127.0.0.1", port: int = 8080, dark: bool = False):

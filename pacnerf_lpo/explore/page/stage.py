@@ -44,12 +44,7 @@ class Moving:
 
 
 class Stage:
-    """What stands in the scene of a server.
-
-    Args:
-        server: of the page.
-        choose: called with the number of a camera that was clicked.
-    """
+    """What stands in the scene of a server; ``choose`` is called with the number of a camera that was clicked."""
 
     def __init__(self, server: viser.ViserServer, choose: Callable[[int], None]):
         self.server, self.choose = server, choose

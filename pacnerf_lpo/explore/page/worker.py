@@ -42,12 +42,8 @@ class Worker:
         self._thread.start()
 
     def ask(self, kind: str, job: Callable[[], None], refined_later: bool = False) -> None:
-        """Have a job done soon, from any thread.
-
-        Args:
-            kind: jobs of one kind replace each other while they wait.
-            job: what is to be done.
-            refined_later: whether ``rested`` follows when no more is asked for.
+        """Have a job done soon, from any thread; those of one kind replace each other while they wait. ``rested``
+        follows a job that says ``refined_later`` when no more is asked for.
         """
         with self._condition:
             self._jobs.pop(kind, None)
