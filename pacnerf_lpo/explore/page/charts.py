@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.quantities import figure as figure
 from pacnerf_lpo.report.page import parts
 
-CHARTS = parts("step_charts")
-FITTED, HELD = CHARTS.fitted, CHARTS.held
+FITTED, HELD = parts("step_charts").fitted, parts("step_charts").held
 """Colours of what is fitted and of what is held out; apart for every common colour deficiency, on light and on dark."""
 
 
@@ -47,9 +47,14 @@ def bar(step: Step) -> Bar:
     return Bar(name + mark, *(np.nan if value is None else value for value in (step.fitted, step.held_out)))
 
 
+def chart(name: str, *values: Any) -> str:
+    """A macro of ``step_charts_parts.html``, as plain text: viser sends nothing else."""
+    return str(getattr(parts("step_charts"), name)(*values))
+
+
 def hint(text: str, how: str = "") -> str:
     """Small words on the page; text that is no ``Markup`` is escaped, ``how`` is more of their style."""
-    return CHARTS.hint(text, how)
+    return chart("hint", text, how)
 
 
 def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = None) -> str:
@@ -57,7 +62,7 @@ def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = N
     where an element, ``slider``, chooses the step.
     """
     worst = max((v for bar in bars for v in (bar.fitted, bar.held) if math.isfinite(v)), default=0.0) or 1.0
-    return CHARTS.history(bars, current, worst, unit, slider)
+    return chart("history", bars, current, worst, unit, slider)
 
 
 def heat_map(errors: Table, selected: tuple[int, int], sliders: tuple[str, str] | None = None) -> str:
@@ -66,7 +71,7 @@ def heat_map(errors: Table, selected: tuple[int, int], sliders: tuple[str, str] 
     """
     rows, frames = errors.table.shape
     wide, high = 300.0 / frames, min(16.0, 150.0 / rows)
-    return CHARTS.heat_map(errors, selected, sliders, _largest(errors.table), wide, high)
+    return chart("heat_map", errors, selected, sliders, _largest(errors.table), wide, high)
 
 
 def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected: int, unit: str) -> str:
@@ -84,7 +89,7 @@ def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected:
         points, known = np.column_stack((x, 110 - 100 * values / (most or 1.0))), np.isfinite(values)
         breaks = np.flatnonzero(np.diff(known)) + 1
         pieces += [(out, piece) for piece in np.split(points, breaks) if np.isfinite(piece[0, 1])]
-    return CHARTS.over_time(pieces, x[min(selected, len(x) - 1)], times, most, unit)
+    return chart("over_time", pieces, x[min(selected, len(x) - 1)], times, most, unit)
 
 
 def path(times: np.ndarray, measured: np.ndarray, model: np.ndarray, held: np.ndarray, selected: int) -> str:
@@ -109,13 +114,13 @@ def path(times: np.ndarray, measured: np.ndarray, model: np.ndarray, held: np.nd
         line = [place for place in zip(x, y[:, 1], strict=True) if math.isfinite(place[1])]
         ends = (low, foot), (most, top)
         axes.append({"name": "xyz"[axis], "ends": ends, "middle": (top + foot) / 2, "model": line, "measured": dots})
-    return CHARTS.path(axes, times, selected)
+    return chart("path", axes, times, selected)
 
 
 def by_name(values: Mapping[str, float], unit: str) -> str:
     """Errors by name, such as regions of the body, as bars."""
     known = {name: value for name, value in values.items() if math.isfinite(value)}
-    return CHARTS.by_name(known, max(known.values(), default=0.0) or 1.0, unit)
+    return chart("by_name", known, max(known.values(), default=0.0) or 1.0, unit)
 
 
 def _largest(values: np.ndarray) -> float:

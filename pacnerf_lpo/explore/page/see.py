@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from pacnerf_lpo.explore import pictures
-from pacnerf_lpo.explore.page.charts import CHARTS, path
+from pacnerf_lpo.explore.page.charts import chart, path
 from pacnerf_lpo.explore.page.stage import KINDS, Moving
 from pacnerf_lpo.explore.records import Measured, Motion
 
@@ -192,7 +192,7 @@ class See:
         if centres is not None:
             model = page.shown.motions[page.recording].positions.mean(1)
             self.path.content = path(times, centres, model, page.session.held_frames(page.recording), frame)
-        self.caption.content = CHARTS.caption(where, held, bool(cameras))
+        self.caption.content = chart("caption", where, held, bool(cameras))
 
     def _picture(self, frame: int) -> np.ndarray:
         page = self.page
@@ -242,7 +242,7 @@ class See:
         known = values[np.isfinite(values)]
         most = float(np.percentile(known, SHARE)) if len(known) else 1.0
         stops = ["#" + bytes(colour).hex() for colour in pictures.painted(np.linspace(0.0, 1.0, 9), 1.0)]
-        self.legend.content = CHARTS.colours(least, least + most, PAINTS[kind], stops)
+        self.legend.content = chart("colours", least, least + most, PAINTS[kind], stops)
         return pictures.painted(values, most)
 
     def _measure(self) -> None:

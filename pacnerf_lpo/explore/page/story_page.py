@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from PIL import Image
 
 from pacnerf_lpo.explore import pictures
@@ -64,7 +65,7 @@ def story_page(session: Session) -> str:
         data,
         eyebrow=session.name,
         headline=headline(session),
-        steps=charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step"),
+        steps=Markup(charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step")),
     )
 
 
@@ -106,7 +107,7 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
     return {
         "name": step.name,
         "particles": moving_particles(motion.positions, colours, motion.size, MOST_PARTICLES),
-        "html": parts("story").step(shown, cells, line, errors.unit, _values(session, step)),
+        "html": parts("story").step(shown, Markup(cells), Markup(line), errors.unit, _values(session, step)),
     }
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from pacnerf_lpo.explore.page.charts import CHARTS
+from pacnerf_lpo.explore.page.charts import chart
 from pacnerf_lpo.explore.records import Setting, Suggestion
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.mpm.parameters import OF
@@ -44,7 +44,7 @@ def evidence(found: Suggestion) -> str:
         for name, value in found.values.items()
     ]
     sure, more = "stands out" if found.stands_out else "may be chance", len(sizes) - MOST_SIZES
-    return CHARTS.evidence(odds, probability(found.p_value), sure, sizes[:MOST_SIZES], more)
+    return chart("evidence", odds, probability(found.p_value), sure, sizes[:MOST_SIZES], more)
 
 
 def reason(found: Suggestion) -> str:
@@ -64,4 +64,4 @@ def difference_table(session: Session, before: int, after: int) -> str:
     rows = [(name, show(name, a), show(name, b)) for name, (a, b) in found.changed.items()]
     for name, (a, b) in (("fitted error", found.fitted), ("held-out error", found.held_out)):
         rows.append((name, number(a), number(b)))
-    return CHARTS.differences(rows, before, after)
+    return chart("differences", rows, before, after)
