@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis import diagnose
-from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.diagnose import Options, _number, investigate
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, judge
 from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, PARTS
@@ -99,3 +99,15 @@ def test_held_out_data_speak_against_an_unknown_force(monkeypatch, tmp_path, sma
         factors.append(force.log_bayes_factor)
     seen_by_all, contradicted = factors
     assert seen_by_all > contradicted + 10
+
+
+def test_rounds_that_came_about_in_other_ways_have_other_names(monkeypatch, tmp_path, small_threads):
+    """Stored steps of a round that was given up are none of one of the same number that takes its place."""
+    falling.install(monkeypatch)
+    first, second = (diagnosed(falling.Falling({"drag": 2.0}), tmp_path)[0] for _ in range(2))
+    names = {_number(3, 0, [first, second])}
+    first.widened = True
+    names |= {_number(3, 0, [first, second]), _number(3, 1, [first, second])}
+    second.left_out["Adhesion"] = "unstable"
+    names |= {_number(3, 0, [first, second]), _number(3, 0, [second, first])}
+    assert len(names) == 5
