@@ -180,7 +180,7 @@ def _forward(
             progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
             continue
         keep(rounds)
-        if options.until != "refit" or (last.accepted is None and not _widened(problem, store, rounds, told)):
+        if options.until != "refit" or (last.accepted is None and not _widened(problem, store, rounds, progress)):
             break
         last = rounds[-1]
         assert last.accepted is not None
@@ -223,7 +223,7 @@ def _round(
     again: int = 0,
 ) -> Round:
     latest = (before[-1].effects, before[-1].comparison) if before else None
-    number = _number(len(before) + 1, again, before[-1] if before else None)
+    number = _number(len(before) + 1, again, before)
     settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
     searched = not before and not again
     step = partial(compare, problem, effects, known, settings, searched, told, latest)
@@ -247,16 +247,33 @@ def _round(
         found.candidates = candidates_for(problem, options, effects)
     look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
     found.probes = probes = store.once(f"{number}_probe", look)
-    found.screening = screening = judge(problem, comparison, probes)
+    found.screening = judge(problem, comparison, probes)
     found.effort["screen"] = _effort(store, [f"{number}_probe"], probes.simulated)
     if options.until == "screen":
         return found
-    found.refits, simulated = _refits(problem, store, number, found, screening, progress)
-    tried = [name for name in store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
-    found.effort["refit"] = _effort(store, tried, simulated)
+    _fit_hypotheses(problem, store, [*before, found], progress)
     found.finished = True
-    _select(problem, found, screening)
     return found
+
+
+def _fit_hypotheses(
+    problem: Problem,
+    store: Store,
+    rounds: Sequence[Round],
+    progress: Callable[[str], None],
+    kept: Sequence[Refit] = (),
+) -> None:
+    """Fit in the last of some rounds every hypothesis that could win, but those of the refits that are kept, and take
+    over the best of all.
+    """
+    found = rounds[-1]
+    assert found.screening is not None
+    number = _number(len(rounds), found.again, rounds)
+    found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
+    tried = [name for name in store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
+    before = found.effort.get("refit", {})
+    found.effort["refit"] = {k: v + before.get(k, 0) for k, v in _effort(store, tried, simulated).items()}
+    _select(problem, found, found.screening)
 
 
 def _select(problem: Problem, found: Round, screening: Screening) -> None:
@@ -281,44 +298,40 @@ def _leave_out(
     its place. What was given up as it fell behind that one has another chance.
     """
     found = rounds[-1]
-    assert found.accepted is not None and found.screening is not None
+    assert found.accepted is not None
     name = found.accepted.name
     found.left_out[name] = str(error)
-    kept = [again for again in found.refits if again.name != name]
-    number = _number(len(rounds), found.again, found)
-    found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
-    found.effort["refit"]["simulations"] += simulated
-    _select(problem, found, found.screening)
+    _fit_hypotheses(problem, store, rounds, progress, [again for again in found.refits if again.name != name])
 
 
 def _widened(problem: Problem, store: Store, rounds: list[Round], progress: Callable[[str], None]) -> bool:
-    """Where the rounds end with an unknown cause or with more than the model predicts: fit what no straight line led
-    to, in the last round, then in those before it, until another effect is the best of one, with which that round ends
-    then; whether there is one.
+    """Where the rounds end with an unknown cause or with more than the model predicts: fit the hypotheses to which no
+    straight line led, in the last round, then in those before it, until another effect wins in one of them. The rounds
+    end with that one then. Returns whether there is one.
     """
     if not (unknown_wins(rounds[-1]) or leaves_more(rounds[-1])):
         return False
-    for place, found in reversed(list(enumerate(rounds))):
+    for count in range(len(rounds), 0, -1):
+        found = rounds[count - 1]
         if found.widened or found.screening is None:
             continue
         found.widened, before = True, found.accepted
-        number = _number(place + 1, found.again, found)
-        found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, found.refits)
-        found.effort["refit"]["simulations"] += simulated
-        _select(problem, found, found.screening)
+        _fit_hypotheses(problem, store, rounds[:count], _prefixed(progress, f"round {count}, "), found.refits)
         if found.accepted is not None and (before is None or found.accepted.name != before.name):
-            del rounds[place + 1 :]
+            del rounds[count:]
             return True
     return False
 
 
-def _number(count: int, again: int, found: Round | None) -> str:
-    """Of a round in the names of its steps: beginning again, and what a round had to leave out or fitted in addition,
-    make others of it and the next.
+def _number(count: int, again: int, rounds: Sequence[Round]) -> str:
+    """Of a round in the names of its steps: beginning again, and what this round or one before it left out or fitted in
+    addition, make others of it.
     """
-    begun = f"{count}_again{again}" if again else str(count)
-    begun += "_widened" if found is not None and found.widened else ""
-    return "_without_".join([begun, *(found.left_out if found else ())])
+    parts = [f"{count}_again{again}" if again else str(count)]
+    for place, found in enumerate(rounds, 1):
+        parts += [f"widened_{place}"] if found.widened else []
+        parts += [f"without_{name}" for name in found.left_out]
+    return "_".join(parts)
 
 
 def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[str, float]] | None:

@@ -57,7 +57,7 @@ def sensor_noise(moments: np.ndarray) -> np.ndarray:
     its centroid, where x is R / sqrt(2) on average along the edge and R / 2 over the area.
     """
     size, across, down = moments[..., 2], moments[..., 3], moments[..., 4]
-    edge = EDGE * np.sqrt(1.5)  # on average over a pixel of a circle's outline
+    edge = EDGE * np.sqrt(1.5)  # for each pixel along a circle's outline
     total = edge * np.sqrt(2 * np.sqrt(np.pi) * size)  # of the area, in square pixels
     found = np.empty_like(moments)
     for first, length in enumerate((across, down)):
@@ -65,7 +65,8 @@ def sensor_noise(moments: np.ndarray) -> np.ndarray:
         found[..., 3 + first] = np.sqrt(3 / 4) * total * length / size**2
     found[..., 2] = total / (2 * size)
     found[..., 5] = np.sqrt(1 / 2) * total * np.maximum(across, down) / size**2
-    found[..., 6:] = 1.27 * edge / np.sqrt(size)[..., None]  # 1.27 R of the edge, before a chord of 1.19 R
+    # Where the tail ends moves by the error of its area, from 1.27 R of the edge, over the chord there, 1.19 R.
+    found[..., 6:] = 1.27 * edge / np.sqrt(size)[..., None]  # sqrt(1.27 R) / (1.19 R), R = size / sqrt(pi)
     return found
 
 

@@ -67,7 +67,7 @@ class Prediction:
     part, it is the likelihood of all data.
 
     cost: square of the standardised deviation of the held-out data, given the fitted ones
-    occam: logarithm of the part of their variance that is not the parameters'
+    occam: minus half the logarithm of how much wider the parameters' errors make their distribution
     """
 
     cost: float

@@ -30,7 +30,7 @@ from pacnerf_lpo.mpm.materials import (
     VonMises,
 )
 from pacnerf_lpo.mpm.physics import Physics
-from tests.diagnosis.falling import FRAMES, RADIUS, RATE, SPACING, STEPS, Falling
+from tests.diagnosis.falling import FRAMES, NOISE, RADIUS, RATE, SPACING, STEPS, Falling
 
 TRUE_V = {"v_x": 0.4, "v_y": -4.0, "v_z": 0.2}
 CANDIDATES = NeoHookean(E=3e4, known=["nu"]), Newtonian(mu=10.0, kappa=3e4), VonMises(E=3e4, tau_y=1e3, known=["nu"])
@@ -89,7 +89,8 @@ class Dropped(Falling):
         self.physics = self.physics.of(law)
         true = self.model((), {**law.guess, **TRUE_V})
         measured = true.observe(motion(true, true.start), true.start)
-        self.measured = measured + self.sensor * np.random.default_rng(seed).standard_normal(measured.shape)
+        noise = NOISE * np.random.default_rng(seed).standard_normal(measured.shape)
+        self.measured = measured + self.sensor * noise
         self.physics = self.physics.of(Auto(list(CANDIDATES)))
 
     @property
@@ -111,7 +112,7 @@ def test_the_right_law_is_named(true, unstable):
     """With what the recording tells: of a ball that yields the yield stress, and hardly the stiffness, as chi^2 changes
     by less than 0.1 between 40 and 270 kPa.
     """
-    told, within = {"elastic": ("E", 0.35), "viscous": ("kappa", 0.35), "plastic": ("tau_y", 0.06)}[true.family]
+    told, within = {"elastic": ("E", 0.35), "viscous": ("kappa", 0.35), "plastic": ("tau_y", 0.05)}[true.family]
     for seed in range(3):
         found = finished(Competition(Dropped(true, seed)))
         assert found.chosen.law == type(true).__name__
