@@ -223,7 +223,7 @@ def _round(
     again: int = 0,
 ) -> Round:
     latest = (before[-1].effects, before[-1].comparison) if before else None
-    number = _number(len(before) + 1, again, before[-1] if before else None)
+    number = _number(len(before) + 1, again, before)
     settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
     searched = not before and not again
     step = partial(compare, problem, effects, known, settings, searched, told, latest)
@@ -285,7 +285,7 @@ def _leave_out(
     name = found.accepted.name
     found.left_out[name] = str(error)
     kept = [again for again in found.refits if again.name != name]
-    number = _number(len(rounds), found.again, found)
+    number = _number(len(rounds), found.again, rounds)
     found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
     found.effort["refit"]["simulations"] += simulated
     _select(problem, found, found.screening)
@@ -302,7 +302,7 @@ def _widened(problem: Problem, store: Store, rounds: list[Round], progress: Call
         if found.widened or found.screening is None:
             continue
         found.widened, before = True, found.accepted
-        number = _number(place + 1, found.again, found)
+        number = _number(place + 1, found.again, rounds[: place + 1])
         found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, found.refits)
         found.effort["refit"]["simulations"] += simulated
         _select(problem, found, found.screening)
@@ -312,13 +312,15 @@ def _widened(problem: Problem, store: Store, rounds: list[Round], progress: Call
     return False
 
 
-def _number(count: int, again: int, found: Round | None) -> str:
-    """Of a round in the names of its steps: beginning again, and what a round had to leave out or fitted in addition,
-    make others of it and the next.
+def _number(count: int, again: int, rounds: Sequence[Round]) -> str:
+    """Of a round in the names of its steps: beginning again, and what this round or one before it left out or fitted in
+    addition, make others of it.
     """
-    begun = f"{count}_again{again}" if again else str(count)
-    begun += "_widened" if found is not None and found.widened else ""
-    return "_without_".join([begun, *(found.left_out if found else ())])
+    parts = [f"{count}_again{again}" if again else str(count)]
+    for place, found in enumerate(rounds, 1):
+        parts += [f"widened_{place}"] if found.widened else []
+        parts += [f"without_{name}" for name in found.left_out]
+    return "_".join(parts)
 
 
 def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[str, float]] | None:

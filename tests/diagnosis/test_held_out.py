@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.diagnosis import diagnose
-from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.diagnose import Options, _number, investigate
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
+from pacnerf_lpo.diagnosis.screening import FORCE, judge
+from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, PARTS
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.inference.checks import Prediction
 from pacnerf_lpo.inference.decision import LINEAR, best, log_odds, worth_refitting
@@ -77,3 +79,35 @@ def test_rounds_that_explain_all_are_not_widened(monkeypatch, tmp_path, small_th
         rounds = diagnosed(falling.Falling(hidden), folder)
         assert not any(found.widened for found in rounds)
         assert all(np.isfinite(again.held.cost) and again.held.cost >= 0 for again in rounds[0].refits)
+
+
+def test_held_out_data_speak_against_an_unknown_force(monkeypatch, tmp_path, small_threads):
+    """A smooth force that only the fitted views and frames show, against one that all show."""
+    falling.install(monkeypatch)
+    problem = falling.Falling({})
+    options = Options(falling.listed(tmp_path), replicates=5, until="screen")
+    (found,) = investigate(problem, Store(tmp_path, b"force", {}), options, lambda _: None)
+    assert found.probes is not None
+    to_and_fro = np.zeros(found.comparison.force.shape[-1])
+    to_and_fro[1 :: len(PARTS) * len(AXES)] = 30.0 * (-1.0) ** np.arange(KNOTS)  # m/s^2 up and down
+    change = np.nan_to_num(found.comparison.force @ to_and_fro)
+    factors = []
+    for shown in (problem.usable, problem.fitted):
+        comparison = replace(found.comparison, residual=found.comparison.residual + np.where(shown, change, 0.0))
+        force = judge(problem, comparison, found.probes).score(FORCE)
+        assert force is not None
+        factors.append(force.log_bayes_factor)
+    seen_by_all, contradicted = factors
+    assert seen_by_all > contradicted + 10
+
+
+def test_rounds_that_came_about_in_other_ways_have_other_names(monkeypatch, tmp_path, small_threads):
+    """Stored steps of a round that was given up are none of one of the same number that takes its place."""
+    falling.install(monkeypatch)
+    first, second = (diagnosed(falling.Falling({"drag": 2.0}), tmp_path)[0] for _ in range(2))
+    names = {_number(3, 0, [first, second])}
+    first.widened = True
+    names |= {_number(3, 0, [first, second]), _number(3, 1, [first, second])}
+    second.left_out["Adhesion"] = "unstable"
+    names |= {_number(3, 0, [first, second]), _number(3, 0, [second, first])}
+    assert len(names) == 5
