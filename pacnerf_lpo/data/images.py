@@ -1,7 +1,5 @@
 """PNG files to arrays, area-averaged scaling, and silhouettes of images that are already on white."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,35 +15,39 @@ HIGHLIGHT_FRACTION = 0.005
 """An enclosed white patch below this fraction of the silhouette is a highlight, a larger one a hole in the object."""
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
-    """A file while it is read. Raises UserInputError where it is missing, truncated or no image."""
+def read_png(path: Path) -> np.ndarray:
+    """The image as float32 in 0..1, (H, W, 3), or (H, W, 4) where the file has transparency.
+
+    Raises UserInputError where the file is missing, truncated or no image.
+    """
     try:
         with Image.open(path) as image:
-            yield image
+            if image.mode not in MODES:
+                raise UserInputError(
+                    f"{path}: pixels of kind {image.mode} are not supported; save it as 8-bit RGB or RGBA"
+                )
+            transparent = "A" in image.getbands() or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
     except FileNotFoundError:
         raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
-    except UnidentifiedImageError:
-        raise UserInputError(f"{path}: this is no readable image (empty or damaged); copy or export it again") from None
-    except (OSError, SyntaxError) as error:
+    except (OSError, SyntaxError, UnidentifiedImageError) as error:
         reason = str(error).splitlines()[0].replace(str(path), "").strip(" '")
         raise UserInputError(f"{path}: the image cannot be read ({reason}); copy or export it again") from None
-
-
-def read_png(path: Path) -> np.ndarray:
-    """The image as float32 in 0..1, (H, W, 3), or (H, W, 4) where the file has transparency. Raises UserInputError."""
-    with _opened(path) as image:
-        if image.mode not in MODES:
-            raise UserInputError(f"{path}: pixels of kind {image.mode} are not supported; save it as 8-bit RGB or RGBA")
-        transparent = "A" in image.getbands() or "transparency" in image.info
-        pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
     return pixels.astype(np.float32) / 255.0
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(height, width) from the file's header alone. Raises UserInputError."""
-    with _opened(path) as image:
-        return image.height, image.width
+    """(height, width) from the file's header alone.
+
+    Raises UserInputError where the file is missing or no image.
+    """
+    try:
+        with Image.open(path) as image:
+            return image.height, image.width
+    except FileNotFoundError:
+        raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
+    except (OSError, SyntaxError, UnidentifiedImageError):
+        raise UserInputError(f"{path}: this is no readable image (empty or damaged); copy or export it again") from None
 
 
 def on_white(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
