@@ -12,13 +12,12 @@ import numpy as np
 
 from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.index import Index, Shot
+from pacnerf_lpo.data.recordings.conventions import check_rotation
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.types import Box
 
 log = logging.getLogger(__name__)
 
-ROTATION_TOLERANCE = 1e-3
-"""Poses written with four digits still pass."""
 STEP_TOLERANCE = 0.02
 """Times written as 0.042, 0.083 (24 Hz, three digits) still count as uniform."""
 
@@ -98,7 +97,7 @@ def check_cameras(index: Index, views: Sequence[int], frames: Sequence[int]) -> 
                 f"{index.where(view, moved[0])}: the camera moves after frame {frames[0]}; cameras must be fixed, mend "
                 "'c2w' and 'intrinsic' or leave the view out of the config"
             )
-        _check_pose(index.where(view, frames[0]), first.camera_to_world)
+        check_rotation(f"{index.where(view, frames[0])}, 'c2w'", first.camera_to_world[:, :3])
         camera = np.concatenate((first.camera_to_world.ravel(), first.intrinsic.ravel())).round(5) + 0.0
         if camera.tobytes() in seen:
             raise UserInputError(
@@ -112,15 +111,6 @@ def _same_camera(one: Shot, other: Shot) -> bool:
     return np.allclose(one.camera_to_world, other.camera_to_world, rtol=0.0, atol=1e-5) and np.allclose(
         one.intrinsic, other.intrinsic, rtol=1e-5
     )
-
-
-def _check_pose(where: str, pose: np.ndarray) -> None:
-    rotation = pose[:, :3]
-    error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if error > ROTATION_TOLERANCE:
-        raise UserInputError(f"{where}: the rotation in 'c2w' is not orthonormal (off by {error:.2g}); export it again")
-    if np.linalg.det(rotation) < 0:
-        raise UserInputError(f"{where}: the rotation in 'c2w' is mirrored (determinant -1); flip one axis")
 
 
 def check_times(index: Index, views: Sequence[int], frames: Sequence[int]) -> list[float]:

@@ -13,10 +13,8 @@ from pacnerf_lpo.errors import UserInputError
 
 
 def data_digest(section: Mapping[str, Any]) -> str:
-    """Hash of the contents of all files that the section ``data`` of a configuration reads.
-
-    Raises:
-        UserInputError: the scene cannot be read.
+    """Hash of the contents of all files that the section ``data`` of a configuration reads. Raises UserInputError where
+    the scene cannot be read.
     """
     root = resolve_root(section["root"])
     index = read_index(root)

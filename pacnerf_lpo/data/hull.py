@@ -16,10 +16,8 @@ MARGIN = 2
 
 
 def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
-    """The part of ``box`` around the visual hull of the given views (indices) at frame 0, with a small margin.
-
-    Raises:
-        UserInputError: the mattes have no common point in the box.
+    """The part of ``box`` around the visual hull of the given views (indices) at frame 0, with a small margin. Raises
+    UserInputError where the mattes have no common point in the box.
     """
     points, cell = _hull(video, box, views)
     lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
@@ -46,7 +44,7 @@ def _hull(video: Video, box: Box, views: Sequence[int]) -> tuple[Tensor, float]:
     points = torch.cartesian_prod(*axes)
     seen = torch.zeros(len(points))
     for view in views:
-        inside, covered = _covered(points, video, view)
+        inside, covered = on_object(points, video, view)
         seen += inside
         points, seen = points[covered | ~inside], seen[covered | ~inside]
     points = points[seen > len(views) / 2]
@@ -58,9 +56,11 @@ def _hull(video: Video, box: Box, views: Sequence[int]) -> tuple[Tensor, float]:
     return points, cell
 
 
-def _covered(points: Tensor, video: Video, view: int) -> tuple[Tensor, Tensor]:
-    """Whether each point [m, (N, 3)] lies inside the image of a view, and on the object there [(N,), bool] each."""
-    pixels, depth = project(points, video.intrinsics[view], video.camera_to_world[view])
+def on_object(points: Tensor, video: Video, view: int) -> tuple[Tensor, Tensor]:
+    """Whether each point [m, (N, 3)] lies inside the image of a view at frame 0, and on the object there [(N,), bool]
+    each; computed in the precision of the points.
+    """
+    pixels, depth = project(points, video.intrinsics[view].to(points), video.camera_to_world[view].to(points))
     matte = video.silhouettes[view, 0] > 0.5
     height, width = matte.shape
     column, row = pixels.floor().long().unbind(-1)

@@ -76,6 +76,14 @@ def fill_small_holes(solid: np.ndarray, largest: int) -> np.ndarray:
     return solid | small[labels]
 
 
+def large_pieces(solid: np.ndarray, share: float) -> np.ndarray:
+    """The connected pieces of ``solid`` that are not smaller than this share of the largest one [(H, W), bool]."""
+    labels, count = ndimage.label(solid)
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    return (areas >= share * areas.max())[labels] & solid if count else solid
+
+
 def area_weights(size: int, scaled: int) -> Tensor:
     """Row-stochastic (scaled, size) matrix that averages ``size`` pixels over ``scaled`` equal intervals."""
     edges = torch.linspace(0.0, size, scaled + 1, dtype=torch.float64)

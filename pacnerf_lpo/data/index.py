@@ -72,6 +72,18 @@ def read_index(root: Path) -> Index:
     return Index(path, shots)
 
 
+def entry_of(view: int, frame: int, time: float, pose: np.ndarray, intrinsic: np.ndarray) -> dict[str, Any]:
+    """What the file says of one image; arguments as of :class:`Shot`."""
+    path = f"./data/r_{view}_{frame}.png"
+    return {"file_path": path, "time": float(time), "c2w": pose.tolist(), "intrinsic": intrinsic.tolist()}
+
+
+def check_unused(folder: Path) -> None:
+    """Raise UserInputError where a folder for a new scene holds something already."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
+
+
 def _load_json(root: Path, path: Path) -> Any:
     if not root.is_dir():
         raise UserInputError(

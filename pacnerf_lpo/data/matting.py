@@ -9,7 +9,7 @@ stand in its contact shadow, which goes from light to black within a few pixels:
 import numpy as np
 from scipy import ndimage
 
-from pacnerf_lpo.data.images import fill_small_holes
+from pacnerf_lpo.data.images import fill_small_holes, large_pieces
 
 SHADE_RANGE = (0.25, 1.1)
 """What a shadow (or light thrown back by the object) multiplies the plate with."""
@@ -69,12 +69,7 @@ def solid_region(image: np.ndarray, background: np.ndarray, shade: np.ndarray) -
     residual = ndimage.gaussian_filter(image - background * shade[..., None], (SMOOTHING, SMOOTHING, 0))
     distance = np.linalg.norm(residual, axis=-1)
     solid = distance > max(THRESHOLD_FLOOR, NOISE_FACTOR * float(np.median(distance)))
-    labels, count = ndimage.label(solid)
-    if count == 0:
-        return solid
-    areas = np.bincount(labels.ravel())
-    areas[0] = 0
-    solid = (areas >= PIECE_FRACTION * areas.max())[labels] & solid
+    solid = large_pieces(solid, PIECE_FRACTION)
     return fill_small_holes(solid, int(HOLE_FRACTION * solid.sum()))
 
 

@@ -138,7 +138,7 @@ def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> Point
         raise UserInputError(f"{folder}: holds no cloud_000.ply; name the files cloud_<frame>.ply")
     times, clouds, sigmas = [], [], []
     for path in paths:
-        points, comments = _read_ply(path)
+        points, comments = read_ply(path)
         _check_cloud(path, points)
         times.append(_cloud_time(path, comments, video_times))
         sigmas.append(_comment(path, comments, SIGMA, 0.0))
@@ -194,7 +194,8 @@ def _too_far(where: str, value: float) -> str:
     return f"{where}: a coordinate of {value:g} m is no scene of this kind; divide millimetres by 1000"
 
 
-def _read_ply(path: Path) -> tuple[np.ndarray, list[str]]:
+def read_ply(path: Path) -> tuple[np.ndarray, list[str]]:
+    """Vertices [(N, 3)] and comments of a PLY file. Raises UserInputError where it is damaged or has none."""
     try:
         data = PlyData.read(str(path))
         vertex = data["vertex"]

@@ -122,10 +122,8 @@ class Mesh(Shape):
 
 def named_shape(name: str, size: Sequence[float]) -> Shape:
     """A shape by its name and its outer extents [m]: the diameter of a Ball, the edges of a Block, the outer diameter
-    and the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file.
-
-    Raises:
-        UserInputError: no such shape, or another number of extents.
+    and the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file. Raises
+    UserInputError where there is no such shape, or for another number of extents.
     """
     known = {"Ball": 1, "Block": 3, "Torus": 2}
     if name not in known:

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from pacnerf_lpo.data.cameras import project
-from pacnerf_lpo.data.index import NAME
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.data.index import NAME, check_unused, entry_of
+from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 
 SUPERSAMPLING = 2
 NEIGHBOURS = 32
@@ -53,8 +53,7 @@ def hemisphere_rig(
     right /= np.linalg.norm(right, axis=-1, keepdims=True)
     up = np.cross(back, right)
     poses = np.stack((right, up, back, np.asarray(target) + distance * back), axis=-1)
-    focal = 0.5 * image_size / np.tan(np.radians(field_of_view) / 2.0)
-    intrinsic = np.array([[focal, 0.0, image_size / 2.0], [0.0, focal, image_size / 2.0], [0.0, 0.0, 1.0]])
+    intrinsic = centred_intrinsic(np.radians(field_of_view), image_size, image_size)
     return Rig(poses, np.repeat(intrinsic[None], views, axis=0))
 
 
@@ -100,8 +99,7 @@ def write_scene(
         UserInputError: ``root`` holds something already.
     """
     root = Path(root)
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise UserInputError(f"{root}: is there already and not empty; choose another folder or remove it")
+    check_unused(root)
     (root / "data").mkdir(parents=True)
     generator = np.random.default_rng(drawing.seed)
     size, radius, outline = drawing.image_size, drawing.radius, drawing.outline
@@ -112,14 +110,7 @@ def write_scene(
             image = draw_discs(positions, shaded, pose, intrinsic, size, radius, outline)
             image = add_noise(image, drawing.noise, generator)
             Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")
-            entries.append(
-                {
-                    "file_path": f"./data/r_{view}_{frame}.png",
-                    "time": frame / frame_rate,
-                    "c2w": pose.tolist(),
-                    "intrinsic": intrinsic.tolist(),
-                }
-            )
+            entries.append(entry_of(view, frame, frame / frame_rate, pose, intrinsic))
     (root / NAME).write_text(json.dumps(entries))
     if truth is not None:
         (root / "truth.json").write_text(json.dumps(truth, indent=1))

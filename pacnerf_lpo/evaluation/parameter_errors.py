@@ -60,10 +60,8 @@ class Truth:
 
 
 def read_truth(path: str | Path) -> Truth:
-    """Read a truth.json.
-
-    Raises:
-        UserInputError: the file is absent, is no JSON object, or names a parameter this project does not know.
+    """Read a truth.json. Raises UserInputError where the file is absent, is no JSON object, or names a parameter this
+    project does not know.
     """
     path = Path(path)
     if not path.is_file():

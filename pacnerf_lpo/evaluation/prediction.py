@@ -45,10 +45,8 @@ class Prediction:
 
 
 def predict(run: Run, stage: Stage) -> Prediction:
-    """Simulate and render a phase, or read it where that was done before.
-
-    Raises:
-        SimulationError: the motion with the phase's parameters is unstable.
+    """Simulate and render a phase, or read it where that was done before. Raises SimulationError where the motion with
+    the phase's parameters is unstable.
     """
     if not _is_current(run, stage, "images", "positions"):
         frames, views = len(run.data.video.times) if stage.moves else 1, len(run.data.video.view_ids)
@@ -60,9 +58,7 @@ def predict(run: Run, stage: Stage) -> Prediction:
 
 def motion_of(run: Run, stage: Stage) -> np.ndarray:
     """Positions at every frame [m, (F, N, 3), float32]: those of its prediction, or else simulated, without images.
-
-    Raises:
-        SimulationError: the motion with the phase's parameters is unstable.
+    Raises SimulationError where the motion with the phase's parameters is unstable.
     """
     if _is_current(run, stage, "positions"):
         return np.load(prediction_folder(run, stage) / "positions.npy")

@@ -6,7 +6,7 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.data.hull import on_object
 from pacnerf_lpo.types import Video
 
 MAJORITY = 0.5
@@ -37,20 +37,5 @@ def confirmed(positions: Tensor, spacing: float, inside: Tensor) -> Tensor:
 
 
 def inside_mattes(positions: Tensor, video: Video, views: Sequence[int]) -> Tensor:
-    """Whether views see points inside their mattes at frame 0 [(V, N), bool].
-
-    Args:
-        positions: of the points [m, (N, 3)].
-        video: with the mattes.
-        views: by their place in the video.
-    """
-    found = []
-    for view in views:
-        pixels, depth = project(
-            positions.double(), video.intrinsics[view].double(), video.camera_to_world[view].double()
-        )
-        matte = video.silhouettes[view, 0] > 0.5
-        column, row = pixels.nan_to_num(-1.0).clamp(-1, max(matte.shape)).floor().long().T
-        seen = (depth > 0) & (column >= 0) & (column < matte.shape[1]) & (row >= 0) & (row < matte.shape[0])
-        found.append(seen & matte[row.clamp(0, matte.shape[0] - 1), column.clamp(0, matte.shape[1] - 1)])
-    return torch.stack(found)
+    """Whether views (indices into the video) see points [m, (N, 3)] inside their mattes at frame 0 [(V, N), bool]."""
+    return torch.stack([on_object(positions.double(), video, view)[1] for view in views])

@@ -92,9 +92,7 @@ class GridOptimizationModule(DynamicPhase):
 
     def particles(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """Positions [m, (N, 3)], and density (N,) and features (N, 12), the latter two differentiable in the grid.
-
-        Raises:
-            UserInputError: the body has vanished.
+        Raises UserInputError where the body has vanished.
         """
         if not float(alpha(self.density.detach().max(), 1.0)) >= OBJECT_ALPHA:
             raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")

@@ -93,10 +93,8 @@ class StaticGridModule(AbstractPhase):
         self.last_psnr = float("nan")
 
     def check(self) -> None:
-        """Whole outlines must be seen where they decide what the body occupies.
-
-        Raises:
-            UserInputError: every training view cuts the outline at frame 0.
+        """Whole outlines must be seen where they decide what the body occupies. Raises UserInputError where every
+        training view cuts the outline at frame 0.
         """
         video = self.data.video
         outlines = silhouette_moments(video.silhouettes[self.data.train, 0])
@@ -186,10 +184,8 @@ class StaticGridModule(AbstractPhase):
     def export_state(self) -> ParticleState:
         """Particles sampled with the fixed seed, with the field's density and features.
 
-        They are at rest and without physics, unless a state with both was imported.
-
-        Raises:
-            UserInputError: the object has vanished.
+        They are at rest and without physics, unless a state with both was imported. Raises UserInputError where the
+        object has vanished.
         """
         self.field.check_object()
         grid = self.field.grid()

@@ -78,11 +78,8 @@ class VelocityModule(DynamicPhase):
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost of all training views over the frames before contact.
 
-        A line search may try a velocity so high that the motion is unstable. A high loss is returned there,
-        and goes less far.
-
-        Raises:
-            SimulationError: the motion that the search starts from is unstable.
+        A line search may try a velocity so high that the motion is unstable. A high loss is returned there, and goes
+        less far. Raises SimulationError where the motion that the search starts from is unstable.
         """
         halvings = self.physics.halvings
         try:

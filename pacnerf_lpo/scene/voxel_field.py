@@ -48,10 +48,7 @@ class VoxelField(nn.Module):
     def refine(self) -> None:
         """Shrink the box to the occupied nodes with one node of margin and halve ``dx``; the field there is unchanged.
 
-        The parameters are new objects afterwards.
-
-        Raises:
-            UserInputError: nothing is left to refine.
+        The parameters are new objects afterwards. Raises UserInputError where nothing is left to refine.
         """
         region = self._occupied_region()
         first = torch.tensor([part.start for part in region], device=self.lower.device)

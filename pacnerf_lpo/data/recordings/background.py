@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from pacnerf_lpo.data.images import large_pieces
 from pacnerf_lpo.data.matting import SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
 from pacnerf_lpo.data.recordings.footage import Footage
@@ -99,7 +100,7 @@ class Background:
 
 def solid_part(odds: np.ndarray) -> np.ndarray:
     """Where log odds [(H, W)] say that the object is, without specks [(H, W), bool]."""
-    return _pieces(odds > 0.0, PIECE)
+    return large_pieces(odds > 0.0, PIECE)
 
 
 def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
@@ -191,7 +192,9 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
             pair = next((pair for pair in pairs if areas[pair] > max(enough, 1)), None)
             if pair is not None:
                 moving[t] |= changed[pair]
-        moving[t] = _pieces(ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach], 0.1)
+        moving[t] = large_pieces(
+            ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach], 0.1
+        )
         moving[t] = convex_hull_object(moving[t])
     away = FAR * np.sqrt(np.median(moving.sum(axis=(1, 2))))
     return np.stack([(ndimage.distance_transform_edt(~one) > away) & one.any() for one in moving])
@@ -259,11 +262,3 @@ def _continued(values: np.ndarray, known: np.ndarray, width: float) -> np.ndarra
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     averaged = smoothed(np.where(known[..., None], values, 0.0), width) / np.maximum(weight, 1e-9)
     return np.where(weight > 1e-3, averaged, values[tuple(nearest)]) if known.any() else values
-
-
-def _pieces(solid: np.ndarray, share: float) -> np.ndarray:
-    """The connected pieces that are not smaller than this share of the largest one [(H, W), bool]."""
-    labels, count = ndimage.label(solid)
-    areas = np.bincount(labels.ravel())
-    areas[0] = 0
-    return (areas >= share * areas.max())[labels] & solid if count else solid

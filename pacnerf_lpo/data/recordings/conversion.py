@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pacnerf_lpo.data.index import NAME
+from pacnerf_lpo.data.index import NAME, check_unused, entry_of
 from pacnerf_lpo.data.recordings.agreement import check_different, check_in_front
 from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
-from pacnerf_lpo.data.recordings.questions import asked, timed
+from pacnerf_lpo.data.recordings.questions import asked
 from pacnerf_lpo.data.recordings.recording import Recording, check_recording
 from pacnerf_lpo.data.recordings.refinement import refined
 from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
-from pacnerf_lpo.data.recordings.timeline import Timeline, common_times
+from pacnerf_lpo.data.recordings.timeline import Timeline, common_times, stated_times
 from pacnerf_lpo.errors import UserInputError
 
 log = logging.getLogger(__name__)
@@ -57,15 +57,12 @@ def convert(recording: Recording, folder: Path) -> Scene:
 
     Images smaller than the largest are extended to the right and below; what no camera pixel shows is marked by an
     occluder (frame -2). Backgrounds, given or found, are frame -1. Where something is wrong, no scene is left, but the
-    mattes made so far, in a folder beside it that the message names.
-
-    Raises:
-        UserInputError: something in the recording is wrong or missing, or ``folder`` is in use.
+    mattes made so far, in a folder beside it that the message names. Raises UserInputError where something in the
+    recording is wrong or missing, or ``folder`` is in use.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
+    check_unused(folder)
     check_recording(recording)
-    recording, stamps = timed(recording)
+    recording, stamps = asked(recording, stated_times)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         beside = tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-")
@@ -182,14 +179,7 @@ def _entries(recording: Recording, timeline: Timeline, found: Findings) -> list[
     for view, camera in enumerate(recording.cameras):
         pose = found.rotation @ camera.pose
         pose[:, 3] = found.scale * pose[:, 3] - [0.0, found.ground.value, 0.0]
-        entries += [
-            {
-                "file_path": f"./data/r_{view}_{frame}.png",
-                "time": float(time),
-                "time_offset": float(timeline.offsets[view]),
-                "c2w": pose.tolist(),
-                "intrinsic": camera.intrinsic.tolist(),
-            }
-            for frame, time in enumerate(timeline.times)
-        ]
+        for frame, time in enumerate(timeline.times):
+            entry = entry_of(view, frame, time, pose, camera.intrinsic)
+            entries.append({**entry, "time_offset": float(timeline.offsets[view])})
     return entries

@@ -46,11 +46,7 @@ class _ArraysOnly(pickle.Unpickler):
 
 
 def read_values(path: Path) -> Any:
-    """The content of a .json, .toml, .yml or .yaml file.
-
-    Raises:
-        UserInputError: the file is missing or damaged.
-    """
+    """The content of a .json, .toml, .yml or .yaml file. Raises UserInputError where the file is missing or damaged."""
     try:
         text = path.read_text()
         if path.suffix == ".json":
@@ -67,10 +63,8 @@ def read_values(path: Path) -> Any:
 
 
 def read_arrays(path: Path) -> Any:
-    """A pickle of arrays, lists, dictionaries and numbers; anything else in it is refused before it runs.
-
-    Raises:
-        UserInputError: the file is missing, damaged, or holds more than that.
+    """A pickle of arrays, lists, dictionaries and numbers; anything else in it is refused before it runs. Raises
+    UserInputError where the file is missing, damaged, or holds more than that.
     """
     try:
         with path.open("rb") as file:
@@ -86,10 +80,8 @@ def read_arrays(path: Path) -> Any:
 
 
 def numbers(where: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
-    """Finite numbers of the first of the given shapes that they can be brought to.
-
-    Raises:
-        UserInputError: they are no numbers, or of another shape.
+    """Finite numbers of the first of the given shapes that they can be brought to. Raises UserInputError where they are
+    no numbers, or of another shape.
     """
     try:
         array = np.asarray(values, float)
@@ -105,10 +97,8 @@ def numbers(where: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
 
 
 def number_at(where: str, values: Any, name: str, default: float | None = None) -> float:
-    """The finite number under a key, or the default where there is one and no such key.
-
-    Raises:
-        UserInputError: it is missing, or no finite number.
+    """The finite number under a key, or the default where there is one and no such key. Raises UserInputError where it
+    is missing, or no finite number.
     """
     if default is not None and name not in values:
         return default
@@ -123,11 +113,7 @@ def number_at(where: str, values: Any, name: str, default: float | None = None) 
 
 
 def entry(where: str, values: Any, *names: str) -> Any:
-    """The value of the first of these keys that is there.
-
-    Raises:
-        UserInputError: none is.
-    """
+    """The value of the first of these keys that is there. Raises UserInputError where none is."""
     for name in names:
         if isinstance(values, dict) and name in values:
             return values[name]

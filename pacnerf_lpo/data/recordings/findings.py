@@ -149,10 +149,8 @@ def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int
 
 
 def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
-    """The unit vector against gravity (3,), and where it comes from.
-
-    Raises:
-        UserInputError: it is not stated, and the body does not fall freely for long enough.
+    """The unit vector against gravity (3,), and where it comes from. Raises UserInputError where it is not stated, and
+    the body does not fall freely for long enough.
     """
     size = float(np.linalg.norm(motion.acceleration))
     measured = -motion.acceleration / max(size, 1e-30)
@@ -182,10 +180,8 @@ def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
 
 
 def find_scale(recording: Recording, motion: Ballistic) -> tuple[float, str]:
-    """Metres per unit, and where that comes from.
-
-    Raises:
-        UserInputError: it is neither stated nor measurable, or the body falls as it could not with the stated one.
+    """Metres per unit, and where that comes from. Raises UserInputError where it is neither stated nor measurable, or
+    the body falls as it could not with the stated one.
     """
     size = float(np.linalg.norm(motion.acceleration))
     error = float(np.linalg.norm(motion.error)) / max(size, 1e-30)

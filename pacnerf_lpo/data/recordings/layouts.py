@@ -50,10 +50,8 @@ SHOWN = 8
 
 
 def read_recording(folder: Path, name: Format | None = None) -> Recording:
-    """The recording in a folder, in the layout of this name, or in the one that is recognised.
-
-    Raises:
-        UserInputError: there is no such folder, no layout or several fit it, or something in the files is wrong.
+    """The recording in a folder, in the layout of this name, or in the one that is recognised. Raises UserInputError
+    where there is no such folder, no layout or several fit it, or something in the files is wrong.
     """
     if not folder.is_dir():
         wrong = "is a file, unpack it if it is an archive" if folder.is_file() else "there is no such folder"

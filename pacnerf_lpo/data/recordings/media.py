@@ -50,10 +50,8 @@ def videos_in(folder: Path) -> list[Path]:
 
 
 def frames_of(path: Path) -> tuple[Frame, ...]:
-    """The frames of a video file, with the times it states, or of a folder of images, without times.
-
-    Raises:
-        UserInputError: the video is damaged, or cut off.
+    """The frames of a video file, with the times it states, or of a folder of images, without times. Raises
+    UserInputError where the video is damaged, or cut off.
     """
     if path.is_dir():
         return tuple(Frame(image, None) for image in images_in(path))
@@ -75,10 +73,8 @@ def frames_of(path: Path) -> tuple[Frame, ...]:
 
 
 def read_frames(frames: tuple[Frame, ...]) -> Iterator[np.ndarray]:
-    """Pixels of every frame [0..1, (H, W, 3), or (H, W, 4) with transparency], in the order given.
-
-    Raises:
-        UserInputError: a file is missing or damaged.
+    """Pixels of every frame [0..1, (H, W, 3), or (H, W, 4) with transparency], in the order given. Raises
+    UserInputError where a file is missing or damaged.
     """
     playing: Iterator[tuple[int, np.ndarray]] = iter(())
     now: tuple[Path, int] | None = None

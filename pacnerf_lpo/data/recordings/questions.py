@@ -8,7 +8,6 @@ from typing import TypeVar
 import numpy as np
 
 from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording
-from pacnerf_lpo.data.recordings.timeline import stated_times
 from pacnerf_lpo.errors import Unmeasured, UserInputError
 
 T = TypeVar("T")
@@ -24,10 +23,8 @@ class Question:
 
 
 def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recording, T]:
-    """Do ``work``; where it lacks a value and somebody sits at a terminal, ask for the value and do it again.
-
-    Raises:
-        UserInputError: nobody can be asked, or gives an answer.
+    """Do ``work``; where it lacks a value and somebody sits at a terminal, ask for the value and do it again. Raises
+    UserInputError where nobody can be asked, or gives an answer.
     """
     while True:
         try:
@@ -36,11 +33,6 @@ def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recordi
             if not (sys.stdin.isatty() and sys.stderr.isatty()):
                 raise
             recording = _ask(recording, gap)
-
-
-def timed(recording: Recording) -> tuple[Recording, list[np.ndarray]]:
-    """The recording with times, and these [s, (F,) of each camera]. Raises UserInputError."""
-    return asked(recording, stated_times)
 
 
 def _ask(recording: Recording, gap: Unmeasured) -> Recording:

@@ -123,9 +123,7 @@ class Recording:
 
     def with_up(self, up: str) -> Recording:
         """The same recording with an up direction: an axis, three numbers, or ``fall`` for the direction of free fall.
-
-        Raises:
-            UserInputError: it is none of these.
+        Raises UserInputError where it is none of these.
         """
         if up == "fall":
             return replace(self, up=None)
@@ -180,10 +178,8 @@ class Recording:
 
 
 def check_recording(recording: Recording) -> None:
-    """Several cameras with different names and poses, each with images, a rigid pose and possible intrinsics.
-
-    Raises:
-        UserInputError: the first that is not so, with its camera.
+    """Several cameras with different names and poses, each with images, a rigid pose and possible intrinsics. Raises
+    UserInputError that names the first camera that is not so.
     """
     cameras = recording.cameras
     if len(cameras) < 2:
@@ -223,10 +219,8 @@ def _check_numbers(where: str, camera: Camera) -> None:
 
 
 def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
-    """An image of this width and height [pixels] is what the camera was calibrated for.
-
-    Raises:
-        UserInputError: it has another size, or the principal point is far from its centre.
+    """An image of this width and height [pixels] is what the camera was calibrated for. Raises UserInputError where it
+    has another size, or the principal point is far from its centre.
     """
     mend = "use images of the size that was calibrated, or scale its intrinsics to the images"
     if camera.size is not None and camera.size != size:
@@ -243,10 +237,8 @@ def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
 
 
 def check_lens(where: str, camera: Camera, size: tuple[int, int]) -> None:
-    """The lens maps directions to an image of this width and height [pixels] one to one, up to its corners.
-
-    Raises:
-        UserInputError: its radial coefficients fold the image.
+    """The lens maps directions to an image of this width and height [pixels] one to one, up to its corners. Raises
+    UserInputError where its radial coefficients fold the image.
     """
     corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - camera.intrinsic[:2, 2]
     farthest = float(np.linalg.norm(corners / camera.intrinsic[[0, 1], [0, 1]], axis=1).max())

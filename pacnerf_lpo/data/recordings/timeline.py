@@ -40,10 +40,8 @@ class Timeline:
 
 
 def stated_times(recording: Recording) -> list[np.ndarray]:
-    """When each camera's images were taken, as stamped or counted [s, (F,) each].
-
-    Raises:
-        UserInputError: times are missing or do not increase.
+    """When each camera's images were taken, as stamped or counted [s, (F,) each]. Raises UserInputError where times are
+    missing or do not increase.
     """
     return [_times(recording, camera) for camera in recording.cameras]
 

@@ -92,10 +92,8 @@ class WrittenScene:
 
 
 def read_written_scene(folder: Path) -> WrittenScene:
-    """Read scene.yaml and the cameras.
-
-    Raises:
-        UserInputError: a file is missing or damaged, or a value of scene.yaml is not possible; names it.
+    """Read scene.yaml and the cameras. Raises UserInputError that names a file which is missing or damaged, or
+    a value of scene.yaml that is not possible.
     """
     path = find_scene_file(folder)
     text = path.read_text()

@@ -3,18 +3,16 @@
 from pathlib import Path
 
 import numpy as np
-from plyfile import PlyData, PlyParseError
 
+from pacnerf_lpo.data.measurements import read_ply
 from pacnerf_lpo.data.trajectories.tables import UNITS
 from pacnerf_lpo.data.trajectories.trajectory import Trajectory
 from pacnerf_lpo.errors import UserInputError
 
 
 def read_c3d(path: Path) -> Trajectory:
-    """The mean of all markers at the times at which all are seen.
-
-    Raises:
-        UserInputError: the library is missing, or the file is damaged or holds no markers.
+    """The mean of all markers at the times at which all are seen. Raises UserInputError where the library is missing,
+    or the file is damaged or holds no markers.
     """
     try:
         import c3d
@@ -44,21 +42,15 @@ def read_c3d(path: Path) -> Trajectory:
 
 def read_clouds(folder: Path, fps: float | None) -> Trajectory:
     """The centroids of the clouds in a folder, one PLY for each frame, by the number in their names, or at the time
-    that a header says in a comment line ``comment time_s 0.125``.
-
-    Raises:
-        UserInputError: a file cannot be read, or there is neither a time nor a frame rate.
+    that a header says in a comment line ``comment time_s 0.125``. Raises UserInputError where a file cannot be read, or
+    there is neither a time nor a frame rate.
     """
     times, places = [], []
     for path in sorted(folder.glob("*.ply")):
-        try:
-            data = PlyData.read(str(path))
-            points = np.stack([np.asarray(data["vertex"][axis], float) for axis in "xyz"], axis=1)
-        except (PlyParseError, KeyError, ValueError, EOFError) as error:
-            raise UserInputError(f"{path}: no PLY with vertices ({' '.join(str(error).split())})") from None
+        points, comments = read_ply(path)
         points = points[np.isfinite(points).all(1)]
         digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
-        said = [comment.split()[1] for comment in data.comments if comment.startswith("time_s ")]
+        said = [comment.split()[1] for comment in comments if comment.startswith("time_s ")]
         if not said and (fps is None or not digits):
             raise UserInputError(f"{path}: says no time; give --fps, and a number in the name of each file")
         times.append(float(said[0]) if said else int(digits[-1]) / float(fps or 1.0))

@@ -40,11 +40,7 @@ class Solid:
 
     @staticmethod
     def stated(source: str, shape: str | None, size: Sequence[float] | None, mass: float | None) -> "Solid":
-        """What the user said of the body.
-
-        Raises:
-            UserInputError: something is missing.
-        """
+        """What the user said of the body. Raises UserInputError where something is missing."""
         given = {"--shape": shape, "--size": size or Path(shape or "").suffix, "--mass": mass}
         missing = [name for name, value in given.items() if value is None or value == ""]
         if missing:
@@ -132,10 +128,8 @@ physics:
 
 
 def read_scene(folder: Path) -> Scene:
-    """What :func:`write_scene` has written, with what a person has changed in it.
-
-    Raises:
-        UserInputError: a value is missing or cannot be used.
+    """What :func:`write_scene` has written, with what a person has changed in it. Raises UserInputError where a value
+    is missing or cannot be used.
     """
     path = folder / NAME
     content = read_values(path)

@@ -47,10 +47,8 @@ class Table:
     rows: list[list[str]]
 
     def numbers(self, column: int, called: str, needed: bool = False) -> np.ndarray:
-        """A column [(n,)]; NaN where a cell is empty.
-
-        Raises:
-            UserInputError: a cell that is no number, or an empty one where all are ``needed``.
+        """A column [(n,)]; NaN where a cell is empty. Raises UserInputError where a cell is no number, or is empty and
+        all are ``needed``.
         """
         found = []
         for line, row in zip(self.lines, self.rows, strict=True):
@@ -251,10 +249,8 @@ def _wide(path: Path, names: Sequence[str], positions: Sequence[Sequence[np.ndar
 
 def read_spins(path: Path) -> dict[str, tuple[float, float, float]]:
     """Measured angular velocities [rad/s] by the names of recordings: a CSV with a column for the name and three whose
-    names begin or end with x, y and z, such as ``recording,spin_x,spin_y,spin_z``.
-
-    Raises:
-        UserInputError: it cannot be read, or a column is missing.
+    names begin or end with x, y and z, such as ``recording,spin_x,spin_y,spin_z``. Raises UserInputError where it
+    cannot be read, or a column is missing.
     """
     table = read_cells(path)
     names = [name.lower() for name in (table.header[-1] if table.header else [])]

@@ -41,10 +41,8 @@ class Trajectory:
 
 
 def check_trajectory(one: Trajectory) -> Trajectory:
-    """The trajectory, if its times increase and there are enough of them.
-
-    Raises:
-        UserInputError: times that are equal or in disorder, no coordinate, or too few positions.
+    """The trajectory, if its times increase and there are enough of them. Raises UserInputError where times are equal
+    or in disorder, no coordinate was measured, or positions are too few.
     """
     where = f"{one.source}, recording {one.name}"
     steps = np.diff(one.times)

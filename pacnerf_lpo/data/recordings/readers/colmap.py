@@ -40,10 +40,8 @@ def read(folder: Path) -> Recording:
 
 
 def open_model(folder: Path) -> Any:
-    """pycolmap's reconstruction in a folder; the points may be missing.
-
-    Raises:
-        UserInputError: the model is missing or damaged.
+    """pycolmap's reconstruction in a folder; the points may be missing. Raises UserInputError where the model is
+    missing or damaged.
     """
     pycolmap = library("pycolmap", f"{folder}: reading a COLMAP model")
     if not _is_model(folder):

@@ -21,10 +21,8 @@ def still_cameras(source: Path, shots: Iterable[Shot]) -> tuple[Camera, ...]:
     """Shots of one pose are the frames of one camera, in the order of time where it is known, else of file names.
 
     Cameras are named after what the files of each have in common and others have not: their folder, or the beginning of
-    their names; and numbered where that is the same for several.
-
-    Raises:
-        UserInputError: the camera moves, so that every pose has one image.
+    their names; and numbered where that is the same for several. Raises UserInputError where the camera moves, so that
+    every pose has one image.
     """
     groups: dict[bytes, list[Shot]] = {}
     for shot in shots:
