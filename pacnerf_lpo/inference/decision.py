@@ -12,7 +12,7 @@ DECISIVE = float(np.log(20.0))
 """Hypotheses whose log odds are within this are indistinguishable: odds of twenty to one (Kass and Raftery 1995)."""
 LINEAR = 0.7
 """A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends,
-and a straight line misses up to a third of what it explains, as a rule; where it missed more, there is a second look."""
+and a straight line misses up to a third of what it explains, as a rule; where it missed more, a second look is due."""
 LEFT = 0.5
 """Part of what a model leaves beyond noise: an effect that leaves less explains most of it, and is taken into the model
 before others are searched for, which costs as much as a round."""
