@@ -87,7 +87,7 @@ def _psnr(found: Mapping[str, Any]) -> str:
 
 def _errors(found: Mapping[str, Any]) -> str:
     rows = [
-        [scene, SYMBOLS[name], *(_shown(name, x) for x in values)]
+        [scene, SYMBOLS[name], *(shown(name, x) for x in values)]
         for scene, parameters in found["scenes"].items()
         for name, values in parameters.items()
     ]
@@ -109,14 +109,15 @@ def _bounded(errors: Mapping[str, Mapping[str, float]], bounds: Mapping[str, flo
         for name, found in parameters.items():
             bound = bounds.get(name)
             missed = bound is not None and found > bound
-            cells = [_shown(name, found), "-" if bound is None else _shown(name, bound)]
+            cells = [shown(name, found), "-" if bound is None else shown(name, bound)]
             rows.append([scene, SYMBOLS[name], *cells, "missed" if missed else ""])
     return table(["scene", "error of", "", "asked for", ""], rows)
 
 
 def _listed(scene: str, errors: Mapping[str, float]) -> str:
-    return f"{scene} " + ", ".join(f"{SYMBOLS[name]} {_shown(name, error)}" for name, error in errors.items())
+    return f"{scene} " + ", ".join(f"{SYMBOLS[name]} {shown(name, error)}" for name, error in errors.items())
 
 
-def _shown(name: str, error: float) -> str:
+def shown(name: str, error: float) -> str:
+    """An error as the pages have it: degrees of the friction angle."""
     return f"{error:.1f}°" if name == "theta" else f"{error:.3f}"
