@@ -104,7 +104,8 @@ rows = ["| effect | cost without | with | log Bayes factor | p |", "|---|---|---
 for refit in rounds[0].refits:
     costs = f"{refit.cost_without:.0f} | {refit.cost:.0f}"
     rows.append(f"| {refit.name} | {costs} | {refit.log_bayes_factor:.1f} | {refit.p_value:.1g} |")
-print("not separated by this recording:", " and ".join(rounds[0].alike) if len(rounds[0].alike) > 1 else "none")
+others = rounds[0].indistinguishable
+print("not separated by this recording:", " and ".join(others) if len(others) > 1 else "none")
 Markdown("\n".join(rows))
 
 # %% [markdown]
@@ -244,4 +245,4 @@ for score in again.scores:
 # %%
 by_name = {score.name: score.log_bayes_factor for score in again.scores}
 assert "Fan" in by_name and by_name["LinearDrag"] > screening.threshold
-assert repaired.p_value < 0.01 and "LinearDrag" in rounds[0].alike
+assert repaired.p_value < 0.01 and "LinearDrag" in rounds[0].indistinguishable

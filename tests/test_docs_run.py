@@ -106,7 +106,7 @@ def test_keys_of_formats_are_written_by_the_package():
     text = (ROOT / "docs/formats.md").read_text()
     keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
     names = {name.rpartition(".")[2].removesuffix("[]") for pair in keys for name in pair if name}
-    assert {"doubts", "verdict", "sentence", "alike"} - {"verdict"} <= names
+    assert {"doubts", "verdict", "sentence", "indistinguishable"} - {"verdict"} <= names
     source = "".join(path.read_text() for path in (ROOT / "pacnerf_lpo").glob("**/*.py"))
     assert all(re.search(rf'"{name}"|\b{name}: ', source) for name in names)
 

@@ -38,6 +38,6 @@ def run(run_dir: str, jobs: int | None = None) -> None:
     write(problem, folder, rounds)
     if (folder / PICTURES_FILE).is_file():
         write_page(folder)
-    path = write_plan(folder, problem.scene, last.alike, last.proposals)
-    print("\n".join(sentences(last.alike, last.proposals)))
+    path = write_plan(folder, problem.scene, last.indistinguishable, last.proposals)
+    print("\n".join(sentences(last.indistinguishable, last.proposals)))
     print(f"results: {path}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pacnerf_lpo.commands.init import look_at
 from pacnerf_lpo.manifest import FILE_NAME
-from pacnerf_lpo.report.diagnosis import RESULT_FILE, write_page
+from pacnerf_lpo.report.diagnosis import RESULT, write_page
 from pacnerf_lpo.report.html import write_report
 from pacnerf_lpo.scene_folder import RUN, is_scene
 
@@ -25,7 +25,7 @@ def run(folder: str) -> None:
     run_dir = Path(folder, RUN) if scene else Path(folder)
     if not scene or (run_dir / FILE_NAME).is_file():
         _announce(write_report(run_dir))
-        if (run_dir / "diagnosis" / RESULT_FILE).is_file():
+        if (run_dir / "diagnosis" / RESULT).is_file():
             _announce(write_page(run_dir / "diagnosis"))
     if scene:
         _announce(look_at(Path(folder)))

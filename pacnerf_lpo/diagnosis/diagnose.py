@@ -278,7 +278,7 @@ def _fit_hypotheses(
 
 def _select(problem: Problem, found: Round, screening: Screening) -> None:
     """Take over the refit that is believed, if there is one."""
-    found.accepted, found.alike = None, []
+    found.accepted, found.indistinguishable = None, []
     size = int(problem.usable.sum())
     physics = [again.contender for again in found.refits if again.name not in screening.outside]
     cameras = [again.contender for again in found.refits if again.name in screening.outside]
@@ -287,7 +287,7 @@ def _select(problem: Problem, found: Round, screening: Screening) -> None:
         leader = best(contenders, odds)
         if leader is not None:
             found.accepted = next(again for again in found.refits if again.name == leader.name)
-            found.alike = indistinguishable(leader, odds)
+            found.indistinguishable = indistinguishable(leader, odds)
             break
 
 

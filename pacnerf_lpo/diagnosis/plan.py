@@ -85,7 +85,7 @@ class _Believed:
 
 def last_open(rounds: Sequence[Round]) -> Round:
     """The last round that left several hypotheses. Raises UserInputError where none did."""
-    found = [one for one in rounds if len(one.alike) > 1]
+    found = [one for one in rounds if len(one.indistinguishable) > 1]
     if not found:
         raise UserInputError("plan: nothing is left to separate: the diagnosis names one cause, or none")
     return found[-1]
@@ -109,7 +109,7 @@ def propose(
     if not problem.views:
         raise UserInputError("plan: it proposes recordings by cameras; the measured flights of a diagnosis have none")
     last_open([found])
-    believed = [_believed(problem, found, name) for name in found.alike[:MOST_HYPOTHESES]]
+    believed = [_believed(problem, found, name) for name in found.indistinguishable[:MOST_HYPOTHESES]]
     first = believed[0].part
     quiet = _Noise.of(problem, found)
     proposals = []

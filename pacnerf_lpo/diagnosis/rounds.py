@@ -38,7 +38,7 @@ class Round:
     accepted: the refit that was taken over.
     left_out: effects that were not added, or not removed where the model has them, because the model would be unstable
         when it is examined: by name, where that happened.
-    alike: names that the recording does not tell apart from the accepted one, itself first.
+    indistinguishable: names that the recording does not tell apart from the accepted one, itself first.
     proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
     force: the smooth force that would remove the residual; None where it is not asked for.
@@ -63,7 +63,7 @@ class Round:
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
     left_out: dict[str, str] = field(default_factory=dict)
-    alike: list[str] = field(default_factory=list)
+    indistinguishable: list[str] = field(default_factory=list)
     proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)
     force: ResidualForce | None = None
@@ -91,28 +91,28 @@ class Verdict:
 
     kind: ``nothing``, ``missing``, ``camera``, ``unknown`` or ``unfinished``.
     names: of the effects that are missing; where the cause is unknown, of those that come nearest.
-    rest: whether what is left, with all that was found, is more than the model predicts.
+    more_than_noise: whether what is left, with all that was found, is more than the model predicts.
     removed: share of the held-out excess error that the effects remove together; None where there are none.
     """
 
     kind: str
     names: list[str]
-    rest: bool
+    more_than_noise: bool
     removed: float | None
 
 
 def verdict(rounds: list[Round]) -> Verdict:
     """The verdict: what was accepted, unless what is left can only be physics that no known effect makes."""
     last, names = rounds[-1], accepted_names(rounds)
-    rest = leaves_more(last) or any(discrepancy_wins(last, name) for name in (FORCE, SHAPE))
+    more_than_noise = leaves_more(last) or any(discrepancy_wins(last, name) for name in (FORCE, SHAPE))
     share = removed_share(rounds[0], last) if names else None
     if not last.finished and not names:
-        return Verdict("unfinished", [], rest, None)
+        return Verdict("unfinished", [], more_than_noise, None)
     if unknown_wins(last):
         return Verdict("unknown", names, True, share)
     if not names:
-        return Verdict("nothing", [], rest, None)
-    return Verdict("camera" if all("@" in name for name in names) else "missing", names, rest, share)
+        return Verdict("nothing", [], more_than_noise, None)
+    return Verdict("camera" if all("@" in name for name in names) else "missing", names, more_than_noise, share)
 
 
 def accepted_names(rounds: list[Round]) -> list[str]:

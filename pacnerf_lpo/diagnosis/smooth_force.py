@@ -45,7 +45,6 @@ class SmoothForce(BodyForce):
     parameters = {  # noqa: RUF012
         name: Parameter(name, "m/s^2", Identity(), (-1e4, 1e4), "force", scale=PROBE) for name in names_of_force()
     }
-    null = dict.fromkeys(parameters, 0.0)
     signature = "anything that a smooth force can do"
     probes = ()
 

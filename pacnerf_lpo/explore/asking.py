@@ -19,7 +19,7 @@ from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.report.diagnosis import RESULT_FILE, write_page
+from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, summary, write
 from pacnerf_lpo.report.diagnosis_stages import stages_of, write_pictures
 from pacnerf_lpo.report.wording import listed
@@ -82,7 +82,7 @@ def report(session: "Session", folder: Path, step: Step, progress: Callable[[str
     for stage, one in zip(result["stages"], shown, strict=True):
         stage["readable"] = one.name
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / RESULT_FILE, json.dumps(result, indent=1).encode())
+    write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
     write_pictures(session.problem, rounds, folder)
     return write_page(folder)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import maximum, sqrt, where
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 
 
 class Ground(ABC):
@@ -47,7 +47,7 @@ class Separate(Ground):
         friction: Coulomb coefficient [1], not negative.
     """
 
-    parameters = {"friction": Parameter("friction", "1", Identity(), (-1e-9, 10.0), "friction coefficient")}  # noqa: RUF012
+    parameters = named(Parameter("friction", "1", Identity(), (-1e-9, 10.0), "friction coefficient"))
 
     def __init__(self, friction: float = 0.0):
         super().__init__()

@@ -161,3 +161,8 @@ def name_in(name: str, recording: str) -> str:
 def own_name(name: str) -> str:
     """The name of a parameter without that of a recording."""
     return name.partition(OF)[0]
+
+
+def named(*parameters: Parameter) -> dict[str, Parameter]:
+    """Parameters by name, in order."""
+    return {p.name: p for p in parameters}

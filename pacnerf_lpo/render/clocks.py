@@ -19,7 +19,6 @@ class KnownOffset(Observation):
     """
 
     parameters = {}  # noqa: RUF012
-    null = {}  # noqa: RUF012
     signature = "one view runs ahead or behind, by a time that is known"
     probes = ()
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
@@ -17,7 +18,8 @@ from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.recordings import recordings_section
 from pacnerf_lpo.report.wording import listed, readable
 
-RESULT_FILE, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
+RESULT, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
+FORMAT = 3
 IMAGE_BUDGET = 5_000_000
 QUALITIES = (75, 55, 35)
 STYLES = ("report.css", "diagnosis.css")
@@ -26,9 +28,13 @@ SCRIPTS = ("base.js", "charts.js", "diagnosis_pictures.js", "diagnosis_flights.j
 
 def write_page(folder: Path) -> Path:
     """Write ``diagnosis.html`` next to the ``diagnosis.json`` of a diagnosis, and its ``pictures.npz`` where there was
-    a video; returns its path.
+    a video; returns its path. UserInputError where an earlier version wrote them.
     """
-    result = json.loads((folder / RESULT_FILE).read_text())
+    result = json.loads((folder / RESULT).read_text())
+    if result["format"] != FORMAT:
+        raise UserInputError(
+            f"{folder / RESULT}: format {result['format']}, this version reads {FORMAT}: run pacnerf-lpo diagnose again"
+        )
     images: dict[str, Any] = {"stages": []}
     if result["views"]:
         with np.load(folder / PICTURES_FILE) as pictures:

@@ -35,6 +35,7 @@ def ranking(done: Mapping[str, Any]) -> str:
     ]
     for name, found in screen["discrepancies"].items():
         entries.append((found["log_bayes_factor"], name, *DISCREPANCIES[name], "discrepancy"))
+    tags = dict.fromkeys(done["indistinguishable"], "not separated") | {done["accepted"]: "added"}
     bars = [
         {
             "factor": factor,
@@ -42,7 +43,7 @@ def ranking(done: Mapping[str, Any]) -> str:
             "signature": signature,
             "kind": kind,
             "refitted": name in refitted,
-            "tag": "added" if name == done["accepted"] else "not separated" if name in done["alike"] else "",
+            "tag": tags.get(name, ""),
         }
         for factor, name, readable, signature, kind in sorted(entries, key=lambda entry: -entry[0])
     ]
@@ -72,7 +73,7 @@ def outcome(again: Mapping[str, Any], done: Mapping[str, Any]) -> str:
     name, level = again["name"], done["screen"]["level"]
     if name == done["accepted"]:
         return "added"
-    if name in done["alike"]:
+    if name in done["indistinguishable"]:
         return "not separated from the added one"
     if again["p_value"] >= level:
         return f"p above {level:.0%}: chance explains it"

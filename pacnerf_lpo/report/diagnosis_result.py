@@ -23,11 +23,11 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
+from pacnerf_lpo.report.diagnosis import FORMAT, RESULT
 from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.flights import agreement, flights
 
-RESULT, OVERLAY, OVERLAY_OF = "diagnosis.json", "effects.yaml", "effects_{}.yaml"
-FORMAT = 2
+OVERLAY, OVERLAY_OF = "effects.yaml", "effects_{}.yaml"
 MOST_CORRELATIONS = 30
 
 
@@ -68,7 +68,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
             "kind": said.kind,
             "effects": said.names if said.kind != "unknown" else [],
             "nearest": said.names if said.kind == "unknown" else [],
-            "rest": said.rest,
+            "more_than_noise": said.more_than_noise,
             "doubt": said.kind == "nothing" and wording.doubt(rounds[-1]) is not None,
             "removed": said.removed,
             "p_value": _chance(rounds),
@@ -111,7 +111,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "screen": None if found.screening is None else _screen(found.screening, found.candidates),
         "refits": [{**_refit(problem, again, found), "log_odds": odds[again.name]} for again in found.refits],
         "accepted": None if found.accepted is None else found.accepted.name,
-        "alike": found.alike,
+        "indistinguishable": found.indistinguishable,
         "plan": [asdict(proposal) for proposal in found.proposals],
         "removed": found.removed,
         "effort": found.effort,

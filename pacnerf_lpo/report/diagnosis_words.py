@@ -46,7 +46,7 @@ def light(verdict: Mapping[str, Any]) -> Light:
     """The mark next to a verdict."""
     if verdict["doubt"]:
         return DOUBT
-    return PARTIAL if verdict["kind"] == "missing" and verdict["rest"] else LIGHTS[verdict["kind"]]
+    return PARTIAL if verdict["kind"] == "missing" and verdict["more_than_noise"] else LIGHTS[verdict["kind"]]
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _tried(result: Result) -> str:
 
 
 def _named(done: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:
-    name, others = again["readable"], [readable(other) for other in done["alike"] if other != again["name"]]
+    name, others = again["readable"], [readable(other) for other in done["indistinguishable"] if other != again["name"]]
     alternatives = f" (or {listed(others)}: this recording does not separate them)" if others else ""
     return [
         f"{capitalised(name)}{alternatives}: {again['signature']}.",
@@ -255,21 +255,21 @@ def experiments(result: Result) -> list[tuple[str, str]]:
         by_name = {again["name"]: again for again in done["refits"]}
         if done.get("plan"):
             best = done["plan"][0]
-            names = listed([readable(name) for name in done["alike"]], "and")
+            names = listed([readable(name) for name in done["indistinguishable"]], "and")
             found[names] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"
             continue
-        advice = [by_name[name]["separating_experiment"] for name in done["alike"] if name in by_name]
-        if len(done["alike"]) > 1 and any(advice):
-            names = listed([readable(name) for name in done["alike"]], "and")
+        advice = [by_name[name]["separating_experiment"] for name in done["indistinguishable"] if name in by_name]
+        if len(done["indistinguishable"]) > 1 and any(advice):
+            names = listed([readable(name) for name in done["indistinguishable"]], "and")
             found.setdefault(names, next(one for one in advice if one))
     return list(found.items())
 
 
 def indistinguishable(done: Mapping[str, Any]) -> str:
     """Which effects a round leaves to choose from; empty where it leaves one."""
-    if len(done["alike"]) < 2:
+    if len(done["indistinguishable"]) < 2:
         return ""
-    names = listed([readable(name) for name in done["alike"]], "and")
+    names = listed([readable(name) for name in done["indistinguishable"]], "and")
     return (
         f"This recording does not separate {names}: the odds of the added one to each of the others are below "
         f"{odds(DECISIVE)}."

@@ -124,7 +124,7 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
             continue
         after = rounds[number + 1] if number + 1 < len(rounds) else None
         candidate, also = done.candidate(again.name), "also " if found else ""
-        named = either(done.alike or [again.name])
+        named = either(done.indistinguishable or [again.name])
         what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {also}missing"
         removes = "" if after is None else f"; adding it removes {_share(removed_share(done, after), done)}"
         found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
@@ -137,7 +137,7 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
             if old != new
         ]
         found += [f"{capitalised('; '.join(moves))}."] if moves else []
-        others = [name for name in done.alike if name != again.name]
+        others = [name for name in done.indistinguishable if name != again.name]
         advice = done.proposals[0].words if done.proposals else candidate.effect.separating_experiment
         if others and advice:
             found.append(f"To separate {readable(again.name)} from {either(others)}: {advice}.")

@@ -65,7 +65,7 @@ def test_what_a_straight_line_did_not_lead_to_is_fitted_where_a_verdict_leaves_m
     falling.install(monkeypatch)
     monkeypatch.setattr(diagnose, "worth_refitting", misled)
     rounds = diagnosed(falling.Falling({"drag": 2.0}), tmp_path)
-    assert verdict(rounds).names == ["LinearDrag"] and not verdict(rounds).rest
+    assert verdict(rounds).names == ["LinearDrag"] and not verdict(rounds).more_than_noise
     assert [found.widened for found in rounds] == [True, False]
     names = {again.name for again in rounds[0].refits}
     assert "LinearDrag" in names and len(names) == len(rounds[0].refits)

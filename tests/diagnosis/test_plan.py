@@ -63,7 +63,7 @@ def undecided(problem: KnownShape, small_threads: None) -> SimpleNamespace:
         effects=(),
         comparison=comparison,
         refits=refits,
-        alike=list(fitted),
+        indistinguishable=list(fitted),
         candidate=lambda name: Candidate(name, candidates[name]),
     )
 
@@ -84,9 +84,9 @@ def test_a_higher_drop_tells_a_drag_from_another_gravity(problem: KnownShape, un
 def test_the_opposite_spin_tells_a_side_force_from_a_wind(problem: KnownShape, undecided: SimpleNamespace):
     """Of a body that falls with backspin. The hypothesis with the spin comes second; its recipe is proposed even so."""
     spin, wind = (100.0, 0.0, 0.0), UniformForce()
-    undecided.alike = ["UniformForce", "Magnus"]
+    undecided.indistinguishable = ["UniformForce", "Magnus"]
     known = [{"push_x": 0.0, "push_z": -1.0}, {"magnus": 0.005}]
-    for again, name, values in zip(undecided.refits, undecided.alike, known, strict=True):
+    for again, name, values in zip(undecided.refits, undecided.indistinguishable, known, strict=True):
         again.name, again.known = name, {**problem.first_guess, **values}
     effects = {"UniformForce": wind, "Magnus": Magnus(spin=spin)}
     undecided.candidate = lambda name: Candidate(name, effects[name])
@@ -122,7 +122,7 @@ def test_nothing_separates_equal_hypotheses(problem: KnownShape, undecided: Simp
 
 
 def test_nothing_is_left_to_tell_apart(problem: KnownShape, undecided: SimpleNamespace):
-    undecided.alike = ["LinearDrag"]
+    undecided.indistinguishable = ["LinearDrag"]
     with pytest.raises(UserInputError, match="nothing is left to separate"):
         propose(problem, undecided, lambda _: None)
 

@@ -18,7 +18,7 @@ DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
 
 
 @pytest.mark.parametrize(
-    ("rounds", "kind", "names", "rest"),
+    ("rounds", "kind", "names", "more_than_noise"),
     [
         ([round_of(screened=QUIET)], "nothing", [], False),
         ([round_of(screened=QUIET, held=(0.001, 3.0))], "nothing", [], True),
@@ -52,9 +52,9 @@ DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
         ([round_of(accepted=DRAG), round_of(removed=["LinearDrag"], screened=QUIET)], "nothing", [], False),
     ],
 )
-def test_every_kind_of_verdict(rounds, kind, names, rest):
+def test_every_kind_of_verdict(rounds, kind, names, more_than_noise):
     found = verdict(rounds)
-    assert (found.kind, found.names, found.rest) == (kind, names, rest)
+    assert (found.kind, found.names, found.more_than_noise) == (kind, names, more_than_noise)
     assert (found.removed is None) == (not names)
 
 

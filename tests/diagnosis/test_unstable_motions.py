@@ -68,7 +68,7 @@ def test_a_diagnosis_of_what_is_stable_names_the_drag(tmp_path, monkeypatch, sma
     falling.install(monkeypatch)
     rounds = diagnosed(tmp_path)
     found = verdict(rounds)
-    assert (found.kind, found.names, found.rest) == ("missing", ["LinearDrag"], False)
+    assert (found.kind, found.names, found.more_than_noise) == ("missing", ["LinearDrag"], False)
     (drag,) = (interval for interval in rounds[-1].parameters if interval.name == "drag")
     assert drag.low < 2.0 < drag.high
 

@@ -45,7 +45,7 @@ WIND = {
 
 def round_of(
     accepted: str | None = None,
-    alike: tuple[str, ...] = (),
+    indistinguishable: tuple[str, ...] = (),
     refits: tuple[dict, ...] = (),
     candidates: tuple[dict, ...] = (),
     table: tuple[dict, ...] = (),
@@ -56,7 +56,7 @@ def round_of(
         "parameters": parameters,
         "refits": list(refits),
         "accepted": accepted,
-        "alike": list(alike),
+        "indistinguishable": list(indistinguishable),
         "screen": screen,
     }
 
@@ -68,7 +68,7 @@ def write(
     rounds: list[dict] | None,
     kind: str,
     *effects: str,
-    rest: bool = False,
+    more_than_noise: bool = False,
 ) -> Outcome:
     (scene / "diagnosis").mkdir(parents=True)
     (scene / SETTING).write_text("{}")
@@ -78,7 +78,7 @@ def write(
         (scene / FAILURE).write_text("unstable")
     else:
         (scene / EFFORT).write_text(json.dumps({"cpu_seconds": 60.0}))
-        verdict = {"kind": kind, "effects": list(effects), "nearest": [], "rest": rest}
+        verdict = {"kind": kind, "effects": list(effects), "nearest": [], "more_than_noise": more_than_noise}
         (scene / "diagnosis" / "diagnosis.json").write_text(json.dumps({"verdict": verdict, "rounds": rounds}))
     found = outcome(scene)
     assert found is not None
@@ -116,7 +116,7 @@ def test_an_effect_is_found_by_its_class(tmp_path):
 
 
 def test_intervals_are_those_of_the_last_table(tmp_path):
-    first = {**FIRST, "accepted": "LinearDrag", "alike": ["LinearDrag"]}
+    first = {**FIRST, "accepted": "LinearDrag", "indistinguishable": ["LinearDrag"]}
     found = write(tmp_path / "1001", "single", [DRAG], [first, LAST], "missing", "LinearDrag")
     assert found.covered == {"drag": True, "E": True, "nu": False, "v_x": True} and found.hidden == ("drag",)
     text = rows([found])
@@ -127,7 +127,7 @@ def test_intervals_are_those_of_the_last_table(tmp_path):
 
 
 def test_an_unknown_cause_is_no_finding(tmp_path):
-    found = write(tmp_path / "1001", "single", [DRAG], [FIRST, LAST], "unknown", rest=True)
+    found = write(tmp_path / "1001", "single", [DRAG], [FIRST, LAST], "unknown", more_than_noise=True)
     assert not found.found("LinearDrag") and found.named == () and found.inside("coefficient") == [True]
 
 
@@ -145,7 +145,7 @@ def test_a_pair_may_be_found_by_half(tmp_path):
 
 def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
     quiet = write(tmp_path / "1000", "null", [], [round_of(candidates=(scored("LinearDrag", 1.0, 0.6),))], "nothing")
-    doubtful = write(tmp_path / "1002", "null", [], [round_of()], "nothing", rest=True)
+    doubtful = write(tmp_path / "1002", "null", [], [round_of()], "nothing", more_than_noise=True)
     alarm = write(tmp_path / "1005", "null", [], [FIRST, LAST], "missing", "QuadraticDrag")
     unknown = write(tmp_path / "1010", "null", [], [round_of()], "unknown")
     failed = write(tmp_path / "1012", "null", [], None, "")
@@ -167,9 +167,8 @@ def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
 
 def test_effects_outside_the_catalogue_are_counted_apart_from_those_that_known_effects_imitate(tmp_path):
     gust = {"name": "Gust", "values": {"gust": 9.0}, "null": {"gust": 0.0}}
-    clear = write(
-        tmp_path / "1006", "outside", [{**gust, "beyond": 19.04}], [FIRST, LAST], "missing", "LinearDrag", rest=True
-    )
+    measured = [{**gust, "beyond": 19.04}]
+    clear = write(tmp_path / "1006", "outside", measured, [FIRST, LAST], "missing", "LinearDrag", more_than_noise=True)
     alike = write(tmp_path / "1016", "outside", [gust], [FIRST, LAST], "missing", "LinearDrag")
     unknown = write(tmp_path / "1026", "outside", [{**gust, "beyond": 21.0}], [round_of()], "unknown")
     assert (clear.beyond, alike.beyond) == (19.0, None)

@@ -118,7 +118,7 @@ def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], acce
         "screen": screen(),
         "refits": refits,
         "accepted": accepted,
-        "alike": [] if accepted is None else [accepted],
+        "indistinguishable": [] if accepted is None else [accepted],
         "removed": [],
         "effort": {
             "compare": {"seconds": 40.0, "simulations": 60},
@@ -133,7 +133,7 @@ def missing() -> dict[str, Any]:
     before = [parameter("E", 3.4e4, "Pa", "Young's modulus"), parameter("nu", 0.3, "1", "Poisson's ratio")]
     refits = [refit("GravityMagnitude", 33.0, 0.9), refit("LinearDrag", 44.0, 0.35)]
     return {
-        "format": 2,
+        "format": 3,
         "scene": "drag_<torus>",
         "views": VIEWS,
         "frames": FRAMES,
@@ -144,7 +144,7 @@ def missing() -> dict[str, Any]:
             "kind": "missing",
             "effects": ["LinearDrag"],
             "nearest": [],
-            "rest": False,
+            "more_than_noise": False,
             "doubt": False,
             "removed": 0.64,
             "p_value": 1e-7,
@@ -166,7 +166,7 @@ def other(kind: str) -> dict[str, Any]:
         "kind": kind,
         "effects": [],
         "nearest": [],
-        "rest": False,
+        "more_than_noise": False,
         "doubt": False,
         "removed": None,
         "p_value": None,
@@ -179,7 +179,7 @@ def other(kind: str) -> dict[str, Any]:
         result["stages"][1]["by_view"][2] = 0.5
         return result
     result["stages"] = result["stages"][:1]
-    only["accepted"], only["alike"], only["refits"] = None, [], []
+    only["accepted"], only["indistinguishable"], only["refits"] = None, [], []
     if kind == "nothing":
         only["check"], only["check_held"] = check(1.0, 0.4), check(1.1, 0.4)
         for one in only["screen"]["candidates"]:

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
-from pacnerf_lpo.report.diagnosis import render_page, write_page
+from pacnerf_lpo.report.diagnosis import RESULT, render_page, write_page
 from pacnerf_lpo.report.diagnosis_tensorboard import excess_picture, log_diagnosis
 from tests.report import diagnosis_example as example
 
@@ -43,6 +44,12 @@ def test_page_of_every_verdict_says_it_first_and_needs_no_network(kind, tmp_path
     assert len(page) < 6_000_000
 
 
+def test_a_result_of_an_earlier_version_is_not_read(tmp_path):
+    (tmp_path / RESULT).write_text(json.dumps({**example.other("nothing"), "format": 2}))
+    with pytest.raises(UserInputError, match="format 2, this version reads 3: run pacnerf-lpo diagnose again"):
+        write_page(tmp_path)
+
+
 def test_a_faulty_reconstruction_is_no_green_light():
     verdict = example.other("nothing")["verdict"]
     assert words.light(verdict).colour == "good"
@@ -52,7 +59,7 @@ def test_a_faulty_reconstruction_is_no_green_light():
 def test_a_cause_that_leaves_more_than_noise_is_not_all():
     verdict = example.missing()["verdict"]
     assert words.light(verdict).caption == "cause found"
-    assert words.light({**verdict, "rest": True}) == words.PARTIAL
+    assert words.light({**verdict, "more_than_noise": True}) == words.PARTIAL
 
 
 def test_first_screen_has_distances_in_pixels():
@@ -101,7 +108,7 @@ def test_a_wrong_camera_is_judged_by_its_own_view():
 def test_only_what_the_recording_does_not_separate_is_an_alternative():
     result = example.missing()
     assert "gravity" not in " ".join(words.missing(result)) and words.experiments(result) == []
-    result["rounds"][0]["alike"] = ["LinearDrag", "GravityMagnitude"]
+    result["rounds"][0]["indistinguishable"] = ["LinearDrag", "GravityMagnitude"]
     assert words.missing(result)[0].startswith("Linear drag (or gravity magnitude: this recording does not separate")
     assert words.experiments(result) == [("linear drag and gravity magnitude", "the experiment for LinearDrag")]
     assert "linear drag and gravity magnitude: the odds of the added one" in words.indistinguishable(
@@ -167,7 +174,7 @@ def test_ranking_marks_threshold_cameras_discrepancies_and_refits():
 def test_a_round_without_candidates_still_shows_the_discrepancies():
     done = example.missing()["rounds"][0]
     done["screen"] |= {"candidates": [], "correlations": []}
-    done |= {"refits": [], "accepted": None, "alike": []}
+    done |= {"refits": [], "accepted": None, "indistinguishable": []}
     assert evidence.ranking(done).count("rank discrepancy") == 2
     assert "matrix" not in evidence.confounding(done["screen"])
 
@@ -183,7 +190,7 @@ def test_refits_show_cost_evidence_coefficient_and_outcome_with_the_accepted_one
     assert evidence.outcome(done["refits"][1], done) == "added"
     assert evidence.outcome(done["refits"][0], done) == "60 000 to 1 for the added one"  # exp(44 - 33)
     assert evidence.outcome({**done["refits"][0], "p_value": 0.3}, done) == "p above 1%: chance explains it"
-    done["alike"].append("GravityMagnitude")
+    done["indistinguishable"].append("GravityMagnitude")
     assert evidence.outcome(done["refits"][0], done) == "not separated from the added one"
 
 

@@ -47,7 +47,7 @@ def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **mo
         "held": check(5.0, held),
         "errors": (Error(4.0, 2.0),),
         "accepted": accepted,
-        "alike": [] if accepted is None else [accepted.name],
+        "indistinguishable": [] if accepted is None else [accepted.name],
         "proposals": [],
         "removed": [],
         "force": None,
@@ -101,7 +101,7 @@ def test_a_share_says_of_which_data_it_is():
 
 
 def test_effects_that_the_recording_does_not_separate_are_a_choice_with_an_experiment():
-    first = a_round(POOR, POOR, LINEAR, alike=["LinearDrag", "QuadraticDrag"])
+    first = a_round(POOR, POOR, LINEAR, indistinguishable=["LinearDrag", "QuadraticDrag"])
     found = said([first, a_round()], "missing", ["LinearDrag"])
     assert found[0].startswith("Linear drag or quadratic drag is missing (")
     assert "To separate linear drag from quadratic drag: a higher drop." in found

@@ -29,7 +29,7 @@ class Outcome:
     classes: for each of them, the names that the recording does not tell apart from it, itself first.
     ranking: first names of the first round: its refits by log Bayes factor, then its other candidates by theirs.
     p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
-    rest: whether the verdict says that what is left is more than the model predicts.
+    more_than_noise: whether the verdict says that what is left is more than the model predicts.
     covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
         that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
     hidden: names of the coefficients among those.
@@ -49,7 +49,7 @@ class Outcome:
     classes: tuple[tuple[str, ...], ...] = ()
     ranking: tuple[str, ...] = ()
     p_value: float | None = None
-    rest: bool = False
+    more_than_noise: bool = False
     covered: dict[str, bool] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
     beyond: float | None = None
@@ -97,7 +97,7 @@ def outcome(scene: Path) -> Outcome | None:
     result = json.loads((scene / FOLDER / RESULT).read_text())
     rounds, verdict = result["rounds"], result["verdict"]
     named = tuple(verdict["effects"])
-    of_round = {found["accepted"]: found["alike"] for found in rounds if found["accepted"]}
+    of_round = {found["accepted"]: found["indistinguishable"] for found in rounds if found["accepted"]}
     classes = tuple(tuple(of_round.get(name) or [name]) for name in named)
     moved = _moved(truth)
     table = {entry["name"]: entry for entry in rounds[-1]["parameters"]}
@@ -109,7 +109,7 @@ def outcome(scene: Path) -> Outcome | None:
         classes=classes,
         ranking=_ranking(rounds[0])[:KEPT],
         p_value=_smallest(rounds[0]),
-        rest=verdict["rest"],
+        more_than_noise=verdict["more_than_noise"],
         covered=_covered(true, table),
         hidden=tuple(name for name in moved if name in table),
         beyond=None if beyond is None else round(beyond, 1),

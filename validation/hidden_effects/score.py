@@ -75,7 +75,7 @@ def null(outcomes: Sequence[Outcome]) -> list[Row]:
         ("any verdict but *nothing is missing*", [o.kind != "nothing" for o in outcomes]),
         (
             "*nothing is missing*, but what is left is more than predicted",
-            [o.kind == "nothing" and o.rest for o in outcomes],
+            [o.kind == "nothing" and o.more_than_noise for o in outcomes],
         ),
     ]
 
@@ -100,7 +100,7 @@ def outside(outcomes: Sequence[Outcome]) -> list[Row]:
         ("*none of the known effects*", [o.kind == "unknown" for o in outcomes]),
         (
             "that, or an effect named and the rest declared more than predicted",
-            [o.kind == "unknown" or (bool(o.named) and o.rest) for o in outcomes],
+            [o.kind == "unknown" or (bool(o.named) and o.more_than_noise) for o in outcomes],
         ),
         ("a known effect named", [bool(o.named) for o in outcomes]),
     ]
@@ -187,7 +187,7 @@ def scene_table(outcomes: Sequence[Outcome]) -> list[str]:
             f"{o.seed}",
             " + ".join(o.truth) or "nothing",
             f"{o.snr:g}" if o.truth else "",
-            o.kind + (", more is left" if o.rest else ""),
+            o.kind + (", more is left" if o.more_than_noise else ""),
             ", ".join(" ~ ".join(group) for group in o.classes) or "-",
             ", ".join(o.ranking[:3]),
             "-" if o.p_value is None else f"{o.p_value:.2g}",

@@ -99,9 +99,12 @@ def diagnose(study: Path) -> dict[str, Any]:
     for name, problem in (*zip(DROPS, drops, strict=True), (BOTH, StudyProblem(drops, DROPS))):
         rounds = _investigated(study, name, problem)
         first = rounds[0]
-        said[name] = {"named": None if first.accepted is None else first.accepted.name, "alike": first.alike}
+        said[name] = {
+            "named": None if first.accepted is None else first.accepted.name,
+            "indistinguishable": first.indistinguishable,
+        }
         said[name]["contenders"] = {again.name: again.log_bayes_factor for again in first.refits}
-        if name == DROPS[0] and len(first.alike) > 1:
+        if name == DROPS[0] and len(first.indistinguishable) > 1:
             with open(study / "log.txt", "a", buffering=1) as log:
                 plan = propose(problem, first, partial(print, file=log))
             said["plan"] = [asdict(one) for one in plan]
@@ -109,7 +112,7 @@ def diagnose(study: Path) -> dict[str, Any]:
     truth = json.loads((study / TRUTH).read_text())
     said |= {"truth": truth["name"], "seconds": time.monotonic() - began, "cpu_seconds": processor_time() - worked}
     for name in (*DROPS, BOTH):
-        said[name]["exact"] = said[name]["alike"] == [truth["name"]]
+        said[name]["exact"] = said[name]["indistinguishable"] == [truth["name"]]
     write_atomically(outcome, json.dumps(said, indent=1).encode())
     return said
 
@@ -154,7 +157,8 @@ def main() -> None:
             print(f"{seed}: failed ({error})", flush=True)
             continue
         one = outcomes[-1]
-        print(f"{seed}: {one['truth']}; " + "; ".join(f"{d}: {one[d]['alike']}" for d in (*DROPS, BOTH)), flush=True)
+        said = "; ".join(f"{name}: {one[name]['indistinguishable']}" for name in (*DROPS, BOTH))
+        print(f"{seed}: {one['truth']}; {said}", flush=True)
         write_atomically(options.folder / SUMMARY, json.dumps(summary(outcomes), indent=1).encode())
 
 

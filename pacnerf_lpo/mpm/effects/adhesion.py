@@ -5,7 +5,7 @@ from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import where
 from pacnerf_lpo.mpm.effects.base import GroundEffect
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 
 HELD = 1e3
 """Velocity of detachment that no node reaches [m/s]."""
@@ -25,10 +25,10 @@ class Adhesion(GroundEffect):
         restitution: e [1].
     """
 
-    parameters = {  # noqa: RUF012
-        "detachment_speed": Parameter("detachment_speed", "m/s", Identity(), (-1e-6, 1e4), "detachment speed"),
-        "restitution": Parameter("restitution", "1", Identity(), (-1e-6, 1.0), "restitution", scale=0.05),
-    }
+    parameters = named(
+        Parameter("detachment_speed", "m/s", Identity(), (-1e-6, 1e4), "detachment speed"),
+        Parameter("restitution", "1", Identity(), (-1e-6, 1.0), "restitution", scale=0.05),
+    )
     null = {"detachment_speed": HELD, "restitution": 0.0}  # noqa: RUF012
     signature = "from the first rebound on the body leaves the ground earlier and higher"
     confused_with = ("KelvinVoigt", "GroundFriction")

@@ -27,7 +27,7 @@ class Effect(ABC):
 
     Attributes:
         parameters: every coefficient; ``Parameter.scale`` is the size at which it becomes noticeable.
-        null: the value of each at which the effect vanishes.
+        null: the value of each at which the effect vanishes; 0 unless said.
         signature: one sentence: what a video shows of it.
         confused_with: names of the classes that leave nearly the same signature, for whoever reads of the effect.
         separating_experiment: one sentence: which other recording would separate it from those.
@@ -62,6 +62,11 @@ class Effect(ABC):
     of_medium: ClassVar[bool] = False
     reach: float = PROBES
     """Standard deviation of a coefficient in units of the farthest probe, see :data:`PROBES`."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "parameters" in vars(cls) and "null" not in vars(cls):
+            cls.null = dict.fromkeys(cls.parameters, 0.0)
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__

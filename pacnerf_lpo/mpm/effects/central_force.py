@@ -4,10 +4,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
-
-AXES = "xyz"
 
 
 class CentralForce(BodyForce):
@@ -22,16 +20,12 @@ class CentralForce(BodyForce):
         centre: c [m], its height measured from the ground; with b = 0 the centre itself.
     """
 
-    parameters = {  # noqa: RUF012
-        "pull": Parameter("pull", "1/s^2", Identity(), (-1e3, 1e4), "pull towards the centre", scale=0.5),
-        **{
-            f"central_{axis}": Parameter(
-                f"central_{axis}", "m/s^2", Identity(), (-1e4, 1e4), f"pull along {axis} at the reference point"
-            )
-            for axis in AXES
-        },
-    }
-    null = dict.fromkeys(parameters, 0.0)
+    parameters = named(
+        Parameter("pull", "1/s^2", Identity(), (-1e3, 1e4), "pull towards the centre", scale=0.5),
+        Parameter("central_x", "m/s^2", Identity(), (-1e4, 1e4), "pull along x at the reference point"),
+        Parameter("central_y", "m/s^2", Identity(), (-1e4, 1e4), "pull along y at the reference point"),
+        Parameter("central_z", "m/s^2", Identity(), (-1e4, 1e4), "pull along z at the reference point"),
+    )
     signature = "the acceleration changes with the place: the body is drawn towards a point, and squeezed a little"
     confused_with = ("UniformForce", "GravityMagnitude")
     separating_experiment = "a second start position, on the other side of the point"

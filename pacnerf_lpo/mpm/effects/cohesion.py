@@ -9,7 +9,7 @@ from pacnerf_lpo.mpm.differentiation import exp, sqrt
 from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.drucker_prager import DruckerPrager
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
 from pacnerf_lpo.mpm.tensors import add_isotropic, scaled
 
@@ -26,8 +26,7 @@ class Cohesion(LawEffect):
         cohesion: C [Pa].
     """
 
-    parameters = {"cohesion": Parameter("cohesion", "Pa", Identity(), (-1e-3, 1e7), "cohesion", scale=50.0)}  # noqa: RUF012
-    null = {"cohesion": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("cohesion", "Pa", Identity(), (-1e-3, 1e7), "cohesion", scale=50.0))
     signature = "the heap keeps clumps and steep edges"
     confused_with = ("SurfaceTension",)
     separating_experiment = "two heaps of different size: cohesion holds a small one at any slope, friction does not"

@@ -21,11 +21,10 @@ class DensityGradient(InitialState):
         name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"density gradient along {name[-1]}", scale=0.5)
         for name in ("density_gradient_x", "density_gradient_y", "density_gradient_z")
     }
-    null = dict.fromkeys(parameters, 0.0)
     signature = "the body tips over on contact, towards its heavy side"
     confused_with = ("StiffnessGradient", "InitialSpin")
     separating_experiment = "the body balanced on an edge, which shows its centre of mass"
-    probes = one_at_a_time(density_gradient_x=2.0, density_gradient_y=2.0, density_gradient_z=2.0)
+    probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
     def __init__(
         self, density_gradient_x: float = 0.0, density_gradient_y: float = 0.0, density_gradient_z: float = 0.0
@@ -37,5 +36,5 @@ class DensityGradient(InitialState):
     def apply(
         positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
     ) -> tuple[Tensor, Tensor, Tensor]:
-        factor = linear_factor(positions, mass, (c.density_gradient_x, c.density_gradient_y, c.density_gradient_z))
-        return velocity, factor * mass, stiffness
+        gradient = c.density_gradient_x, c.density_gradient_y, c.density_gradient_z
+        return velocity, linear_factor(positions, mass, gradient) * mass, stiffness

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 
 
@@ -17,10 +17,7 @@ class GravityMagnitude(BodyForce):
         extra_gravity: d [m/s^2]; negative where the body falls slower (buoyancy).
     """
 
-    parameters = {  # noqa: RUF012
-        "extra_gravity": Parameter("extra_gravity", "m/s^2", Identity(), (-20.0, 100.0), "extra gravity")
-    }
-    null = {"extra_gravity": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("extra_gravity", "m/s^2", Identity(), (-20.0, 100.0), "extra gravity"))
     signature = "the body falls along another vertical parabola, the same in all views"
     confused_with = ("LinearDrag", "QuadraticDrag")
     separating_experiment = "a scale bar in the picture; and a second drop from twice the height, against drag"

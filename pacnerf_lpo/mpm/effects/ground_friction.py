@@ -6,7 +6,7 @@ from typing import Any
 from pacnerf_lpo.mpm.differentiation import where
 from pacnerf_lpo.mpm.effects.base import GroundEffect
 from pacnerf_lpo.mpm.ground import Separate
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 
 STICKING = 1e3
 """Friction coefficient from which on the ground counts as sticky."""
@@ -21,9 +21,7 @@ class GroundFriction(GroundEffect):
         ground_friction: Coulomb coefficient [1].
     """
 
-    parameters = {  # noqa: RUF012
-        "ground_friction": Parameter("ground_friction", "1", Identity(), (-1e-6, 1e4), "friction coefficient")
-    }
+    parameters = named(Parameter("ground_friction", "1", Identity(), (-1e-6, 1e4), "friction coefficient"))
     null = {"ground_friction": STICKING}  # noqa: RUF012
     signature = "from the contact on the body slides, and lifts off as a whole"
     confused_with = ("Adhesion", "InitialSpin", "UniformForce")

@@ -21,7 +21,6 @@ class InitialSpin(InitialState):
         name: Parameter(name, "rad/s", Identity(), (-200.0, 200.0), f"initial spin about {name[-1]}")
         for name in ("spin_x", "spin_y", "spin_z")
     }
-    null = dict.fromkeys(parameters, 0.0)
     of_recording = True
     signature = "the body turns from frame 0 on"
     confused_with = ("GroundFriction", "DensityGradient")

@@ -6,7 +6,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.newtonian import Newtonian
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
 from pacnerf_lpo.mpm.tensors import added, determinant, deviator, scaled, symmetric
 
@@ -20,10 +20,7 @@ class KelvinVoigt(LawEffect):
         solid_viscosity: eta [Pa s].
     """
 
-    parameters = {  # noqa: RUF012
-        "solid_viscosity": Parameter("solid_viscosity", "Pa s", Identity(), (-1e3, 1e6), "viscosity of the solid", 1.0)
-    }
-    null = {"solid_viscosity": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("solid_viscosity", "Pa s", Identity(), (-1e3, 1e6), "viscosity of the solid", 1.0))
     signature = "a lower rebound, and a ringing that dies sooner"
     confused_with = ("LinearDrag", "Adhesion", "ThermalSoftening")
     separating_experiment = "the free ringing of the body after it is plucked, without any flight or contact"

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 
 
@@ -17,8 +17,7 @@ class LinearDrag(BodyForce):
         drag: rate c [1/s].
     """
 
-    parameters = {"drag": Parameter("drag", "1/s", Identity(), (-100.0, 1000.0), "drag rate")}  # noqa: RUF012
-    null = {"drag": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("drag", "1/s", Identity(), (-100.0, 1000.0), "drag rate"))
     of_medium = True
     signature = "all views see the body arrive late, and slower than free fall"
     confused_with = ("QuadraticDrag", "GravityMagnitude")

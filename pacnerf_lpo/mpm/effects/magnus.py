@@ -7,7 +7,7 @@ from typing import Any
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.tensors import AXES
 
@@ -33,10 +33,8 @@ class Magnus(BodyForce):
         UserInputError: a spin that is not three finite numbers.
     """
 
-    parameters = {  # noqa: RUF012  # bounds: of a cylinder as light as the fluid
-        "magnus": Parameter("magnus", "1", Identity(), (-2.0, 2.0), "Magnus coefficient", scale=0.002)
-    }
-    null = {"magnus": 0.0}  # noqa: RUF012
+    # bounds: of a cylinder as light as the fluid
+    parameters = named(Parameter("magnus", "1", Identity(), (-2.0, 2.0), "Magnus coefficient", scale=0.002))
     constants_of_recording = True
     of_medium = True
     signature = "the path of a spinning body curves at a right angle to its velocity and to its spin"

@@ -5,7 +5,7 @@ from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import sqrt
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 
 
@@ -16,10 +16,7 @@ class QuadraticDrag(BodyForce):
         drag_per_length: k [1/m].
     """
 
-    parameters = {  # noqa: RUF012
-        "drag_per_length": Parameter("drag_per_length", "1/m", Identity(), (-10.0, 100.0), "drag per length")
-    }
-    null = {"drag_per_length": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("drag_per_length", "1/m", Identity(), (-10.0, 100.0), "drag per length"))
     of_medium = True
     signature = "all views see the body arrive late, the more so the faster it falls"
     confused_with = ("LinearDrag", "GravityMagnitude")

@@ -8,7 +8,7 @@ from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.newtonian import Newtonian
 from pacnerf_lpo.mpm.materials.viscoplastic_von_mises import ViscoplasticVonMises
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
 from pacnerf_lpo.mpm.tensors import contraction, deviator, symmetric
 
@@ -25,7 +25,7 @@ class ShearThinning(LawEffect):
         UserInputError: onset rate not positive.
     """
 
-    parameters = {"power_index": Parameter("power_index", "1", Identity(), (-0.5, 3.0), "power-law index")}  # noqa: RUF012
+    parameters = named(Parameter("power_index", "1", Identity(), (-0.5, 3.0), "power-law index"))
     null = {"power_index": 1.0}  # noqa: RUF012
     signature = "a fast spread on impact, then an early arrest"
     confused_with = ("GroundFriction", "YieldStress")

@@ -20,11 +20,10 @@ class StiffnessGradient(InitialState):
         name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"stiffness gradient along {name[-1]}", scale=0.5)
         for name in ("stiffness_gradient_x", "stiffness_gradient_y", "stiffness_gradient_z")
     }
-    null = dict.fromkeys(parameters, 0.0)
     signature = "one side gives way more than the other, and the body tips over on rebound"
     confused_with = ("DensityGradient", "InitialSpin")
     separating_experiment = "the same body dropped upside down"
-    probes = one_at_a_time(stiffness_gradient_x=2.0, stiffness_gradient_y=2.0, stiffness_gradient_z=2.0)
+    probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
     def __init__(
         self, stiffness_gradient_x: float = 0.0, stiffness_gradient_y: float = 0.0, stiffness_gradient_z: float = 0.0
@@ -36,7 +35,5 @@ class StiffnessGradient(InitialState):
     def apply(
         positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
     ) -> tuple[Tensor, Tensor, Tensor]:
-        factor = linear_factor(
-            positions, mass, (c.stiffness_gradient_x, c.stiffness_gradient_y, c.stiffness_gradient_z)
-        )
-        return velocity, mass, factor * stiffness
+        gradient = c.stiffness_gradient_x, c.stiffness_gradient_y, c.stiffness_gradient_z
+        return velocity, mass, linear_factor(positions, mass, gradient) * stiffness

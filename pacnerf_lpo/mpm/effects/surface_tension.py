@@ -7,7 +7,7 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import sqrt, where
 from pacnerf_lpo.mpm.effects.base import LawEffect
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
 from pacnerf_lpo.mpm.tensors import AXES, added, cofactor, determinant
 from pacnerf_lpo.scene.trilinear import gather, scatter, stencil
@@ -31,10 +31,7 @@ class SurfaceTension(LawEffect):
     """
 
     history = 3
-    parameters = {  # noqa: RUF012
-        "surface_tension": Parameter("surface_tension", "N/m", Identity(), (-1e4, 1e4), "surface tension", scale=1.0)
-    }
-    null = {"surface_tension": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("surface_tension", "N/m", Identity(), (-1e4, 1e4), "surface tension", scale=1.0))
     signature = "corners round off, and what was spread out draws back"
     confused_with = ("Cohesion", "KelvinVoigt")
     separating_experiment = "a smaller body of the same shape, which surface tension rounds faster"

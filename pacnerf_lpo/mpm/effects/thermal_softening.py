@@ -5,7 +5,7 @@ from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import exp
 from pacnerf_lpo.mpm.effects.base import Softening
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 
 
@@ -16,8 +16,7 @@ class ThermalSoftening(Softening):
         softening: rate s [1/s]; negative for a body that hardens.
     """
 
-    parameters = {"softening": Parameter("softening", "1/s", Identity(), (-20.0, 20.0), "softening rate", scale=0.2)}  # noqa: RUF012
-    null = {"softening": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("softening", "1/s", Identity(), (-20.0, 20.0), "softening rate", scale=0.2))
     signature = "late frames look softer than early ones: every next contact is deeper and slower"
     confused_with = ("KelvinVoigt", "YieldStress")
     separating_experiment = "the same drop filmed later, or repeated with the same body"

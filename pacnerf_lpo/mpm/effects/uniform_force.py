@@ -22,7 +22,6 @@ class UniformForce(BodyForce):
         name: Parameter(name, "m/s^2", Identity(), (-100.0, 100.0), f"push along {name[-1]}")
         for name in ("push_x", "push_z")
     }
-    null = {"push_x": 0.0, "push_z": 0.0}  # noqa: RUF012
     of_medium = True
     signature = "the body drifts sideways along a parabola from frame 0 on, in all views"
     confused_with = ("CentralForce", "CameraRotation")

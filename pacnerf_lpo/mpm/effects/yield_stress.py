@@ -11,7 +11,7 @@ from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.hencky import kept_share
 from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
-from pacnerf_lpo.mpm.parameters import Identity, Log10, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Log10, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
 from pacnerf_lpo.mpm.principal import return_mapped
 from pacnerf_lpo.mpm.tensors import AXES
@@ -33,10 +33,10 @@ class YieldStress(LawEffect):
     """
 
     history = 1
-    parameters = {  # noqa: RUF012
-        "yield_stress": Parameter("yield_stress", "Pa", Log10(), (0.0, 1e12), "yield stress"),
-        "hardening": Parameter("hardening", "Pa", Identity(), (-1e-3, 1e9), "hardening modulus", scale=500.0),
-    }
+    parameters = named(
+        Parameter("yield_stress", "Pa", Log10(), (0.0, 1e12), "yield stress"),
+        Parameter("hardening", "Pa", Identity(), (-1e-3, 1e9), "hardening modulus", scale=500.0),
+    )
     null = {"yield_stress": NEVER, "hardening": 0.0}  # noqa: RUF012
     signature = "the shape stays changed after the impact, and the rebound is lower"
     confused_with = ("KelvinVoigt", "GroundFriction", "ThermalSoftening")

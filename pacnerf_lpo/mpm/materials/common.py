@@ -10,8 +10,3 @@ POISSON = Parameter(
 SHEAR = Parameter("mu", "Pa", Log10(), (0.0, 1e12), "shear modulus", impact=10.0)
 BULK = Parameter("kappa", "Pa", Log10(), (0.0, 1e12), "bulk modulus", impact=30.0)
 YIELD = Parameter("tau_y", "Pa", Log10(), (0.0, 1e12), "yield stress", impact=0.2)
-
-
-def named(*parameters: Parameter) -> dict[str, Parameter]:
-    """Parameters by name, in order."""
-    return {p.name: p for p in parameters}

@@ -7,7 +7,8 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import log
 from pacnerf_lpo.mpm.materials.base import Material, lame
-from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG, named
+from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
+from pacnerf_lpo.mpm.parameters import named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.tensors import Tensor3, add_isotropic, determinant, left_cauchy_green, scaled
 

@@ -7,8 +7,8 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.materials.common import BULK, named
-from pacnerf_lpo.mpm.parameters import Log10, Parameter
+from pacnerf_lpo.mpm.materials.common import BULK
+from pacnerf_lpo.mpm.parameters import Log10, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.tensors import Tensor3, add_isotropic, determinant, diagonal, scaled, symmetric
 

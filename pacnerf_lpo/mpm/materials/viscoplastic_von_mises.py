@@ -9,9 +9,9 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import exp, maximum
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.materials.common import BULK, SHEAR, YIELD, named
+from pacnerf_lpo.mpm.materials.common import BULK, SHEAR, YIELD
 from pacnerf_lpo.mpm.materials.hencky import kept_share
-from pacnerf_lpo.mpm.parameters import Log10, Parameter
+from pacnerf_lpo.mpm.parameters import Log10, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped
 from pacnerf_lpo.mpm.tensors import Tensor3

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 from pacnerf_lpo.render.camera_faults.camera_shift import moved_in_its_plane
 
@@ -21,11 +21,10 @@ class CameraDrift(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {  # noqa: RUF012
-        "drift_x": Parameter("drift_x", "m/s", Identity(), SPEED, "drift to the right", scale=0.03),
-        "drift_y": Parameter("drift_y", "m/s", Identity(), SPEED, "drift upwards", scale=0.03),
-    }
-    null = {"drift_x": 0.0, "drift_y": 0.0}  # noqa: RUF012
+    parameters = named(
+        Parameter("drift_x", "m/s", Identity(), SPEED, "drift to the right", scale=0.03),
+        Parameter("drift_y", "m/s", Identity(), SPEED, "drift upwards", scale=0.03),
+    )
     signature = "one view departs from the others steadily, from nothing at frame 0, whatever the body does"
     confused_with = ("TimeOffset", "UniformForce")
     separating_experiment = "the same camera filming an object at rest for as long"

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.common import one_at_a_time
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 RANGE = (-45.0, 45.0)  # deg
@@ -24,12 +24,11 @@ class CameraRotation(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {  # noqa: RUF012
-        "tilt": Parameter("tilt", "deg", Identity(), RANGE, "tilt upwards", scale=0.25),
-        "pan": Parameter("pan", "deg", Identity(), RANGE, "pan to the left", scale=0.25),
-        "roll": Parameter("roll", "deg", Identity(), RANGE, "roll", scale=1.0),
-    }
-    null = {"tilt": 0.0, "pan": 0.0, "roll": 0.0}  # noqa: RUF012
+    parameters = named(
+        Parameter("tilt", "deg", Identity(), RANGE, "tilt upwards", scale=0.25),
+        Parameter("pan", "deg", Identity(), RANGE, "pan to the left", scale=0.25),
+        Parameter("roll", "deg", Identity(), RANGE, "roll", scale=1.0),
+    )
     signature = "one view is shifted or turned by the same amount in every frame, frame 0 included; the others fit"
     confused_with = ("CameraShift", "UniformForce")
     separating_experiment = "a checkerboard or a plumb line filmed by all cameras before the drop"

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 REACH = (-1.0, 1.0)  # m
@@ -21,11 +21,10 @@ class CameraShift(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {  # noqa: RUF012
-        "shift_x": Parameter("shift_x", "m", Identity(), REACH, "shift to the right", scale=0.01),
-        "shift_y": Parameter("shift_y", "m", Identity(), REACH, "shift upwards", scale=0.01),
-    }
-    null = {"shift_x": 0.0, "shift_y": 0.0}  # noqa: RUF012
+    parameters = named(
+        Parameter("shift_x", "m", Identity(), REACH, "shift to the right", scale=0.01),
+        Parameter("shift_y", "m", Identity(), REACH, "shift upwards", scale=0.01),
+    )
     signature = "one view is off by the same few pixels in every frame, frame 0 included; the others fit"
     confused_with = ("CameraRotation", "TimeOffset")
     separating_experiment = "a checkerboard or any object at rest filmed by all cameras before the drop"

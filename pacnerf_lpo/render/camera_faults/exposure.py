@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 
@@ -16,7 +16,7 @@ class Exposure(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {"gain": Parameter("gain", "1", Identity(), (0.0, 20.0), "gain", scale=0.05)}  # noqa: RUF012
+    parameters = named(Parameter("gain", "1", Identity(), (0.0, 20.0), "gain", scale=0.05))
     null = {"gain": 1.0}  # noqa: RUF012
     signature = "one view is brighter or darker in proportion in every frame, while its silhouettes fit"
     confused_with = ()

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 
@@ -18,8 +18,7 @@ class RadialDistortion(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {"k1": Parameter("k1", "1", Identity(), (-0.5, 2.0), "radial distortion", scale=0.05)}  # noqa: RUF012
-    null = {"k1": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("k1", "1", Identity(), (-0.5, 2.0), "radial distortion", scale=0.05))
     signature = "the error points away from the image centre or towards it, and grows with the cube of the distance"
     confused_with = ("CameraShift",)
     separating_experiment = "a checkerboard that fills the image"

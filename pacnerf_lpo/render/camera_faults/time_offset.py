@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 
@@ -18,8 +18,7 @@ class TimeOffset(Observation):
         view: file id of the camera; None: all cameras.
     """
 
-    parameters = {"time_offset": Parameter("time_offset", "s", Identity(), (-0.5, 0.5), "time offset", scale=0.004)}  # noqa: RUF012
-    null = {"time_offset": 0.0}  # noqa: RUF012
+    parameters = named(Parameter("time_offset", "s", Identity(), (-0.5, 0.5), "time offset", scale=0.004))
     signature = "one view runs ahead or behind: its error follows the speed of the body and changes sign at the rebound"
     confused_with = ("CameraShift", "CameraDrift")
     separating_experiment = "a flash of light that all cameras see"
