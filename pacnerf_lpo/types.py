@@ -6,7 +6,7 @@ the ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking alon
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import torch
 from torch import Tensor
@@ -59,6 +59,16 @@ class Video:
     frame_ids: tuple[int, ...]
     source: str = ""
     offsets: tuple[float, ...] = ()
+
+    @staticmethod
+    def no_pictures(views: int, frames: int, height: int, width: int) -> dict[str, Any]:
+        """Images, silhouettes and valid of a video that shows nothing; they need no memory."""
+        one = torch.zeros(())
+        return {
+            "images": one.expand(views, frames, height, width, 3),
+            "silhouettes": one.expand(views, frames, height, width),
+            "valid": one.bool().expand(views, height, width),
+        }
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ from pacnerf_lpo.render import camera_faults
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 PACKAGE = __name__.split(".")[0]
-FAR = 10.0
-"""A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,7 @@ class Candidate:
     @property
     def discrete(self) -> bool:
         """Whether it is non-local: no small change of a coefficient leads from its null to it."""
-        nulls, probes = self.effect.null, self.effect.probes
-        far = [abs(null) > FAR * max(abs(probe[name]) for probe in probes) for name, null in nulls.items() if null]
-        return isinstance(self.effect, GroundEffect) or any(far)
+        return self.effect.discrete
 
     @property
     def observes(self) -> bool:

@@ -240,15 +240,9 @@ def intervals_in_si(
 def in_si(model: Model, interval: Interval) -> Interval:
     """An interval of a free coordinate in SI units, within the bounds of the parameter."""
     index = model.names.index(interval.name)
-    low, high = model.bounds[0][index], model.bounds[1][index]
-
-    def physical(free: float) -> float:
-        moved = model.start.copy()
-        moved[index] = np.clip(free, low, high)
-        return model.physical(moved)[interval.name]
-
-    ends = physical(interval.low), physical(interval.high)
-    return Interval(interval.name, physical(interval.value), *ends, (ends[1] - ends[0]) / 2, interval.identifiable)
+    inside = np.clip((interval.value, interval.low, interval.high), model.bounds[0][index], model.bounds[1][index])
+    value, low, high = map(model.unknowns[index].physical, inside)
+    return Interval(interval.name, value, low, high, (high - low) / 2, interval.identifiable)
 
 
 def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarray], None]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
+from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, bent, better_null, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
@@ -109,7 +109,7 @@ def investigate(
     problem: Problem,
     store: Store,
     options: Options,
-    progress: Callable[[str], None],
+    progress: Progress,
     keep: Callable[[list[Round]], None] = lambda _: None,
 ) -> list[Round]:
     """All rounds. An effect that a later model does without is removed at the end, and the model is fitted again.
@@ -124,68 +124,220 @@ def investigate(
     Raises:
         SimulationError: the motion is unstable at every start.
     """
-    rounds = _forward(problem, store, options, progress, keep)
-    last, again = rounds[-1], rounds[-1].again
-    gone = superfluous(problem, last) if len(rounds) > 2 else []
-    if gone:
-        kept = tuple(effect for effect in last.effects if effect not in gone)
-        told = _prefixed(progress, f"round {len(rounds) + 1}, without what is not needed, ")
-        names = [name_of(effect) for effect in gone]
-        try:
-            last = _round(problem, store, options, kept, last.comparison.known, rounds, told, again)
-            last.removed = names
-            rounds.append(last)
-        except SimulationError as error:
-            last.left_out |= dict.fromkeys(names, str(error))
-    if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
-        asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
-        last.force = store.once(f"{len(rounds)}_force", asked)
-    if options.profile is not None:
-        told = _prefixed(progress, "profile likelihood: ")
-        followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
-        last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
-    keep(rounds)
-    return rounds
+    return _Diagnosis(problem, store, options, progress, keep).run()
 
 
-def _forward(
-    problem: Problem,
-    store: Store,
-    options: Options,
-    progress: Callable[[str], None],
-    keep: Callable[[list[Round]], None],
-) -> list[Round]:
-    """Rounds in which effects are added one after the other; arguments as of :func:`investigate`."""
-    effects, known = tuple(problem.physics.effects), problem.first_guess
-    rounds: list[Round] = []
-    again, examined = 0, None
-    while len(rounds) <= options.effects:
-        told = _prefixed(progress, f"round {len(rounds) + 1}, ")
-        try:
-            rounds.append(_round(problem, store, options, effects, known, rounds, told, again))
-        except SimulationError as error:
-            if examined is not None:  # the better optimum cannot be
-                (effects, known), examined, again = examined, None, MOST_AGAIN
-                continue
-            if not rounds:
-                raise
-            _leave_out(problem, store, rounds, error, told)
-        last, examined = rounds[-1], None
-        better = better_model(problem, rounds) if again < MOST_AGAIN else None
-        if better is not None:
-            place, known = better
-            effects, again = rounds[place].effects, again + 1
-            examined = effects, rounds[place].comparison.known
-            del rounds[place:]
-            progress(f"round {place + 1} begins again: a fit with one more effect led to a better one without it")
-            continue
-        keep(rounds)
-        if options.until != "refit" or (last.accepted is None and not _widened(problem, store, rounds, progress)):
-            break
+@dataclass
+class _Diagnosis:
+    """A diagnosis on its way; fields as of :func:`investigate`."""
+
+    problem: Problem
+    store: Store
+    options: Options
+    progress: Progress
+    keep: Callable[[list[Round]], None]
+    rounds: list[Round] = field(default_factory=list)
+
+    def run(self) -> list[Round]:
+        """All rounds."""
+        problem, store, options, rounds = self.problem, self.store, self.options, self.rounds
+        self._add_effects()
         last = rounds[-1]
-        assert last.accepted is not None
-        effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
-    return rounds
+        gone = superfluous(problem, last) if len(rounds) > 2 else []
+        if gone:
+            kept = tuple(effect for effect in last.effects if effect not in gone)
+            told = _prefixed(self.progress, f"round {len(rounds) + 1}, without what is not needed, ")
+            names = [name_of(effect) for effect in gone]
+            try:
+                last = self._round(kept, last.comparison.known, told, last.again)
+                last.removed = names
+                rounds.append(last)
+            except SimulationError as error:
+                last.left_out |= dict.fromkeys(names, str(error))
+        if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
+            asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
+            last.force = store.once(f"{len(rounds)}_force", asked)
+        if options.profile is not None:
+            told = _prefixed(self.progress, "profile likelihood: ")
+            followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
+            last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
+        self.keep(rounds)
+        return rounds
+
+    def _add_effects(self) -> None:
+        """Rounds in which effects are added one after the other."""
+        problem, rounds = self.problem, self.rounds
+        effects, known = tuple(problem.physics.effects), problem.first_guess
+        again, examined = 0, None
+        while len(rounds) <= self.options.effects:
+            told = _prefixed(self.progress, f"round {len(rounds) + 1}, ")
+            try:
+                rounds.append(self._round(effects, known, told, again))
+            except SimulationError as error:
+                if examined is not None:  # the better optimum cannot be
+                    (effects, known), examined, again = examined, None, MOST_AGAIN
+                    continue
+                if not rounds:
+                    raise
+                self._leave_out(error, told)
+            last, examined = rounds[-1], None
+            better = better_model(problem, rounds) if again < MOST_AGAIN else None
+            if better is not None:
+                place, known = better
+                effects, again = rounds[place].effects, again + 1
+                examined = effects, rounds[place].comparison.known
+                del rounds[place:]
+                self.progress(
+                    f"round {place + 1} begins again: a fit with one more effect led to a better one without it"
+                )
+                continue
+            self.keep(rounds)
+            if self.options.until != "refit" or (last.accepted is None and not self._widened()):
+                break
+            last = rounds[-1]
+            assert last.accepted is not None
+            effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
+
+    def _round(self, effects: tuple[Effect, ...], known: dict[str, float], progress: Progress, again: int) -> Round:
+        """The next round, of a model with these effects that starts from known values."""
+        problem, store, options, before = self.problem, self.store, self.options, self.rounds
+        latest = (before[-1].effects, before[-1].comparison) if before else None
+        number = _number(len(before) + 1, again, before)
+        settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
+        searched = not before and not again
+        step = partial(compare, problem, effects, known, settings, searched, told, latest)
+        comparison: Comparison = store.once(f"{number}_compare", step)
+        parameters, undetermined = intervals(problem, effects, comparison)
+        found = Round(
+            effects,
+            comparison,
+            *comparison.checks(problem),
+            parameters,
+            undetermined,
+            store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
+            again=again,
+        )
+        residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
+        found.errors = comparison.errors(problem, residuals)
+        found.effort["compare"] = self._effort([f"{number}_compare"], comparison.rollouts)
+        if options.until in ("compare", "localise"):
+            return found
+        if len(before) < options.effects:
+            found.candidates = candidates_for(problem, options, effects)
+        look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
+        found.probes = probes = store.once(f"{number}_probe", look)
+        found.screening = judge(problem, comparison, probes)
+        found.effort["screen"] = self._effort([f"{number}_probe"], probes.simulated)
+        if options.until == "screen":
+            return found
+        self._fit_hypotheses([*before, found], progress)
+        found.finished = True
+        return found
+
+    def _fit_hypotheses(self, rounds: Sequence[Round], progress: Progress, kept: Sequence[Refit] = ()) -> None:
+        """Fit in the last of some rounds every hypothesis that could win, but those of the refits that are kept, and
+        take over the best of all.
+        """
+        found = rounds[-1]
+        assert found.screening is not None
+        number = _number(len(rounds), found.again, rounds)
+        found.refits, simulated = self._refits(number, found, found.screening, progress, kept)
+        tried = [name for name in self.store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
+        before = found.effort.get("refit", {})
+        found.effort["refit"] = {k: v + before.get(k, 0) for k, v in self._effort(tried, simulated).items()}
+        self._select(found, found.screening)
+
+    def _select(self, found: Round, screening: Screening) -> None:
+        """Take over the refit that is believed, if there is one."""
+        found.accepted, found.indistinguishable = None, []
+        size = int(self.problem.usable.sum())
+        physics = [again.contender for again in found.refits if again.name not in screening.outside]
+        cameras = [again.contender for again in found.refits if again.name in screening.outside]
+        for contenders in (physics, cameras):  # fitted to different data
+            odds = log_odds(contenders, size, screening.usual_scale)
+            leader = best(contenders, odds)
+            if leader is not None:
+                found.accepted = next(again for again in found.refits if again.name == leader.name)
+                found.indistinguishable = indistinguishable(leader, odds)
+                break
+
+    def _leave_out(self, error: SimulationError, progress: Progress) -> None:
+        """Do without the refit that was taken over in the last round, whose model cannot be examined; the next best
+        takes its place. What was given up as it fell behind that one has another chance.
+        """
+        found = self.rounds[-1]
+        assert found.accepted is not None
+        name = found.accepted.name
+        found.left_out[name] = str(error)
+        self._fit_hypotheses(self.rounds, progress, [again for again in found.refits if again.name != name])
+
+    def _widened(self) -> bool:
+        """Where the rounds end with an unknown cause or with more than the model predicts: fit the hypotheses to which
+        no straight line led, in the last round, then in those before it, until another effect wins in one of them. The
+        rounds end with that one then. Returns whether there is one.
+        """
+        rounds = self.rounds
+        if not (unknown_wins(rounds[-1]) or leaves_more(rounds[-1])):
+            return False
+        for count in range(len(rounds), 0, -1):
+            found = rounds[count - 1]
+            if found.widened or found.screening is None:
+                continue
+            found.widened, before = True, found.accepted
+            self._fit_hypotheses(rounds[:count], _prefixed(self.progress, f"round {count}, "), found.refits)
+            if found.accepted is not None and (before is None or found.accepted.name != before.name):
+                del rounds[count:]
+                return True
+        return False
+
+    def _refits(
+        self, number: str, found: Round, screening: Screening, progress: Progress, kept: Sequence[Refit]
+    ) -> tuple[list[Refit], int]:
+        """Every hypothesis that could win in a round, fitted, and the number of simulations: those whose linear change
+        says so, and in a widened round those whose linear change is no accident; and while more than noise is left, the
+        non-local ones, of which it says little: from their probes, and where the model without them has gone far from
+        what was expected and no effect explains the most of it, by a search of their own parameter space, too. Refits
+        of it that are ``kept`` are not made again.
+        """
+        refits: list[Refit] = list(kept)
+        simulated = [0]
+
+        def attempt(candidate: Candidate, searched: bool) -> None:
+            if any(candidate.name == again.name for again in kept):
+                return
+            if found.again < MOST_AGAIN and any(again.better for again in refits):
+                return  # all of them will be fitted again beside a better model
+            near = [again.cost for again in refits if again.name not in screening.outside]
+            told = _prefixed(progress, f"refit with {candidate.name}: ")
+            step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
+            compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
+            name = f"{number}_{'search' if searched else 'refit'}_{candidate.name}"
+            again = self.store.once(name, partial(step, compared, searched))
+            if again is None:
+                return
+            simulated[0] += again.simulated
+            before = next((other for other in refits if other.name == candidate.name), None)
+            if before is None or again.log_bayes_factor > before.log_bayes_factor:
+                refits[:] = [other for other in refits if other is not before] + [again]
+
+        size = int(self.problem.fitted.sum())
+        by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
+        nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
+        scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
+        for name in worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR):
+            attempt(by_name[name], False)
+        for searched in (False, True) if bent(found.comparison) else (False,):
+            for candidate in nonlocal_:
+                known = any(again.name == candidate.name for again in refits)
+                least = min((again.cost for again in refits if again.p_value < LEVEL), default=np.inf)
+                wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
+                if wanted and more_than_noise(found, refits, size):
+                    attempt(candidate, searched)
+        return against_the_best(self.problem, refits, screening), simulated[0]
+
+    def _effort(self, steps: Sequence[str], simulated: float) -> dict[str, float]:
+        """Seconds of some steps together, and the number of their simulations."""
+        return {"seconds": round(sum(self.store.seconds[name] for name in steps), 1), "simulations": simulated}
 
 
 def check(problem: Problem, options: Options) -> None:
@@ -210,117 +362,6 @@ def candidates_for(problem: Problem, options: Options, installed: Sequence[Effec
     else:
         found = whole_catalogue(material, problem.video.view_ids, installed)
     return [Candidate(candidate.name, problem.adopt(candidate.effect)) for candidate in found]
-
-
-def _round(
-    problem: Problem,
-    store: Store,
-    options: Options,
-    effects: tuple[Effect, ...],
-    known: dict[str, float],
-    before: Sequence[Round],
-    progress: Callable[[str], None],
-    again: int = 0,
-) -> Round:
-    latest = (before[-1].effects, before[-1].comparison) if before else None
-    number = _number(len(before) + 1, again, before)
-    settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
-    searched = not before and not again
-    step = partial(compare, problem, effects, known, settings, searched, told, latest)
-    comparison: Comparison = store.once(f"{number}_compare", step)
-    parameters, undetermined = intervals(problem, effects, comparison)
-    found = Round(
-        effects,
-        comparison,
-        *comparison.checks(problem),
-        parameters,
-        undetermined,
-        store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
-        again=again,
-    )
-    residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
-    found.errors = comparison.errors(problem, residuals)
-    found.effort["compare"] = _effort(store, [f"{number}_compare"], comparison.rollouts)
-    if options.until in ("compare", "localise"):
-        return found
-    if len(before) < options.effects:
-        found.candidates = candidates_for(problem, options, effects)
-    look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
-    found.probes = probes = store.once(f"{number}_probe", look)
-    found.screening = judge(problem, comparison, probes)
-    found.effort["screen"] = _effort(store, [f"{number}_probe"], probes.simulated)
-    if options.until == "screen":
-        return found
-    _fit_hypotheses(problem, store, [*before, found], progress)
-    found.finished = True
-    return found
-
-
-def _fit_hypotheses(
-    problem: Problem,
-    store: Store,
-    rounds: Sequence[Round],
-    progress: Callable[[str], None],
-    kept: Sequence[Refit] = (),
-) -> None:
-    """Fit in the last of some rounds every hypothesis that could win, but those of the refits that are kept, and take
-    over the best of all.
-    """
-    found = rounds[-1]
-    assert found.screening is not None
-    number = _number(len(rounds), found.again, rounds)
-    found.refits, simulated = _refits(problem, store, number, found, found.screening, progress, kept)
-    tried = [name for name in store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
-    before = found.effort.get("refit", {})
-    found.effort["refit"] = {k: v + before.get(k, 0) for k, v in _effort(store, tried, simulated).items()}
-    _select(problem, found, found.screening)
-
-
-def _select(problem: Problem, found: Round, screening: Screening) -> None:
-    """Take over the refit that is believed, if there is one."""
-    found.accepted, found.indistinguishable = None, []
-    size = int(problem.usable.sum())
-    physics = [again.contender for again in found.refits if again.name not in screening.outside]
-    cameras = [again.contender for again in found.refits if again.name in screening.outside]
-    for contenders in (physics, cameras):  # fitted to different data
-        odds = log_odds(contenders, size, screening.usual_scale)
-        leader = best(contenders, odds)
-        if leader is not None:
-            found.accepted = next(again for again in found.refits if again.name == leader.name)
-            found.indistinguishable = indistinguishable(leader, odds)
-            break
-
-
-def _leave_out(
-    problem: Problem, store: Store, rounds: Sequence[Round], error: SimulationError, progress: Callable[[str], None]
-) -> None:
-    """Do without the refit that was taken over in the last round, whose model cannot be examined; the next best takes
-    its place. What was given up as it fell behind that one has another chance.
-    """
-    found = rounds[-1]
-    assert found.accepted is not None
-    name = found.accepted.name
-    found.left_out[name] = str(error)
-    _fit_hypotheses(problem, store, rounds, progress, [again for again in found.refits if again.name != name])
-
-
-def _widened(problem: Problem, store: Store, rounds: list[Round], progress: Callable[[str], None]) -> bool:
-    """Where the rounds end with an unknown cause or with more than the model predicts: fit the hypotheses to which no
-    straight line led, in the last round, then in those before it, until another effect wins in one of them. The rounds
-    end with that one then. Returns whether there is one.
-    """
-    if not (unknown_wins(rounds[-1]) or leaves_more(rounds[-1])):
-        return False
-    for count in range(len(rounds), 0, -1):
-        found = rounds[count - 1]
-        if found.widened or found.screening is None:
-            continue
-        found.widened, before = True, found.accepted
-        _fit_hypotheses(problem, store, rounds[:count], _prefixed(progress, f"round {count}, "), found.refits)
-        if found.accepted is not None and (before is None or found.accepted.name != before.name):
-            del rounds[count:]
-            return True
-    return False
 
 
 def _number(count: int, again: int, rounds: Sequence[Round]) -> str:
@@ -349,61 +390,6 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
     return len(rounds) - 1, known
 
 
-def _refits(
-    problem: Problem,
-    store: Store,
-    number: str,
-    found: Round,
-    screening: Screening,
-    progress: Callable[[str], None],
-    kept: Sequence[Refit] = (),
-) -> tuple[list[Refit], int]:
-    """Every hypothesis that could win, fitted, and the number of simulations: those whose linear change says so, and in
-    a widened round those whose linear change is no accident; and while more than noise is left, the non-local ones, of
-    which it says little: from their probes, and where the model without them has gone far from what was expected and no
-    effect explains the most of it, by a search of their own parameter space, too.
-
-    Args:
-        problem, store, number, found, screening, progress: the round.
-        kept: refits of it that there are already.
-    """
-    refits: list[Refit] = list(kept)
-    simulated = [0]
-
-    def attempt(candidate: Candidate, searched: bool) -> None:
-        if any(candidate.name == again.name for again in kept):
-            return
-        if found.again < MOST_AGAIN and any(again.better for again in refits):
-            return  # all of them will be fitted again beside a better model
-        near = [again.cost for again in refits if again.name not in screening.outside]
-        told = _prefixed(progress, f"refit with {candidate.name}: ")
-        step = partial(refit, problem, found.effects, found.comparison, candidate, screening, told)
-        compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
-        name = f"{number}_{'search' if searched else 'refit'}_{candidate.name}"
-        again = store.once(name, partial(step, compared, searched))
-        if again is None:
-            return
-        simulated[0] += again.simulated
-        before = next((other for other in refits if other.name == candidate.name), None)
-        if before is None or again.log_bayes_factor > before.log_bayes_factor:
-            refits[:] = [other for other in refits if other is not before] + [again]
-
-    size = int(problem.fitted.sum())
-    by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
-    nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
-    scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
-    for name in worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR):
-        attempt(by_name[name], False)
-    for searched in (False, True) if bent(found.comparison) else (False,):
-        for candidate in nonlocal_:
-            known = any(again.name == candidate.name for again in refits)
-            least = min((again.cost for again in refits if again.p_value < LEVEL), default=np.inf)
-            wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
-            if wanted and more_than_noise(found, refits, size):
-                attempt(candidate, searched)
-    return against_the_best(problem, refits, screening), simulated[0]
-
-
 def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Screening) -> list[Refit]:
     """Refits against the least cost of the model without their effects that any of those to the same data has found."""
     found = []
@@ -428,10 +414,5 @@ def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
     return found.check.p_value < LEVEL and least > size
 
 
-def _effort(store: Store, steps: Sequence[str], simulated: float) -> dict[str, float]:
-    """Seconds of some steps together, and the number of their simulations."""
-    return {"seconds": round(sum(store.seconds[name] for name in steps), 1), "simulations": simulated}
-
-
-def _prefixed(progress: Callable[[str], None], prefix: str) -> Callable[[str], None]:
+def _prefixed(progress: Progress, prefix: str) -> Progress:
     return lambda text: progress(prefix + text)

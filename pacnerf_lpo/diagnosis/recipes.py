@@ -123,7 +123,10 @@ def work_out(recipe: Recipe, part: Part) -> Proposed | None:
         height=recipe.higher * bottom, before=bottom, rate=rate * recipe.faster, rate_before=rate, frames=frames
     )
     lifted = (recipe.higher - 1) * bottom
-    video = _blank(old, torch.arange(frames, dtype=torch.float64) / (rate * recipe.faster))
+    views, _, height, width = old.silhouettes.shape
+    times_seen = torch.arange(frames, dtype=torch.float64) / (rate * recipe.faster)
+    blank = Video.no_pictures(views, frames, height, width)
+    video = replace(old, **blank, times=times_seen, frame_ids=tuple(range(frames)))
     found = Proposed(recipe, words, lifted, video, times, recipe.nearer)
     model = found.model(part)
     path = model.path(model.start)
@@ -144,20 +147,6 @@ def work_out(recipe: Recipe, part: Part) -> Proposed | None:
 def _fall(height: float, upward: float, gravity: float) -> float:
     """Time [s] to fall from a height [m] with an upward velocity [m/s] under gravity [m/s^2]."""
     return (upward + float(np.sqrt(max(upward**2 + 2 * gravity * max(height, 0.0), 0.0)))) / max(gravity, 1e-6)
-
-
-def _blank(video: Video, times: Tensor) -> Video:
-    """The cameras of a video with other time stamps [s, (F,)] and no pictures."""
-    views, _, height, width = video.silhouettes.shape
-    one = torch.zeros(())
-    return replace(
-        video,
-        images=one.expand(views, len(times), height, width, 3),
-        silhouettes=one.expand(views, len(times), height, width),
-        valid=one.bool().expand(views, height, width),
-        times=times,
-        frame_ids=tuple(range(len(times))),
-    )
 
 
 def _moved(poses: Tensor, aim: Tensor, distance: float, raised: float) -> Tensor:

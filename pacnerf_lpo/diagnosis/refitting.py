@@ -295,13 +295,7 @@ def _starts(
     """Free coordinates to begin a fit at [(K,) each]: the effect as its score or its probes say, everything else as in
     the model without it; and where that has moved far, as guessed.
     """
-    found = []
-    for values in starts(candidate, score):
-        start = model.start.copy()
-        for name, value in values.items():
-            index = model.names.index(name)
-            start[index] = model.unknowns[index].transform.to_free(value)
-        found.append(start)
+    found = [model.moved(model.start, values) for values in starts(candidate, score)]
     if bent(comparison):
         own = np.isin(model.names, list(candidate.effect.parameters))
         found += [np.where(own, start, mean) for start in found]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.decision import LEVEL
@@ -20,7 +20,7 @@ def superfluous(problem: Problem, found: Round) -> list[Effect]:
     assert found.screening is not None
     gone = []
     for effect in found.effects[len(problem.physics.effects) :]:
-        if Candidate(name_of(effect), effect).discrete:
+        if effect.discrete:
             continue
         own = np.isin(comparison.names, list(effect.parameters))
         jacobian = comparison.jacobian[mask] * comparison.deviation

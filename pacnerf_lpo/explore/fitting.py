@@ -1,7 +1,6 @@
 """Some settings identified from the current model, all others held."""
 
 from collections.abc import Callable, Sequence
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, in_si, reporter
 from pacnerf_lpo.errors import SimulationError, Stopped, UserInputError
 from pacnerf_lpo.explore.records import Step
-from pacnerf_lpo.identification.base_fit import notes, priors
+from pacnerf_lpo.identification.base_fit import at_probes, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit
 from pacnerf_lpo.identification.least_squares import fit as descend
@@ -17,7 +16,6 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.intervals import posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
-from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session
@@ -83,7 +81,7 @@ def fit(session: "Session", step: Step, names: list[str], progress: Progress) ->
     best: Fit | None = None
     title, unstable = f"fit of {', '.join(names)}", None
     try:
-        for start in _starts(model, effects, names):
+        for start in at_probes(model, [effect for effect in effects if set(effect.parameters) <= set(names)]):
             some = Some(objective, start, places)
 
             def report(iteration: int, cost: float, free: np.ndarray, some: Some = some) -> None:
@@ -124,27 +122,6 @@ def _taken(
     values = {**step.values, **{name: known[name] for name in names}}
     intervals = {**step.intervals, **ends}
     return session.stepper.adopt(Step(0, step.number, title, "fit", values, step.effects, intervals, notes=doubts))
-
-
-def _starts(model: Model, effects: Sequence[Effect], names: Sequence[str]) -> list[np.ndarray]:
-    """Coordinates to begin with [(K,) each]: as they are, but an effect without a gradient where it stands at each of
-    its probes.
-    """
-    stuck = [
-        effect
-        for effect in effects
-        if set(effect.parameters) <= set(names)
-        and all(model.known[name] == null for name, null in effect.null.items())
-        and (isinstance(effect, GroundEffect) or any(map(effect.null_is_far, effect.null)))
-    ]
-    found = []
-    for tried in product(*(effect.probes for effect in stuck)):
-        start = model.start.copy()
-        for name, value in (entry for probe in tried for entry in probe.items()):
-            index = model.names.index(name)
-            start[index] = model.unknowns[index].transform.to_free(value)
-        found.append(start)
-    return found
 
 
 def _intervals(

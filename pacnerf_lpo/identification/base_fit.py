@@ -10,7 +10,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, horizons, multistart
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Log10
 
 SAMPLES = 8
@@ -124,7 +124,7 @@ def coarse_search(
     """
     coarse = problem.coarse_model(effects, known)
     mean, deviation = priors(problem, coarse)
-    starts = _starts(coarse, effects)
+    starts = [np.clip(start, *coarse.bounds) for start in at_probes(coarse, effects)]
     frames = problem.split.last_fitted + 1
     contact, looked = _contact(coarse, starts)
     rows = [_rows(problem, until, len(mean)) for until in horizons(contact, frames)]
@@ -160,7 +160,7 @@ def refined(
     """
     fine = problem.model(effects, known)
     mean, deviation = priors(problem, fine)
-    starts = _starts(fine, effects)
+    starts = [np.clip(start, *fine.bounds) for start in at_probes(fine, effects)]
     found: Sequence[Fit | np.ndarray] = search.fits or starts
     level = level_of(search.fits, len(mean))
     progress(f"base fit: {len(found)} optima on the body itself")
@@ -213,25 +213,15 @@ def notes(model: Model, free: np.ndarray, mean: np.ndarray, deviation: np.ndarra
     return found
 
 
-def _starts(model: Model, effects: Sequence[Effect]) -> list[np.ndarray]:
+def at_probes(model: Model, effects: Sequence[Effect]) -> list[np.ndarray]:
     """Free coordinates to begin with [(K,) each]: as known, but an effect without a gradient at its null, which stands
     there, at each of its probes.
     """
-    found = [np.clip(model.start, *model.bounds)]
+    found = [model.start]
     for effect in effects:
-        at_null = all(model.known[name] == null for name, null in effect.null.items())
-        if at_null and (isinstance(effect, GroundEffect) or any(map(effect.null_is_far, effect.null))):
-            found = [_moved(model, point, probe) for point in found for probe in effect.probes]
+        if effect.discrete and all(model.known[name] == null for name, null in effect.null.items()):
+            found = [model.moved(point, probe) for point in found for probe in effect.probes]
     return found
-
-
-def _moved(model: Model, point: np.ndarray, values: dict[str, float]) -> np.ndarray:
-    """A point [(K,)] with other values of some unknowns [SI]."""
-    moved = point.copy()
-    for name, value in values.items():
-        index = model.names.index(name)
-        moved[index] = model.unknowns[index].transform.to_free(value)
-    return np.clip(moved, *model.bounds)
 
 
 def _contact(model: Model, starts: Sequence[np.ndarray]) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """The forward model of a diagnosis: physical parameters in, silhouette moments of every view and frame out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -130,6 +130,14 @@ class Model(ABC):
     def physical(self, free: np.ndarray) -> dict[str, float]:
         """Every parameter in SI units at these free coordinates [(K,)]."""
         return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
+
+    def moved(self, free: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Free coordinates [(K,)] with other values of some unknowns [SI]."""
+        found = free.copy()
+        for name, value in values.items():
+            index = self.names.index(name)
+            found[index] = self.unknowns[index].transform.to_free(value)
+        return found
 
     @torch.no_grad()
     def outlines(self, path: Tensor, free: np.ndarray | None = None, views: Sequence[int] | None = None) -> Tensor:

@@ -161,13 +161,7 @@ class Problem(ABC):
     @cached_property
     def without_pictures(self) -> Video:
         """The video without its pictures, small enough to be copied with every model."""
-        one, video = torch.zeros(()), self.video
-        return replace(
-            video,
-            images=one.expand(video.images.shape),
-            silhouettes=one.expand(video.silhouettes.shape),
-            valid=one.expand(video.valid.shape),
-        )
+        return replace(self.video, **Video.no_pictures(*self.video.silhouettes.shape))
 
     @abstractmethod
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:

@@ -313,11 +313,8 @@ class RigidProblem(Problem):
 
 def without_cameras(times: np.ndarray, source: str) -> Video:
     """Time stamps [s, (F,)] as a video of no views."""
-    none = torch.zeros(0, len(times), 1, 1)
     return Video(
-        images=none[..., None].expand(-1, -1, -1, -1, 3),
-        silhouettes=none,
-        valid=torch.zeros(0, 1, 1, dtype=torch.bool),
+        **Video.no_pictures(0, len(times), 1, 1),
         camera_to_world=torch.zeros(0, 3, 4),
         intrinsics=torch.zeros(0, 3, 3),
         times=torch.as_tensor(times),

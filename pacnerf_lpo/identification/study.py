@@ -441,11 +441,8 @@ def _stacked_video(videos: Sequence[Video]) -> Video:
     longest = max(videos, key=lambda video: len(video.times))
     height, width = (max(video.images.shape[axis] for video in videos) for axis in (2, 3))
     ids = [CAMERAS * number + view for number, video in enumerate(videos, 1) for view in video.view_ids]
-    shape, one = (len(ids), len(longest.times), height, width), torch.zeros(())
     return Video(
-        images=one.expand(*shape, 3),
-        silhouettes=one.expand(shape),
-        valid=one.bool().expand(len(ids), height, width),
+        **Video.no_pictures(len(ids), len(longest.times), height, width),
         camera_to_world=torch.cat([video.camera_to_world for video in videos]),
         intrinsics=torch.cat([video.intrinsics for video in videos]),
         times=longest.times,

@@ -95,6 +95,11 @@ class Effect(ABC):
         null = abs(self.null[name])
         return null > 0 and null > FAR * max(abs(probe[name]) for probe in self.probes)
 
+    @property
+    def discrete(self) -> bool:
+        """Whether it is non-local: no small change of a coefficient leads from its null to it."""
+        return any(map(self.null_is_far, self.null))
+
     @classmethod  # noqa: B027
     def check_material(cls, material: Material) -> None:
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
@@ -151,6 +156,8 @@ class LawEffect(Effect):
 
 class GroundEffect(Effect):
     """Another ground in the place of the sticky one, which it is at its null. A model has at most one."""
+
+    discrete = True
 
     @staticmethod
     @abstractmethod
