@@ -10,6 +10,7 @@ from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of, spread
@@ -24,7 +25,6 @@ CONFIDENCE = 0.9
 FORCE = 0.02
 """Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
 recording of a soft body is good enough to be believed about."""
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)

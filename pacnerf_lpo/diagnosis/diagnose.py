@@ -10,7 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
-from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, compare, intervals
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, bent, better_null, refit
 from pacnerf_lpo.diagnosis.removal import superfluous
@@ -21,7 +21,7 @@ from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, masks, pro
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
-from pacnerf_lpo.identification.processes import check_jobs
+from pacnerf_lpo.identification.processes import Progress, check_jobs
 from pacnerf_lpo.inference.decision import (
     LEVEL,
     LINEAR,

@@ -13,7 +13,7 @@ both, and a dispersion of the noise that is not known beforehand, as :mod:`~pacn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.least_squares import sensitivities
 from pacnerf_lpo.identification.problem import Part, Problem, relative
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
@@ -92,7 +93,7 @@ def last_open(rounds: Sequence[Round]) -> Round:
 
 
 def propose(
-    problem: Problem, found: Round, progress: Callable[[str], None], recipes: Sequence[Recipe] | None = None
+    problem: Problem, found: Round, progress: Progress, recipes: Sequence[Recipe] | None = None
 ) -> list[Proposal]:
     """Recordings that would separate the hypotheses of a round that were not told apart, best first; of those that are
     expected to do so with odds of more than a thousand to one, the easiest first.

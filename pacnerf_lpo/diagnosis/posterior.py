@@ -1,7 +1,6 @@
 """Intervals of what a run identified, by the statistics of a diagnosis and without its search for missing effects."""
 
 import json
-from collections.abc import Callable
 from functools import partial
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
@@ -10,13 +9,14 @@ from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.manifest import write_atomically
 
 REPLICATES, SEED = 8, 1
 """As few simulated nulls as a diagnosis can do with; Student's t makes the intervals as much wider."""
 
 
-def keep_intervals(run: Run, progress: Callable[[str], None]) -> None:
+def keep_intervals(run: Run, progress: Progress) -> None:
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
     determine, and from which phase.
 

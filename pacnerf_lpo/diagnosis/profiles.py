@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison, Progress
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.least_squares import fit
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.intervals import Profile, profile_likelihood, spread_along
 from pacnerf_lpo.mpm.effects.base import Effect

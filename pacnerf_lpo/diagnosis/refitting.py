@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, intervals_in_si, reporter
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.checks import Prediction, prediction
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, Contender, log_bayes_factor, log_occam_factor

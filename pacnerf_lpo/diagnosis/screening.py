@@ -1,6 +1,6 @@
 """What every hypothesis would change, by one simulation for each probe, and how well that explains the residual."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.inference.calibration import Calibration, calibrate
 from pacnerf_lpo.inference.classes import correlation
 from pacnerf_lpo.inference.decision import LEVEL
@@ -100,7 +100,7 @@ def probe(
     effects: Sequence[Effect],
     comparison: Comparison,
     candidates: Sequence[Candidate],
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> Probes:
     """Try every candidate at the fitted model, see :func:`probed`."""
     held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
@@ -179,7 +179,7 @@ def probed(
     free: np.ndarray,
     candidates: Sequence[Candidate],
     mask: np.ndarray,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> tuple[list[Hypothesis], int]:
     """Every candidate as a hypothesis about the entries of a mask [(R, F, 11), bool], and the number of simulations.
 
@@ -201,8 +201,7 @@ def probed(
         for candidate, tried in zip(candidates, trials, strict=True)
     )
     seen = each(
-        _seen,
-        ((tried, (path, before) if c.observes else None) for c, tried in zip(candidates, models, strict=True)),
+        _seen, ((tried, (path, before) if c.observes else None) for c, tried in zip(candidates, models, strict=True))
     )
     found = []
     for candidate, tried, predicted in zip(candidates, trials, seen, strict=True):

@@ -1,6 +1,6 @@
 """A smooth force on the body that no law gives: the discrepancy of every model, and what an unknown effect does."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import outcome
 from pacnerf_lpo.identification.problem import Part, Problem
-from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.shape_errors import of_each
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
@@ -83,7 +83,7 @@ def force_of(problem: Problem) -> SmoothForce:
 
 
 def force_changes(
-    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Callable[[str], None]
+    problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
     simulation of a coarser body each, which responds to a smooth force in the same way, 60 for each recording of a body
@@ -101,7 +101,7 @@ def force_changes(
     return of_each(problem, found)
 
 
-def _of_recording(part: Part, progress: Callable[[str], None]) -> np.ndarray:
+def _of_recording(part: Part, progress: Progress) -> np.ndarray:
     problem = part.recording
     models = [*part.effects, force_of(problem)]
     still = problem.coarse_model(models, part.known)

@@ -1,7 +1,6 @@
 """The whole diagnosis, what to record next, and the page of a step, asked from a session."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ from pacnerf_lpo.diagnosis.rounds import Round, accepted_names
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.identification.base_fit import priors
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis import write_page
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 STATED = "Changed by hand or by a fit; a diagnosis has not judged it."
 
 
-def diagnose(session: "Session", progress: Callable[[str], None]) -> tuple[Step, list[str]]:
+def diagnose(session: "Session", progress: Progress) -> tuple[Step, list[str]]:
     """The step that a whole diagnosis ends with, and its verdict in sentences. Raises as :meth:`Session.diagnose`."""
     source, folder = session.source, session.source.store.folder
     Settings(list(source.runs), source.phase, source.options).write(folder)
@@ -51,19 +51,19 @@ def diagnose(session: "Session", progress: Callable[[str], None]) -> tuple[Step,
     return session.stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
 
 
-def plan(session: "Session", progress: Callable[[str], None]) -> list[Proposal]:
+def plan(session: "Session", progress: Progress) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
     return propose(session.problem, last_open(_rounds(session, progress)), progress)
 
 
-def _rounds(session: "Session", progress: Callable[[str], None]) -> list[Round]:
+def _rounds(session: "Session", progress: Progress) -> list[Round]:
     """Of the diagnosis, as far as it is stored; the rest is done now."""
     source, problem = session.source, session.problem
     keep = partial(write, problem, source.store.folder)
     return investigate(problem, source.store, source.options, progress, keep)
 
 
-def report(session: "Session", folder: Path, step: Step, progress: Callable[[str], None]) -> Path:
+def report(session: "Session", folder: Path, step: Step, progress: Progress) -> Path:
     """Write the page of a step, with its numbers and pictures, into a folder; returns the page.
 
     Raises:
@@ -92,7 +92,7 @@ def _errors(step: Step) -> list[tuple[str, float]]:
     return [(name, value) for name, value in named if value is not None]
 
 
-def _as_round(session: "Session", step: Step, progress: Callable[[str], None]) -> Round:
+def _as_round(session: "Session", step: Step, progress: Progress) -> Round:
     """A step as the comparison of a diagnosis has a model, with the noise that is known and as it stands."""
     problem, effects = session.problem, session.catalogue.chosen(step.effects)
     progress(f"the page of step {step.number}")

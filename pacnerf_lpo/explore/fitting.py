@@ -1,6 +1,6 @@
 """Some settings identified from the current model, all others held."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit
 from pacnerf_lpo.identification.least_squares import fit as descend
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.intervals import posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 ITERATIONS = 12
 """As the refits of a diagnosis."""
-Progress = Callable[[str], None]
 
 
 class Some:

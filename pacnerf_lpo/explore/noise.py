@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,10 +15,10 @@ from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import Source
 from pacnerf_lpo.identification.base_fit import priors
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 
-Progress = Callable[[str], None]
 LEARNT = "explore_noise"
 """Step of the store with what a session has learnt itself."""
 REPLICATES, SEED = 8, 1

@@ -28,7 +28,8 @@ from pacnerf_lpo.explore.records import (
 )
 from pacnerf_lpo.explore.simulate import errors_of
 from pacnerf_lpo.explore.source import Source, open_source
-from pacnerf_lpo.explore.stepping import Progress, Stepper
+from pacnerf_lpo.explore.stepping import Stepper
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.manifest import write_atomically
 
 

@@ -12,7 +12,7 @@ from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.history import History
 from pacnerf_lpo.explore.records import Resolution, Step
 from pacnerf_lpo.explore.simulate import Simulated, errors_of, out_of_sight, simulate
-from pacnerf_lpo.identification.processes import processes
+from pacnerf_lpo.identification.processes import Progress, processes
 from pacnerf_lpo.mpm.runtime import stoppable
 
 KEPT = 6
@@ -24,7 +24,6 @@ ENDING = 30.0
 NOTICED = 0.02
 """Share of the measured outlines and points that a model may lose sight of without a word."""
 LOST = "the body is out of sight"
-Progress = Callable[[str], None]
 warnings.filterwarnings("ignore", ".*still being processed by the workers have been cancelled")  # as a stop means to
 
 

@@ -3,7 +3,6 @@
 All on the coarse body, without pictures: such questions take many rollouts, in several processes.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
 from dataclasses import replace
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, Progress, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, reporter
 from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
@@ -22,7 +21,7 @@ from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.processes import each, workers
+from pacnerf_lpo.identification.processes import Progress, each, workers
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.inference.decision import LEVEL
@@ -42,7 +41,7 @@ LARGE = ("data", "state", "run", "stage", "_coarse", "_as_reconstructed")
 ITERATIONS = 8
 
 
-def suggest(session: "Session", step: Step, progress: Callable[[str], None]) -> list[Suggestion]:
+def suggest(session: "Session", step: Step, progress: Progress) -> list[Suggestion]:
     """Every effect that could be added to a step and changes something, best first.
 
     The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
@@ -72,7 +71,7 @@ def _fitted(
     null: Comparison,
     chosen: list[Candidate],
     screening: Screening,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, Refit]:
     """Refits by name, as many at a time as there are processes; one that cannot reach the best so far is given up."""
     found: dict[str, Refit] = {}
@@ -88,7 +87,7 @@ def _fitted(
     return found
 
 
-def warm(session: "Session", progress: Callable[[str], None], copies: int) -> None:
+def warm(session: "Session", progress: Progress, copies: int) -> None:
     """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
     problem, step = on_coarse_body(session.problem), session.current
     candidates = session.catalogue.candidates(step.effects)

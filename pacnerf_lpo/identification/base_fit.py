@@ -1,6 +1,6 @@
 """Material, motion and the coefficients of some effects, fitted from a guess: what every hypothesis is judged by."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, horizons, multistart
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Log10
 
@@ -33,7 +34,6 @@ FAR = 2.0
 TOUCH = 1.5
 """Node spacings above the ground: a particle lower than this feels it, as far as a quadratic B-spline reaches. A stiff
 body is thrown back before it comes much nearer."""
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
+Report = Callable[[int, float, np.ndarray], None]
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def fit(
     scales: np.ndarray,
     bounds: Bounds,
     iterations: int,
-    report: Callable[[int, float, np.ndarray], None] = lambda *_: None,
+    report: Report = lambda *_: None,
     abort_above: float | None = None,
     rows: np.ndarray | None = None,
     confirm: bool = True,
@@ -136,13 +137,7 @@ class _Descent:
     def cost(self) -> float:
         return _square(self.now[self.rows])
 
-    def run(
-        self,
-        iterations: int,
-        report: Callable[[int, float, np.ndarray], None],
-        abort_above: float | None,
-        confirm: bool,
-    ) -> Fit:
+    def run(self, iterations: int, report: Report, abort_above: float | None, confirm: bool) -> Fit:
         """Steps until nothing is gained."""
         for iteration in range(iterations):
             report(iteration, self.cost, self.free)

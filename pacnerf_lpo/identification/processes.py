@@ -13,6 +13,8 @@ from pacnerf_lpo.mpm import runtime
 MOST = 8
 """Processes to use where nobody says how many: each takes about half a gigabyte."""
 Result = TypeVar("Result")
+Progress = Callable[[str], None]
+"""Receives a line about each step of what takes long."""
 
 
 def check_jobs(count: int | None, where: str) -> None:

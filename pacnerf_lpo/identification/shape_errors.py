@@ -5,7 +5,7 @@ A few replicates show the size of such errors, but hardly any of their direction
 shape and of the density is tried once, by as much as it may be wrong.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -16,7 +16,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
-from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.replicates import bumps, distortion
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -29,11 +29,7 @@ LOCAL = 2.0
 
 
 def shape_errors(
-    problem: Problem,
-    effects: Sequence[Effect],
-    free: np.ndarray,
-    model: Model,
-    progress: Callable[[str], None] = lambda _: None,
+    problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model, progress: Progress = lambda _: None
 ) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
     simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
@@ -98,7 +94,7 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate(columns, axis=-1)
 
 
-def _of_recording(part: Part, reference: np.ndarray, progress: Callable[[str], None]) -> np.ndarray:
+def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.ndarray:
     problem = part.recording
     if not isinstance(problem, StateProblem):
         return problem.measuring_errors
