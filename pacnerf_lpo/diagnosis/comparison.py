@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pacnerf_lpo.diagnosis.smooth_force import force_changes
-from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
+from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of, spread
+from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, noise_of, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -25,6 +25,8 @@ CONFIDENCE = 0.9
 FORCE = 0.02
 """Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
 recording of a soft body is good enough to be believed about."""
+
+Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,27 @@ class Comparison:
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
+
+    @staticmethod
+    def at(
+        model: Model,
+        free: np.ndarray,
+        prior: Prior,
+        seen: tuple[np.ndarray, np.ndarray],
+        learnt: Learnt,
+        cost: float = 0.0,
+        notes: tuple[str, ...] = (),
+        rollouts: int = 0,
+    ) -> "Comparison":
+        """A model at free coordinates [(K,)], with its residual and jacobian as ``seen``, and what was ``learnt`` of
+        errors, see :attr:`learnt`.
+        """
+        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, *learnt, notes, rollouts)
+
+    @property
+    def learnt(self) -> Learnt:
+        """Replicates and their sensor noise, changes by errors of shape and resolution, and by a smooth force."""
+        return self.replicates, self.sensor, self.shape_errors, self.discretisation, self.force
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
@@ -139,39 +162,24 @@ def compare(
         begun = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = begun.model, begun.free, begun.rollouts
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
-    mean, deviation = priors(problem, model)
     count, seed = settings
-    found, sensor = replicates(
-        problem, effects, free, model, count, seed, lambda k: progress(f"replicate {k} of {count}")
-    )
-    errors, simulated = _errors_of_models(problem, effects, free, model, before, progress)
+    found, sensor = replicates(problem, model, free, count, seed, lambda k: progress(f"replicate {k} of {count}"))
+    errors, simulated = _errors_of_models(problem, model, free, before, progress)
     mask = problem.fitted
     noise = noise_of(problem, found, sensor, mask, known_errors(*errors)[mask])
-    objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
+    objective = StandardisedObjective(problem, model, mask, noise)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, WHITENED_ITERATIONS, report, rows=objective.rows)
-    return Comparison(
-        model.names,
-        best.free,
-        model.physical(best.free),
-        mean,
-        deviation,
-        best.cost_of(objective.rows),
-        *objective.seen(best),
-        found,
-        sensor,
-        *errors,
-        tuple(notes(model, best.free, mean, deviation)),
-        rollouts + simulated + best.rollouts + len(found) + 2,
-    )
+    prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
+    used, cost = rollouts + simulated + best.rollouts + len(found) + 2, best.cost_of(objective.rows)
+    return Comparison.at(model, best.free, prior, objective.seen(best), (found, sensor, *errors), cost, doubts, used)
 
 
 def _errors_of_models(
     problem: Problem,
-    effects: Sequence[Effect],
-    free: np.ndarray,
     model: Model,
+    free: np.ndarray,
     before: tuple[Sequence[Effect], Comparison] | None,
     progress: Progress,
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], int]:
@@ -182,12 +190,12 @@ def _errors_of_models(
     known = model.physical(free)
     if before is not None:
         others, comparison = before
-        if _alike(problem, problem.parts(others, comparison.known), problem.parts(effects, known)):
+        if _alike(problem, problem.parts(others, comparison.known), problem.parts(model.effects, known)):
             return (comparison.shape_errors, comparison.discretisation, comparison.force), 2
     found = (
-        shape_errors(problem, effects, free, model),
-        discretisation_errors(problem, effects, free, model),
-        force_changes(problem, effects, known, progress),
+        shape_errors(problem, model, free),
+        discretisation_errors(problem, model, free),
+        force_changes(problem, model.effects, known, progress),
     )
     return found, sum(changes.shape[-1] for changes in found)
 
@@ -220,8 +228,9 @@ def intervals_in_si(
     jacobian: np.ndarray,
     along: np.ndarray | float,
     noise: NoiseModel,
+    places: Sequence[int] | None = None,
 ) -> tuple[list[Interval], list[str]]:
-    """Posterior intervals of every unknown of a fitted model [SI], and what is not determined, in words.
+    """Posterior intervals of unknowns of a fitted model [SI], and what is not determined, in words.
 
     Args:
         model: whose unknowns they are.
@@ -229,11 +238,11 @@ def intervals_in_si(
         jacobian: change of the standardised residual by one prior standard deviation of each [(D, K)]
         along: dispersion of the residual along each [(K,)]
         noise: of the fitted entries.
+        places: of the K among all unknowns; None: they are all.
     """
+    names = model.names if places is None else [model.names[place] for place in places]
     dof = len(noise.replicates) - 1
-    found, unknown = posterior_intervals(
-        jacobian, along, free.tolist(), model.names, deviation.tolist(), CONFIDENCE, dof
-    )
+    found, unknown = posterior_intervals(jacobian, along, free.tolist(), names, deviation.tolist(), CONFIDENCE, dof)
     return [in_si(model, interval) for interval in found], unknown
 
 

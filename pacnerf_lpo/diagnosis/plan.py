@@ -129,12 +129,6 @@ def propose(
     return sorted(proposals, key=lambda one: -min(one.score, ENOUGH))
 
 
-def best_drop(proposals: Sequence[Proposal]) -> int | None:
-    """Rank, from 1, of the first drop from a greater height; None if there is none."""
-    ranks = [rank for rank, one in enumerate(proposals, 1) if one.higher > 1]
-    return ranks[0] if ranks else None
-
-
 def _believed(problem: Problem, found: Round, name: str) -> _Believed:
     """A hypothesis with the posterior of its parameters, by the sensitivities at its optimum."""
     again = next(one for one in found.refits if one.name == name)

@@ -9,7 +9,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.least_squares import fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.identification.standardised import StandardisedObjective
+from pacnerf_lpo.identification.standardised import Held, StandardisedObjective
 from pacnerf_lpo.inference.intervals import Profile, profile_likelihood, spread_along
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -38,33 +38,22 @@ def profile(
         )
     mask, index = problem.fitted, comparison.names.index(name)
     model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
-    objective = StandardisedObjective(problem, model, mask, noise, comparison.mean, comparison.deviation)
-    others = np.arange(len(comparison.names)) != index
+    objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
+    others = np.flatnonzero(np.arange(len(comparison.names)) != index)
     changes = comparison.jacobian[mask] * comparison.deviation
     spread = float(spread_along(noise, comparison.residual[mask], changes)[index])
     left = noise.with_directions(changes[:, others]).whiten(changes[:, index])
     error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
-    start = comparison.free[others]
-
-    rows = objective.rows
+    physical, rows = model.unknowns[index].physical, objective.rows
 
     def cost(value: float) -> float:
-        progress(f"profile of {name}: {model.physical(np.insert(start, index, value))[name]:.4g}")
+        progress(f"profile of {name}: {physical(value):.4g}")
         bounds = model.bounds[0][others], model.bounds[1][others]
-        held = _Held(objective, index, value)
-        return fit(held, start, model.scales[others], bounds, ITERATIONS, rows=rows).cost_of(rows)
+        full = comparison.free.copy()
+        full[index] = value
+        held = Held(objective, full, others.tolist())
+        return fit(held, full[others], model.scales[others], bounds, ITERATIONS, rows=rows).cost_of(rows)
 
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
     found = profile_likelihood(cost, float(comparison.free[index]), error, ends, CONFIDENCE, spread**2)
-    low, high = (model.physical(np.insert(start, index, value))[name] for value in (found.low, found.high))
-    return low, high, found
-
-
-class _Held:
-    """An objective with one coordinate held."""
-
-    def __init__(self, objective: StandardisedObjective, index: int, value: float):
-        self.objective, self.index, self.value = objective, index, value
-
-    def __call__(self, rest: np.ndarray) -> np.ndarray:
-        return self.objective(np.insert(rest, self.index, self.value))
+    return physical(found.low), physical(found.high), found

@@ -10,9 +10,9 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, intervals_in_si, reporter
-from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.screening import Screening, masks
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
+from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
@@ -117,7 +117,8 @@ def refit(
         None if the motion is unstable from every start.
     """
     fits = _Fits(problem, effects, comparison, candidate, screening)
-    begun, rollouts = _starts(fits.model, comparison, candidate, screening.score(candidate.name), fits.mean), 0
+    linear = screening.score(candidate.name)
+    begun, rollouts = _starts(fits.model, comparison, candidate, linear, fits.objective.mean), 0
     if searched:
         try:
             guess = {**problem.first_guess, **candidate.effect.guess}
@@ -150,13 +151,11 @@ class _Fits:
         self.problem, self.comparison = problem, comparison
         self.name, self.effects = candidate.name, [*effects, candidate.effect]
         outside = candidate.name in screening.outside
-        self.mask = problem.usable & problem.split.frames[..., None] if outside else problem.fitted
+        self.mask = masks(problem)[outside]
         self.noise = comparison.noise(problem, self.mask)
         self.without = _cost_without(problem, comparison, self.mask) if outside else comparison.cost
         self.model = problem.model(self.effects, {**comparison.known, **candidate.effect.guess})
-        self.mean, self.deviation = priors(problem, self.model)
-        rest = self.mask, self.noise, self.mean, self.deviation
-        self.objective = StandardisedObjective(problem, self.model, *rest)
+        self.objective = StandardisedObjective(problem, self.model, self.mask, self.noise)
         self.own = np.isin(self.model.names, list(candidate.effect.parameters))
         self.size = int(self.mask.sum())
         self.sizes = self.size, int(problem.usable.sum())
@@ -190,13 +189,14 @@ class _Fits:
     def scored(self, best: Fit, screening: Screening, rollouts: int) -> Refit:
         """What a fit says of the effect."""
         jacobian, scale = self.objective.standardised(best), screening.scale(self.name)
+        mean, deviation = self.objective.prior
         cost = best.cost_of(self.objective.rows)
         occam = log_occam_factor(jacobian[:, ~self.own], jacobian[:, self.own] / scale)
         along = scale * float(np.sqrt(max(1.0, cost / self.size)))
-        told, _ = intervals_in_si(self.model, best.free, self.deviation, jacobian, along, self.noise)
+        told, _ = intervals_in_si(self.model, best.free, deviation, jacobian, along, self.noise)
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
-        suspect = tuple(notes(self.model, best.free, self.mean, self.deviation))
-        held = self._predicted(*self.objective.seen(best), self.deviation)
+        suspect = tuple(notes(self.model, best.free, mean, deviation))
+        held = self._predicted(*self.objective.seen(best), deviation)
         rest = occam, self._held_without, held, 1.0, suspect, rollouts
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
             self.without, self.sizes, screening
@@ -246,7 +246,7 @@ def better_null(
         fitted, else None; and the number of rollouts.
     """
     model, noise = problem.model(effects, known), comparison.noise(problem, mask)
-    objective = StandardisedObjective(problem, model, mask, noise, comparison.mean, comparison.deviation)
+    objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     free, rows = np.clip(model.start, *model.bounds), objective.rows
     try:
         now = objective(free)

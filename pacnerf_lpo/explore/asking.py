@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import name_of
+from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import investigate
 from pacnerf_lpo.diagnosis.localising import phases_of
 from pacnerf_lpo.diagnosis.plan import Proposal, last_open, propose
@@ -100,20 +101,9 @@ def _as_round(session: "Session", step: Step, progress: Progress) -> Round:
     found = session.stepper.rolled(step, "refined")
     model = problem.model(effects, step.values)
     residual = problem.residual(found.predicted)
-    mean, deviation = priors(problem, model)
-    comparison = replace(
-        noise,
-        names=model.names,
-        free=model.start,
-        known=dict(step.values),
-        mean=mean,
-        deviation=deviation,
-        cost=0.0,
-        residual=residual,
-        jacobian=np.zeros((*residual.shape, len(model.names))),
-        notes=step.notes,
-        rollouts=0,
-    )
+    seen = residual, np.zeros((*residual.shape, len(model.names)))
+    stands = Comparison.at(model, model.start, priors(problem, model), seen, noise.learnt, notes=step.notes)
+    comparison = replace(stands, known=dict(step.values))
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]
     intervals = [_interval(step, name) for name in model.names]

@@ -105,29 +105,15 @@ class Noise:
             progress(f"noise: null replicate {count} of {REPLICATES}")
 
         progress("noise: null replicates")
-        found, sensor = replicates(problem, effects, free, model, REPLICATES, SEED, simulated)
-        wrong = shape_errors(problem, effects, free, model, progress)
-        coarser = discretisation_errors(problem, effects, free, model)
-        force = force_changes(problem, effects, step.values, progress)
-        mean, deviation = priors(problem, model)
-        residual = problem.residual(model.predict(free))
-        return Comparison(
-            names=model.names,
-            free=free,
-            known=model.physical(free),
-            mean=mean,
-            deviation=deviation,
-            cost=0.0,
-            residual=residual,
-            jacobian=np.zeros((*residual.shape, 0)),
-            replicates=found,
-            sensor=sensor,
-            shape_errors=wrong,
-            discretisation=coarser,
-            force=force,
-            notes=(),
-            rollouts=0,
+        learnt = (
+            *replicates(problem, model, free, REPLICATES, SEED, simulated),
+            shape_errors(problem, model, free, progress),
+            discretisation_errors(problem, model, free),
+            force_changes(problem, effects, step.values, progress),
         )
+        residual = problem.residual(model.predict(free))
+        seen = residual, np.zeros((*residual.shape, 0))
+        return Comparison.at(model, free, priors(problem, model), seen, learnt)
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""

@@ -17,7 +17,6 @@ from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.records import Step, Suggestion
-from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.problem import Problem
@@ -188,25 +187,12 @@ def fitted(
         SimulationError: the motion is unstable where it stands.
     """
     model, mask = problem.model(effects, values), problem.fitted
-    mean, deviation = priors(problem, model)
-    objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask), mean, deviation)
+    objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask))
     start: np.ndarray | Fit = np.clip(model.start, *model.bounds)
     if noise.names == model.names and noise.jacobian.shape[-1] == len(model.names):
         known = objective.derivative(noise.jacobian)
         start = Fit(model.start, objective(model.start), known, 1, objective)
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, ITERATIONS, report, rows=objective.rows, confirm=False)
-    residual, jacobian = objective.seen(best)
-    return replace(
-        noise,
-        names=model.names,
-        free=best.free,
-        known=model.physical(best.free),
-        mean=mean,
-        deviation=deviation,
-        cost=best.cost_of(objective.rows),
-        residual=residual,
-        jacobian=jacobian,
-        notes=(),
-        rollouts=best.rollouts,
-    )
+    cost, seen = best.cost_of(objective.rows), objective.seen(best)
+    return Comparison.at(model, best.free, objective.prior, seen, noise.learnt, cost, rollouts=best.rollouts)

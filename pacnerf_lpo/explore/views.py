@@ -1,7 +1,8 @@
 """What of a rollout a person looks at: the body in space, outlines in a camera, and where on the body they disagree."""
 
 import threading
-from functools import cached_property
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,8 +37,7 @@ class Views:
         self.parts = problem.parts(problem.physics.effects, problem.first_guess)
         self.names = tuple(part.name for part in self.parts)
         self._lock = threading.RLock()
-        self._hulls: dict[tuple[int, int], tuple[np.ndarray, float]] = {}
-        self._nearest: dict[tuple[int, int], np.ndarray] = {}
+        self._known: dict[tuple, Any] = {}
         self._outlines: tuple[object, dict[tuple[int, int], np.ndarray]] = (None, {})
 
     def number(self, recording: str | int) -> int:
@@ -99,7 +99,9 @@ class Views:
         path = found.paths[at].double()
         if not self.parts[at].recording.deforms or path.shape[1] <= NEIGHBOURS:
             return np.ones(path.shape[:2], np.float32)
-        near = torch.from_numpy(self._neighbours(at, found))
+        body = found.models[at].body.positions.numpy()
+        nearest = lambda: cKDTree(body).query(body, NEIGHBOURS + 1)[1][:, 1:]  # noqa: E731
+        near = torch.from_numpy(self._once(("neighbours", at, len(body)), nearest))
         before = path[0][near] - path[0][:, None]
         inverse = torch.linalg.pinv(before.transpose(1, 2) @ before)
         gradients = [((frame[near] - frame[:, None]).transpose(1, 2) @ before) @ inverse for frame in path]
@@ -128,7 +130,7 @@ class Views:
                 points, names = tracks.positions[seen], tuple(str(name) for name in tracks.ids[seen])
             if clouds is not None and nearest(clouds.times).any():
                 cloud = clouds.points[int(np.abs(clouds.times - time).argmin())]
-        hull, cell = self._hull(at, frame)
+        hull, cell = self._once(("hull", at, frame), lambda: hull_at(self.video(at), frame))
         return Measured(hull, cell, points, names, cloud, centre)
 
     def particle_errors(self, found: Simulated, at: int) -> np.ndarray:
@@ -172,40 +174,27 @@ class Views:
                 kept[at, view] = seen[:, MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
             return kept[at, view]
 
-    def _neighbours(self, at: int, found: Simulated) -> np.ndarray:
-        """Nearest particles of each at frame 0 [(N, 12)]"""
-        body = found.models[at].body.positions
-        key = at, len(body)
+    def _once(self, key: tuple, find: Callable[[], Any]) -> Any:
+        """What is found only when it is asked for the first time."""
         with self._lock:
-            if key not in self._nearest:
-                self._nearest[key] = cKDTree(body.numpy()).query(body.numpy(), NEIGHBOURS + 1)[1][:, 1:]
-            return self._nearest[key]
+            if key not in self._known:
+                self._known[key] = find()
+            return self._known[key]
 
     def _colours(self, at: int, positions: Tensor) -> np.ndarray:
         """Appearance of particles at frame 0 [0..1, (N, 3)]: that of the nearest one of the reconstruction."""
         recording = self.parts[at].recording
         if not isinstance(recording, StateProblem):
             return np.full((len(positions), 3), 0.6)
-        tree, colours = self._appearance[at]
+        state = recording.state
+
+        def appearance() -> tuple[cKDTree, np.ndarray]:
+            dense = state.density >= state.density.median()
+            colours = StateRenderer(state).particle_colours()[dense].numpy()
+            return cKDTree(state.positions[dense].numpy()), colours
+
+        tree, colours = self._once(("appearance", at), appearance)
         return colours[tree.query(positions.numpy())[1]]
-
-    @cached_property
-    def _appearance(self) -> dict[int, tuple[cKDTree, np.ndarray]]:
-        found = {}
-        for at, part in enumerate(self.parts):
-            if isinstance(part.recording, StateProblem):
-                state = part.recording.state
-                dense = state.density >= state.density.median()
-                colours = StateRenderer(state).particle_colours()[dense].numpy()
-                found[at] = cKDTree(state.positions[dense].numpy()), colours
-        return found
-
-    def _hull(self, at: int, frame: int) -> tuple[np.ndarray, float]:
-        key = at, frame
-        with self._lock:
-            if key not in self._hulls:
-                self._hulls[key] = hull_at(self.video(at), frame)
-            return self._hulls[key]
 
 
 def hull_at(video: Video, frame: int) -> tuple[np.ndarray, float]:

@@ -18,7 +18,7 @@ import torch
 from scipy.special import softmax
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.identification.base_fit import TOUCH, coarse_search, priors, refined
+from pacnerf_lpo.identification.base_fit import TOUCH, coarse_search, refined
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
 from pacnerf_lpo.identification.problem import Problem
@@ -28,7 +28,6 @@ from pacnerf_lpo.identification.standardised import StandardisedObjective, noise
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_odds
 from pacnerf_lpo.inference.noise import NoiseModel
-from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
@@ -232,11 +231,11 @@ class Competition:
         at = self._best()
         self.arrays["errors"] = np.nan_to_num(np.concatenate((shape_errors(*at), discretisation_errors(*at)), axis=-1))
 
-    def _best(self) -> tuple[Problem, Sequence[Effect], np.ndarray, Model]:
+    def _best(self) -> tuple[Problem, Model, np.ndarray]:
         """The best law as functions of the noise want it."""
         problem, known = self._at(self.reference)
         model = problem.model(problem.physics.effects, known)
-        return problem, problem.physics.effects, np.clip(model.start, *model.bounds), model
+        return problem, model, np.clip(model.start, *model.bounds)
 
     def _noise(self, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool]."""
@@ -249,9 +248,8 @@ class Competition:
             return
         began, (problem, known) = time.monotonic(), self._at(name)
         model, mask, usable = problem.model(problem.physics.effects, known), problem.fitted, problem.usable
-        mean, deviation = priors(problem, model)
         noise = self._noise(mask)
-        objective = StandardisedObjective(problem, model, mask, noise, mean, deviation)
+        objective = StandardisedObjective(problem, model, mask, noise)
         settings = objective, model.scales, model.bounds, (objective.rows,)
         stages = Stage(*settings), Stage(*settings, iterations=ITERATIONS, confirm=True)
         fits = multistart(stages, [model.start, *self._relatives(name, model)], watch).fits
@@ -260,7 +258,7 @@ class Competition:
             return
         found = fits[0]
         residual, jacobian = objective.seen(found)
-        moved = np.nan_to_num(jacobian) * deviation
+        moved = np.nan_to_num(jacobian) * objective.deviation
         whole, part = self._noise(usable).with_directions(moved[usable]), noise.with_directions(moved[mask])
         held = check_held_out(whole, part, np.nan_to_num(residual[usable]), mask[usable])
         self._note(

@@ -1,6 +1,6 @@
 """Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -13,7 +13,6 @@ from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.inference.sensor import MEDIAN_OF_CHI2, sensor_scale
-from pacnerf_lpo.mpm.effects.base import Effect
 
 FINENESS = (0.6, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range, which is wide, so that they
@@ -33,9 +32,8 @@ SINGLE_CAMERAS = 0.2
 
 def replicates(
     problem: Problem,
-    effects: Sequence[Effect],
-    free: np.ndarray,
     model: Model,
+    free: np.ndarray,
     count: int,
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
@@ -49,9 +47,8 @@ def replicates(
 
     Args:
         problem: the run.
-        effects: of the model.
-        free: coordinates at which the model was fitted [(K,)]
         model: reference prediction.
+        free: coordinates at which it was fitted [(K,)]
         count: T.
         seed: of all random choices.
         progress: called with the number of each finished replicate.
@@ -59,7 +56,7 @@ def replicates(
     Raises:
         SimulationError: a finer motion is unstable.
     """
-    parts, reference = problem.parts(effects, model.physical(free)), model.predict(free)
+    parts, reference = problem.parts(model.effects, model.physical(free)), model.predict(free)
     found = []
     for number, part in enumerate(parts):
         found.append(_of_recording(part, problem.part_of(reference, number), count, seed + SEEDS * number, progress))

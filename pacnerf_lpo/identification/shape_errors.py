@@ -18,7 +18,6 @@ from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
 from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.replicates import bumps, distortion
-from pacnerf_lpo.mpm.effects.base import Effect
 
 DENSITY_ERROR = 0.05
 """Of the density of the reconstructed body, from place to place."""
@@ -28,30 +27,27 @@ LOCAL = 2.0
 """Size of an error in one place relative to one that is everywhere."""
 
 
-def shape_errors(
-    problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model, progress: Progress = lambda _: None
-) -> np.ndarray:
+def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Progress = lambda _: None) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
     simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
     motion is unstable is left out.
 
     Args:
         problem: the run.
-        effects: of the model.
-        free: coordinates at which the model was fitted [(K,)]
         model: whose body may be wrong.
+        free: coordinates at which it was fitted [(K,)]
         progress: receives a line about each step.
 
     Raises:
         SimulationError: the motion is unstable with every one of them.
     """
     reference = model.predict(free)
-    parts = problem.parts(effects, model.physical(free))
+    parts = problem.parts(model.effects, model.physical(free))
     found = [_of_recording(part, problem.part_of(reference, n), progress) for n, part in enumerate(parts)]
     return of_each(problem, found)
 
 
-def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.ndarray, model: Model) -> np.ndarray:
+def discretisation_errors(problem: Problem, model: Model, free: np.ndarray) -> np.ndarray:
     """Changes of the residual of each recording [(R, F, 11, 2 or 1 for each)] when its body is coarser, and, where
     cameras show it, when its particles are opaque; none of a body that is rigid.
 
@@ -63,13 +59,13 @@ def discretisation_errors(problem: Problem, effects: Sequence[Effect], free: np.
     model.
 
     Args:
-        problem, effects, free, model: as for :func:`shape_errors`.
+        problem, model, free: as for :func:`shape_errors`.
 
     Raises:
         SimulationError: the motion of the coarse body is unstable.
     """
     reference, changes = model.predict(free), []
-    for number, part in enumerate(problem.parts(effects, model.physical(free))):
+    for number, part in enumerate(problem.parts(model.effects, model.physical(free))):
         if not part.recording.deforms:
             changes.append(np.zeros((*part.recording.usable.shape, 0)))
             continue

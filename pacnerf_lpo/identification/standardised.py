@@ -1,11 +1,16 @@
 """Residuals in units of a noise that replicates show: what hypotheses are compared in, of effects as of laws."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.noise import NoiseModel
+
+Prior = tuple[np.ndarray, np.ndarray]
 
 
 class StandardisedObjective:
@@ -13,26 +18,22 @@ class StandardisedObjective:
     prior in standard deviations, then the residual itself in all U usable entries, which no fit minimises [(D + K +
     U,)], as a function of free coordinates [(K,)]; raises SimulationError.
 
-    rows: those that a fit minimises [(D + K + U,), bool]
+    Args:
+        problem, model: what is compared.
+        mask: entries that are [(R, F, 11), bool].
+        noise: of them.
+        prior: means and standard deviations of the unknowns [(K,), (K,)]; None: :func:`~.base_fit.priors`.
+
+    Attributes:
+        rows: those that a fit minimises [(D + K + U,), bool]
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        model: Model,
-        mask: np.ndarray,
-        noise: NoiseModel,
-        mean: np.ndarray,
-        deviation: np.ndarray,
-    ):
-        self.model, self._residual, self._inside = (
-            model,
-            problem.residual_of(model, problem.usable),
-            mask[problem.usable],
-        )
-        self.noise, self.mean, self.deviation = noise, mean, deviation
-        self._usable = problem.usable
-        self.rows = np.arange(self._inside.sum() + len(mean) + len(self._inside)) < self._inside.sum() + len(mean)
+    def __init__(self, problem: Problem, model: Model, mask: np.ndarray, noise: NoiseModel, prior: Prior | None = None):
+        self.model, self.noise, self._usable = model, noise, problem.usable
+        self.prior = self.mean, self.deviation = prior or priors(problem, model)
+        self._residual, self._inside = problem.residual_of(model, problem.usable), mask[problem.usable]
+        minimised = self._inside.sum() + len(self.mean)
+        self.rows = np.arange(minimised + len(self._inside)) < minimised
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
@@ -54,6 +55,25 @@ class StandardisedObjective:
         """Residual at a fit and its derivative [(R, F, 11), (R, F, 11, K)]; NaN where not usable."""
         assert found.jacobian is not None
         return spread(found.residual[~self.rows], self._usable), spread(found.jacobian[~self.rows], self._usable)
+
+
+class Held:
+    """An objective of the coordinates at ``places``, all others held where ``full`` has them [(K,)]; other processes
+    get a copy.
+    """
+
+    def __init__(self, objective: StandardisedObjective, full: np.ndarray, places: Sequence[int]):
+        self.objective, self.full, self.places = objective, full, list(places)
+
+    def all(self, some: np.ndarray) -> np.ndarray:
+        """All coordinates [(K,)]"""
+        found = self.full.copy()
+        found[self.places] = some
+        return found
+
+    def __call__(self, some: np.ndarray) -> np.ndarray:
+        """Rows of the objective. Raises SimulationError."""
+        return self.objective(self.all(some))
 
 
 def noise_of(

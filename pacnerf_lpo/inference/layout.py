@@ -27,13 +27,3 @@ class Layout:
 
     def __len__(self) -> int:
         return len(self.view)
-
-    def where(self, mask: np.ndarray) -> Layout:
-        """The entries for which ``mask`` [(D,), bool] is true."""
-        return Layout(self.view[mask], self.frame[mask], self.kind[mask])
-
-    @staticmethod
-    def join(layouts: list[Layout]) -> Layout:
-        """Several layouts one after the other."""
-        parts = [(part.view, part.frame, part.kind) for part in layouts]
-        return Layout(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

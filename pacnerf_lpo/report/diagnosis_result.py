@@ -228,14 +228,6 @@ def _force(force: ResidualForce, determined: bool) -> dict[str, Any]:
 def _intervals(intervals: Sequence[Interval], unknowns: Sequence[Parameter]) -> list[dict[str, Any]]:
     described = {parameter.name: parameter for parameter in unknowns}
     return [
-        {
-            "name": interval.name,
-            "value": interval.value,
-            "low": interval.low,
-            "high": interval.high,
-            "identifiable": interval.identifiable,
-            "unit": described[interval.name].unit,
-            "label": described[interval.name].label,
-        }
+        {**asdict(interval), "unit": described[interval.name].unit, "label": described[interval.name].label}
         for interval in intervals
     ]

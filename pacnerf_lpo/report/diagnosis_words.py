@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
-from pacnerf_lpo.report.wording import capitalised, listed, readable
+from pacnerf_lpo.report.wording import capitalised, listed, probability, readable
 
 Result = Mapping[str, Any]
 
@@ -283,16 +283,13 @@ def checked(done: Mapping[str, Any]) -> str:
         check = done[key]
         times = check["statistic"] / _mean(check["replicates"])
         verdict = "more than its error explains" if check["p_value"] < LEVEL else "within its error"
-        parts.append(f"in the {where} data {times:.2g} times that of the null replicates, {verdict} ({_p(check)})")
+        said = f"{verdict} ({probability(check['p_value'])})"
+        parts.append(f"in the {where} data {times:.2g} times that of the null replicates, {said}")
     return f"Mean square of the standardised residual: {'; '.join(parts)}."
 
 
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
-
-
-def _p(check: Mapping[str, Any]) -> str:
-    return "p < 0.0001" if check["p_value"] < 1e-4 else f"p = {check['p_value']:.2g}"
 
 
 def notes(result: Result) -> list[str]:
@@ -313,9 +310,7 @@ def undetermined(result: Result) -> list[str]:
 
 
 def _some(ids: Sequence[int], noun: str) -> str:
-    if len(ids) == 1:
-        return f"{noun.capitalize()} {ids[0]}"
-    return f"{noun.capitalize()}s {', '.join(map(str, ids[:-1]))} and {ids[-1]}" if ids else f"No {noun}"
+    return f"{noun.capitalize()}{'s' * (len(ids) > 1)} {listed([*map(str, ids)], 'and')}" if ids else f"No {noun}"
 
 
 def _count(count: int, noun: str) -> str:

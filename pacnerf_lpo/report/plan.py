@@ -51,14 +51,6 @@ def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str
         (rank * ROW, one.score >= DECISIVE, one, WIDTH * float(np.clip(one.score / end, 0.002, 1.0)))
         for rank, one in enumerate(proposals)
     ]
-    values = {
-        "heading": title,
-        "odds": odds,
-        "bars": bars,
-        "proposals": proposals,
-        "line": WIDTH * DECISIVE / end,
-        "height": len(proposals) * ROW,
-        "width": WIDTH,
-        "bar": BAR,
-    }
-    return shell("plan", title, ("plan.css",), (), {}, **values)
+    sizes = {"line": WIDTH * DECISIVE / end, "height": len(proposals) * ROW, "width": WIDTH, "bar": BAR}
+    shown = {"heading": title, "odds": odds, "bars": bars, "proposals": proposals}
+    return shell("plan", title, ("plan.css",), (), {}, **shown, **sizes)

@@ -17,11 +17,6 @@ def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in results["free"]]
 
 
-def doubt_list(results: Mapping[str, Any]) -> str:
-    """Every doubt with its likely cause and its remedy; empty where there is none."""
-    return parts("report").doubts(results["doubts"])
-
-
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
     return parts("report").parameters(results, result_phase(results), describe_error)

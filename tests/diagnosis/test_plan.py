@@ -12,7 +12,7 @@ import pytest
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.diagnose import Options
-from pacnerf_lpo.diagnosis.plan import Proposal, best_drop, propose
+from pacnerf_lpo.diagnosis.plan import Proposal, propose
 from pacnerf_lpo.diagnosis.recipes import RECIPES, Recipe, recipes_for, work_out
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.errors import UserInputError
@@ -22,6 +22,7 @@ from pacnerf_lpo.mpm.effects import GravityMagnitude, InitialSpin, LinearDrag, M
 from pacnerf_lpo.report.plan import page, sentences
 from validation.hidden_effects.known_shape import KnownShape
 from validation.hidden_effects.setting import Size, draw_setting
+from validation.hidden_effects.study import best_drop
 
 pytestmark = pytest.mark.slow
 

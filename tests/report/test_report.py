@@ -20,7 +20,7 @@ from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.curves import read_curves, split_unit
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
 from pacnerf_lpo.report.html import write_report
-from pacnerf_lpo.report.sections import doubt_list
+from pacnerf_lpo.report.page import parts
 from pacnerf_lpo.report.verdict import judge
 from tests.report.browser import dom
 
@@ -247,4 +247,4 @@ def test_doubts_stand_under_the_verdict_with_cause_and_remedy(evaluated_run, pag
 
 
 def test_a_page_without_doubts_says_nothing_of_them():
-    assert doubt_list({"doubts": []}) == ""
+    assert parts("report").doubts([]) == ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.catalogue import FAR, Candidate, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
@@ -66,7 +66,7 @@ class Ruler:
         recorded = film(setting, self.true, (), np.random.default_rng(0), FAST.finer)
         self.problem = problem = KnownShape("ruler", setting, setting.video(), recorded.summaries)
         self.model = model = problem.model((), self.true)
-        found, sensor = replicates(problem, (), model.start, model, count, seed=0)
+        found, sensor = replicates(problem, model, model.start, count, seed=0)
         self._sensitivities: dict[str, np.ndarray] = {}
         self.masks = {
             "motion": problem.fitted,
@@ -232,7 +232,7 @@ def course_of(effect: Effect, random: np.random.Generator) -> Callable[[float], 
     mixture of components; where the null is far away, the largest probe over the strength.
     """
     null, probes = effect.null, effect.probes
-    far = {name for name, value in null.items() if value and abs(value) > FAR * max(abs(p[name]) for p in probes)}
+    far = set(filter(effect.null_is_far, null))
     if far:
         largest = {name: max(abs(p[name]) for p in probes) for name in far}
         return lambda s: {**null, **{name: largest[name] / s for name in far}}

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
-from pacnerf_lpo.diagnosis.plan import best_drop, propose
+from pacnerf_lpo.diagnosis.plan import Proposal, propose
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import RunError, SimulationError
@@ -85,6 +85,12 @@ def generate(folder: Path, seed: int) -> Path:
     (partial_folder / TRUTH).write_text(json.dumps(truth, indent=1))
     partial_folder.rename(target)
     return target
+
+
+def best_drop(proposals: Sequence[Proposal]) -> int | None:
+    """Rank, from 1, of the first drop from a greater height; None if there is none."""
+    ranks = [rank for rank, one in enumerate(proposals, 1) if one.higher > 1]
+    return ranks[0] if ranks else None
 
 
 def diagnose(study: Path) -> dict[str, Any]:
