@@ -150,18 +150,10 @@ def _believed(problem: Problem, found: Round, name: str) -> _Believed:
     return _Believed(name, part, spread, float(np.exp(again.log_bayes_factor - least)))
 
 
-@dataclass(frozen=True)
-class _View:
-    """What a hypothesis predicts of a recording: moments [pixels, (V, F, 10)], and their changes by what is not
-    known [(V, F, 10, K)].
+def _seen(proposed: Proposed, one: _Believed) -> tuple[np.ndarray, np.ndarray]:
+    """What a hypothesis predicts of a recording: moments [pixels, (V, F, 10)], and their changes by what is not known
+    [(V, F, 10, K)]. Raises SimulationError.
     """
-
-    seen: np.ndarray
-    changes: np.ndarray
-
-
-def _seen(proposed: Proposed, one: _Believed) -> _View:
-    """Raises SimulationError."""
     model = proposed.model(one.part)
     shape = (*model.shape, len(KINDS))
 
@@ -182,7 +174,7 @@ def _seen(proposed: Proposed, one: _Believed) -> _View:
             column[index] = unknown.prior(guess)[1] if unknown.name != GROUND_HEIGHT.name else unknown.scale
             own.append(column)
     changes = jacobian @ np.concatenate((root, np.array(own).T.reshape(len(model.names), -1)), axis=1)
-    return _View(now.reshape(shape), changes.reshape(*shape, -1))
+    return now.reshape(shape), changes.reshape(*shape, -1)
 
 
 @dataclass(frozen=True)
@@ -247,14 +239,16 @@ class _Noise:
         return found.reshape(-1, changes.shape[-1])
 
 
-def _judged(proposed: Proposed, believed: Sequence[_Believed], views: Sequence[_View], noise: _Noise) -> Proposal:
-    """Expected log Bayes factors of a recording."""
+def _judged(
+    proposed: Proposed, believed: Sequence[_Believed], views: Sequence[tuple[np.ndarray, np.ndarray]], noise: _Noise
+) -> Proposal:
+    """Expected log Bayes factors of a recording, of which every hypothesis predicts a view."""
     odds = []
-    for true, one in zip(believed, views, strict=True):
-        for other, imitating in zip(believed, views, strict=True):
+    for true, (seen, _) in zip(believed, views, strict=True):
+        for other, (imitated, free) in zip(believed, views, strict=True):
             if other is not true:
-                moved = noise.whiten((one.seen - imitating.seen)[..., None], proposed)[:, 0]
-                changes = noise.whiten(imitating.changes, proposed)
+                moved = noise.whiten((seen - imitated)[..., None], proposed)[:, 0]
+                changes = noise.whiten(free, proposed)
                 inner = np.eye(changes.shape[1]) + changes.T @ changes
                 along = changes.T @ moved
                 square, size = float(moved @ moved - along @ np.linalg.solve(inner, along)), len(moved)

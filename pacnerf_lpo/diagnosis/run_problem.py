@@ -120,14 +120,10 @@ class RunProblem(StateProblem):
         super().__init__(run.scene, data, self.stage.state, run.physics, held, images, particles, images)
         if self.points is not None:
             self.split = replace(self.split, points=self.points.fitted)
-        if not images:
-            self._check_points()
-
-    def _check_points(self) -> None:
-        fitted, held = int(self.fitted.sum()), int((self.usable & self.split.held[..., None]).sum())
-        if fitted < LEAST_FITTED or held == 0:
+        fitted, judging = int(self.fitted.sum()), int((self.usable & self.split.held[..., None]).sum())
+        if not images and (fitted < LEAST_FITTED or judging == 0):
             raise UserInputError(
-                f"diagnose: the points give {fitted} numbers to fit and {held} to judge by, in the last frames and "
+                f"diagnose: the points give {fitted} numbers to fit and {judging} to judge by, in the last frames and "
                 f"every third tracked point; {LEAST_FITTED} and 1 are needed, give more points or compare the images"
             )
 

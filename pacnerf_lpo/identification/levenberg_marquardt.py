@@ -66,11 +66,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         return model
 
     def _assign(self, values: Tensor) -> None:
-        for parameter, part in zip(
-            self.param_groups[0]["params"],
-            values.split([p.numel() for p in self.param_groups[0]["params"]]),
-            strict=True,
-        ):
+        parameters = self.param_groups[0]["params"]
+        parts = values.split([parameter.numel() for parameter in parameters])
+        for parameter, part in zip(parameters, parts, strict=True):
             parameter.copy_(part.view_as(parameter))
 
 

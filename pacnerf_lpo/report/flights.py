@@ -3,7 +3,6 @@ itself says of the effects that were found.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ ALIGNED = 45.0
 def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -> list[dict[str, Any]]:
     """Of every flight: name, times [s], measured positions [m, 3 x F], those of the model before and after all that was
     found, the mean spin x velocity [m/s^2 per unit of the Magnus coefficient], and for every effect that was found with
-    one coefficient what this flight says of it. Where a force by spin was found, ``side``: see :class:`Side`.
+    one coefficient what this flight says of it. Where a force by spin was found, ``side``: see :func:`side_force`.
     """
     found = []
     stages = [shown[0], shown[-1]] if len(shown) > 1 else [shown[0]]
@@ -47,7 +46,7 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
         centres = [model.path(model.start).mean(1).numpy() for model in paths]
         velocity = np.gradient(centres[-1], flight.times, axis=0)
         turned = np.cross(flight.spin or (0.0, 0.0, 0.0), velocity)
-        side = Side.of(*forces[number], velocity.mean(0), turned.mean(0)) if forces and flight.spin else None
+        means = velocity.mean(0), turned.mean(0)
         found.append(
             {
                 "name": part.name,
@@ -56,34 +55,29 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
                 "models": [plain(centre.T) for centre in centres],
                 "spin": None if flight.spin is None else list(flight.spin),
                 "spin_times_velocity": float(np.linalg.norm(turned, axis=1).mean()),
-                "side": None if side is None else asdict(side),
+                "side": side_force(*forces[number], *means) if forces and flight.spin else None,
                 "estimates": {name: list(of_all[number]) for name, of_all in own.items()},
             }
         )
     return found
 
 
-@dataclass(frozen=True)
-class Side:
-    """The steady force across a flight, found without its spin, and where it points.
+def side_force(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> dict[str, float]:
+    """The steady force across a flight, found without its spin, and where it points: ``size`` of the acceleration
+    across the mean velocity [m/s^2], standard ``error`` of a component of it, and ``angle`` between it and the measured
+    spin x velocity [degrees].
 
-    size: of the acceleration across the mean velocity [m/s^2];  error: standard error of a component of it.
-    angle: between it and the measured spin x velocity [degrees]
+    Args:
+        force, covariance: acceleration [m/s^2, (3,)] with its covariance.
+        velocity, turned: mean velocity, and mean spin x velocity.
     """
-
-    size: float
-    error: float
-    angle: float
-
-    @staticmethod
-    def of(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> "Side":
-        """From an acceleration [m/s^2, (3,)] with its covariance, the mean velocity, and the mean spin x velocity."""
-        along = velocity / np.linalg.norm(velocity)
-        across = np.eye(3) - np.outer(along, along)
-        side, size = across @ force, float(np.linalg.norm(across @ force))
-        cosine = side @ turned / max(size * float(np.linalg.norm(turned)), 1e-12)
-        error = float(np.sqrt(np.trace(across @ covariance @ across) / 2))
-        return Side(round(size, 3), round(error, 3), round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 1))
+    along = velocity / np.linalg.norm(velocity)
+    across = np.eye(3) - np.outer(along, along)
+    side, size = across @ force, float(np.linalg.norm(across @ force))
+    cosine = side @ turned / max(size * float(np.linalg.norm(turned)), 1e-12)
+    error = float(np.sqrt(np.trace(across @ covariance @ across) / 2))
+    angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    return {"size": round(size, 3), "error": round(error, 3), "angle": round(angle, 1)}
 
 
 def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:

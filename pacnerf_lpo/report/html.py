@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
-from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.evaluation.tables import phases_to_result
 from pacnerf_lpo.manifest import write_atomically
@@ -29,7 +28,7 @@ def write_report(run_dir: str | Path) -> Path:
     """
     run = Run(run_dir)
     results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)
-    payload = build_payload(run, results, _known_truth(results))
+    payload = build_payload(run, results)
     page = render_page(run, results, payload)
     path = run.run_dir / REPORT_FILE
     write_atomically(path, page.encode())
@@ -72,10 +71,3 @@ def is_evaluated(run: Run) -> bool:
     newest = max(path.stat().st_mtime for path in paths)
     current = "doubts" in results and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
-
-
-def _known_truth(results: Mapping[str, Any]) -> Truth | None:
-    errors = results.get("truth_errors")
-    if errors is None:
-        return None
-    return Truth({name: error["true"] for name, error in errors.items()}, False, None, {})

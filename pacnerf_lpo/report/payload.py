@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from pacnerf_lpo.evaluation.parameter_errors import Truth
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
@@ -30,7 +29,7 @@ def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
     return moving if len(moving) <= MAX_STAGES else [moving[0], *moving[-(MAX_STAGES - 1) :]]
 
 
-def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = None) -> dict[str, Any]:
+def build_payload(run: Run, results: Mapping[str, Any]) -> dict[str, Any]:
     """Everything the page's scripts read, of a run and its ``results.json``; true parameters are drawn as lines."""
     stages = shown_stages(run, results)
     video = run.data.video
@@ -46,7 +45,7 @@ def build_payload(run: Run, results: Mapping[str, Any], truth: Truth | None = No
         "images": build_images(run, stages),
         "residuals": [_residuals(results, stage) for stage in stages],
         "particles": build_particles(last, prediction),
-        "curves": build_curves(read_curves(run.run_dir, run.stages), results, truth),
+        "curves": build_curves(read_curves(run.run_dir, run.stages), results),
     }
 
 
@@ -119,15 +118,15 @@ def moving_particles(
     }
 
 
-def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any], truth: Truth | None) -> dict[str, Any]:
+def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dict[str, Any]:
     """Losses, one chart per phase; identified parameters, one chart each; the initial velocity."""
-    loss = curves.get("loss", Curve("loss", "1"))
+    loss, truth = curves.get("loss", Curve("loss", "1")), results.get("truth_errors") or {}
     parameters = [
         {
             "title": symbol(name),
             "unit": curves[name].unit,
             "log": curves[name].unit.startswith("Pa"),
-            "truth": truth.parameters.get(name) if truth else None,
+            "truth": truth[name]["true"] if name in truth else None,
             "lines": [{"label": symbol(name), "parts": curves[name].parts}],
         }
         for name in results["free"]

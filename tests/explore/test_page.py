@@ -67,11 +67,11 @@ def test_every_error_is_told_in_one_line_and_ends_nothing(capsys: pytest.Capture
 def test_charts_draw_no_nan_and_mark_what_is_held_out():
     values = np.array([[0.1, np.nan, 0.3], [np.nan, np.nan, np.nan]])
     held = np.array([[False, False, True], [False, True, False]])
-    table = charts.Table(values, held, ["view 0", "view <1>"], "px")
+    table = SimpleNamespace(table=values, held=held, rows=("view 0", "view <1>"), unit="px")
     line = charts.over_time(np.arange(3.0), values[0], values[1], 1, "px")
     nothing = charts.over_time(np.arange(3.0), values[1], values[1], 1, "px")
     steps = [Step(0, None, "<b>", "open", {}, ()), Step(1, 0, "fit", "fit", {}, (), fitted=0.5, held_out=1.0)]
-    bars = charts.history([charts.bar(step) for step in steps], 1, "px", "slider")
+    bars = charts.history(steps, 1, "px", "slider")
     cells = charts.heat_map(table, (0, 1), ("camera", "frame"))
     heights = np.array([[np.nan, 3.0, np.nan], [np.nan, np.nan, np.nan], [np.nan, 1.0, np.nan]])
     flight = charts.path(np.arange(3.0), heights, np.ones((3, 3)), held[0], 2)

@@ -2,49 +2,16 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.explore.records import Step
+from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.quantities import figure as figure
 from pacnerf_lpo.report.page import parts
 
 FITTED, HELD = parts("step_charts").fitted, parts("step_charts").held
 """Colours of what is fitted and of what is held out; apart for every common colour deficiency, on light and on dark."""
-
-
-@dataclass(frozen=True)
-class Bar:
-    """One step of a history: its name, and its fitted and held-out error, NaN where there is none."""
-
-    name: str
-    fitted: float
-    held: float
-
-
-@dataclass(frozen=True)
-class Table:
-    """Errors by row and frame.
-
-    table: [(R, F)], NaN where there is none.
-    held: whether they are held out [(R, F), bool].
-    rows: names of the cameras, then of points [R].
-    unit: of the errors.
-    """
-
-    table: np.ndarray
-    held: np.ndarray
-    rows: Sequence[str]
-    unit: str
-
-
-def bar(step: Step) -> Bar:
-    """A step in the history."""
-    name = step.name if step.trouble is None else f"{step.name} (unstable)"
-    mark = "" if step.trouble is not None or step.resolution == "refined" else " ~"
-    return Bar(name + mark, *(np.nan if value is None else value for value in (step.fitted, step.held_out)))
 
 
 def chart(name: str, *values: Any) -> str:
@@ -57,15 +24,20 @@ def hint(text: str, how: str = "") -> str:
     return chart("hint", text, how)
 
 
-def history(bars: Sequence[Bar], current: int, unit: str, slider: str | None = None) -> str:
+def history(steps: Sequence[Step], current: int, unit: str, slider: str | None = None) -> str:
     """The steps below each other, the oldest first, each with its name and both errors as bars; a click goes to it
     where an element, ``slider``, chooses the step.
     """
-    worst = max((v for bar in bars for v in (bar.fitted, bar.held) if math.isfinite(v)), default=0.0) or 1.0
+    bars: list[tuple[str, float, float]] = []
+    for step in steps:
+        mark = " (unstable)" if step.trouble is not None else "" if step.resolution == "refined" else " ~"
+        fitted, held = (math.nan if value is None else value for value in (step.fitted, step.held_out))
+        bars.append((step.name + mark, fitted, held))
+    worst = max((value for _, *both in bars for value in both if math.isfinite(value)), default=0.0) or 1.0
     return chart("history", bars, current, worst, unit, slider)
 
 
-def heat_map(errors: Table, selected: tuple[int, int], sliders: tuple[str, str] | None = None) -> str:
+def heat_map(errors: Errors, selected: tuple[int, int], sliders: tuple[str, str] | None = None) -> str:
     """Errors by camera (rows) and frame (columns) with the place that is shown; what is held out has another colour. A
     click goes to a place where elements, ``sliders``, choose camera and frame.
     """

@@ -1,5 +1,6 @@
 """The history of steps and where the current one fails: by camera and frame, over time, by side of the body."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,8 +52,7 @@ class Story:
         for slider in (self.step, self.against):
             slider.max = max(len(session.steps) - 1, 1)
         self.step.value = current.number
-        bars = [charts.bar(step) for step in session.steps]
-        self.steps.content = charts.history(bars, current.number, session.unit, element(self.step))
+        self.steps.content = charts.history(session.steps, current.number, session.unit, element(self.step))
         self.mark()
 
     def mark(self) -> None:
@@ -79,11 +79,11 @@ class Story:
         return {name: float(values[frame]) for name, values in self._regions[1].items()}
 
 
-def errors_of(errors: Errors, recording: str) -> charts.Table:
+def errors_of(errors: Errors, recording: str) -> Errors:
     """The rows of a recording, its cameras first."""
     own = np.array([name == recording for name in errors.recordings], bool)
-    rows = [row.removesuffix(f" of {recording}") for row, mine in zip(errors.rows, own, strict=True) if mine]
-    return charts.Table(errors.table[own], errors.held[own], rows, errors.unit)
+    rows = tuple(row.removesuffix(f" of {recording}") for row, mine in zip(errors.rows, own, strict=True) if mine)
+    return replace(errors, table=errors.table[own], held=errors.held[own], rows=rows)
 
 
 def element(handle: Any) -> str:

@@ -65,7 +65,7 @@ def story_page(session: Session) -> str:
         data,
         eyebrow=session.name,
         headline=headline(session),
-        steps=Markup(charts.history([charts.bar(step) for step in steps], shown.number, session.unit, "step")),
+        steps=Markup(charts.history(steps, shown.number, session.unit, "step")),
     )
 
 
@@ -98,11 +98,10 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
     """What the page shows of a step."""
     motion = session.motion(step.number)
     colours = np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
-    table = charts.Table(errors.table, errors.held, errors.rows, errors.unit)
     line = charts.over_time(
         errors.times, errors.by_frame_fitted, errors.by_frame_held_out, at[1] if at else 0, errors.unit
     )
-    cells = charts.heat_map(table, at or (0, 0))
+    cells = charts.heat_map(errors, at or (0, 0))
     shown = None if at is None else _picture(session, step, at)
     return {
         "name": step.name,
