@@ -71,8 +71,3 @@ def mean_of_outlines(values: np.ndarray) -> np.ndarray:
     seen = np.isfinite(outlines)
     counts = seen.sum(-1)
     return np.where(counts > 0, np.where(seen, outlines, 0.0).sum(-1) / np.maximum(counts, 1), np.nan)
-
-
-def signed_root(square: float) -> float:
-    """Root of a mean excess, 0 where it is below the floor [pixels]."""
-    return float(np.sqrt(max(square, 0.0)))

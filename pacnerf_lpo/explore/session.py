@@ -131,11 +131,11 @@ class Session:
 
     def times(self, recording: str | int = 0) -> np.ndarray:
         """Of the frames of a recording [s, (F,)]"""
-        return self._seen.part(self._seen.number(recording)).recording.video.times.numpy().astype(float)
+        return self._seen.video(self._seen.number(recording)).times.numpy().astype(float)
 
     def held_frames(self, recording: str | int = 0) -> np.ndarray:
         """Frames of a recording that are held out in every view [(F,), bool]"""
-        split = self._seen.part(self._seen.number(recording)).recording.split
+        split = self._seen.parts[self._seen.number(recording)].recording.split
         return np.logical_not(np.atleast_2d(split.frames).any(0))
 
     @property

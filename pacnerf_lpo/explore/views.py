@@ -16,7 +16,7 @@ from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.explore.records import Camera, Measured, Motion, Outlines
 from pacnerf_lpo.explore.simulate import Simulated
 from pacnerf_lpo.identification.forward_model import MARGIN
-from pacnerf_lpo.identification.problem import Part, Problem, StateProblem
+from pacnerf_lpo.identification.problem import Problem, StateProblem
 from pacnerf_lpo.identification.rigid import RigidProblem
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import Video
@@ -47,10 +47,6 @@ class Views:
         if isinstance(recording, str) or not 0 <= recording < len(self.names):
             raise UserInputError(f"explore: there is no recording {recording}; there are {', '.join(self.names)}")
         return int(recording)
-
-    def part(self, at: int) -> Part:
-        """A recording by its number."""
-        return self.parts[at]
 
     def video(self, at: int) -> Video:
         """Of a recording."""

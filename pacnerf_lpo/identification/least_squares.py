@@ -66,9 +66,13 @@ class Fit:
         return float(seen @ seen)
 
 
+Start = np.ndarray | Fit
+"""Free coordinates to begin with [(K,)], or a fit."""
+
+
 def fit(
     residual: Residual,
-    start: np.ndarray | Fit,
+    start: Start,
     scales: np.ndarray,
     bounds: Bounds,
     iterations: int,
@@ -101,7 +105,7 @@ def fit(
     return _Descent(residual, start, scales, bounds, rows, remeasured).run(iterations, report, abort_above, confirm)
 
 
-def fit_or_none(residual: Residual, start: np.ndarray | Fit, *settings, **more) -> Fit | None:
+def fit_or_none(residual: Residual, start: Start, *settings, **more) -> Fit | None:
     """:func:`fit`, or None where the motion at the start is unstable."""
     try:
         return fit(residual, start, *settings, **more)
@@ -115,7 +119,7 @@ class _Descent:
     def __init__(
         self,
         residual: Residual,
-        start: np.ndarray | Fit,
+        start: Start,
         scales: np.ndarray,
         bounds: Bounds,
         rows: np.ndarray | None,

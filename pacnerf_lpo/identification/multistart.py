@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, fit_or_none
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, Start, fit_or_none
 from pacnerf_lpo.identification.processes import each
 
 FIRST_AFTER_CONTACT = 2
@@ -67,9 +67,7 @@ class Search:
     unstable: int
 
 
-def multistart(
-    stages: Iterable[Stage], starts: Sequence[np.ndarray | Fit], watch: Watch = lambda items, _: items
-) -> Search:
+def multistart(stages: Iterable[Stage], starts: Sequence[Start], watch: Watch = lambda items, _: items) -> Search:
     """Go through the stages; one in which every motion is unstable is passed over.
 
     Args:
@@ -100,7 +98,7 @@ def horizons(contact: int, frames: int) -> list[int]:
     return [*found, frames]
 
 
-def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarray]:
+def _elsewhere(stage: Stage, kept: Sequence[Start]) -> list[np.ndarray]:
     """Points that a stage tries besides those that were kept [(K,) each]."""
     if not stage.spans or not kept:
         return []
@@ -120,7 +118,7 @@ def _elsewhere(stage: Stage, kept: Sequence[np.ndarray | Fit]) -> list[np.ndarra
     return found
 
 
-def _evaluated(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+def _evaluated(stage: Stage, tried: Sequence[Start], watch: Watch) -> list[Fit | None]:
     known = [replace(s, rollouts=0) for s in tried if isinstance(s, Fit) and s.of == stage.residual]
     points = [np.clip(_free(s), *stage.bounds) for s in tried if not (isinstance(s, Fit) and s.of == stage.residual)]
     return [*known, *watch(each(_value, ((stage.residual, point) for point in points)), len(points))]
@@ -134,7 +132,7 @@ def _value(residual: Residual, point: np.ndarray) -> Fit | None:
         return None
 
 
-def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> list[Fit | None]:
+def _fitted(stage: Stage, tried: Sequence[Start], watch: Watch) -> list[Fit | None]:
     """Fits from every start; one that stays far above the best one so far is given up. What a stage before this one has
     fitted by the same residual stays as it is.
     """
@@ -148,7 +146,7 @@ def _fitted(stage: Stage, tried: Sequence[np.ndarray | Fit], watch: Watch) -> li
     return found
 
 
-def _through(stage: Stage, start: np.ndarray | Fit, lowest: list[float]) -> Fit | None:
+def _through(stage: Stage, start: Start, lowest: list[float]) -> Fit | None:
     """Fits of the rows of a stage one after the other; None where the motion is unstable.
 
     ``lowest`` is the least cost of each so far, and is kept up to date.
@@ -183,5 +181,5 @@ def _is_apart(point: np.ndarray, others: Sequence[Fit], apart: np.ndarray) -> bo
     return all((np.abs(point - other.free) > apart).any() for other in others)
 
 
-def _free(start: np.ndarray | Fit) -> np.ndarray:
+def _free(start: Start) -> np.ndarray:
     return start.free if isinstance(start, Fit) else start

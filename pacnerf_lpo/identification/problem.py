@@ -82,6 +82,9 @@ class Problem(ABC):
         sensor: standard deviation of their noise [(V, F, 11)]
         points: measured in addition to the video; ``measured``, ``sensor`` and all residuals get R rows of theirs
             behind those of the views.
+
+    Attributes:
+        relative: differences of moments [(..., V + R, F, 11)] as they are compared, see :func:`relative`.
     """
 
     def __init__(
@@ -100,7 +103,7 @@ class Problem(ABC):
         self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
         anchored = points is None or points.from_first_sight
-        self.compared: Callable[[np.ndarray], np.ndarray] = partial(relative, views=self.views, anchored=anchored)
+        self.relative: Callable[[np.ndarray], np.ndarray] = partial(relative, views=self.views, anchored=anchored)
         if points is not None:
             found = points.measured
             self.measured = np.concatenate((measured, found))
@@ -234,10 +237,6 @@ class Problem(ABC):
         """What the frames of each row are counted from [V + R]: rows of two recordings have no frame in common."""
         return np.zeros(len(self.usable), int)
 
-    def relative(self, difference: np.ndarray) -> np.ndarray:
-        """Differences of moments [(..., V + R, F, 11)], see :func:`relative`."""
-        return self.compared(difference)
-
     @property
     def unit(self) -> tuple[str, float]:
         """Unit in which a report shows errors, and how many of it a pixel is: millimetres where only points count."""
@@ -257,12 +256,11 @@ class Problem(ABC):
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, self.compared(self.measured - predicted), np.nan)
+        return np.where(self.usable, self.relative(self.measured - predicted), np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
-        usable, measured = self.usable, self.measured  # not self: other processes get a copy
-        compared = self.compared
+        usable, measured, compared = self.usable, self.measured, self.relative  # not self: other processes get a copy
 
         def residual(free: np.ndarray) -> np.ndarray:
             return np.where(usable, np.nan_to_num(compared(measured - model.predict(free))), 0.0)[mask]

@@ -117,7 +117,7 @@ class StudyProblem(Problem):
         super().__init__(scene, video, split, first.physics, voxel, measured[seen], sensor[seen])
         self.measured, self.sensor = measured, sensor
         self.usable = stack.join([problem.usable for problem in recordings])
-        self.compared = partial(stack.relative, [problem.compared for problem in recordings])
+        self.relative = partial(stack.relative, [problem.relative for problem in recordings])
         installed = [self.adopt(effect) for effect in _installed(self.recordings)]
         self.physics = with_effects(first.physics, installed, 1.0, 1.0)
         self.deforms = first.deforms  # type: ignore[misc]

@@ -73,7 +73,7 @@ def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float,
     names = [hypothesis.name for hypothesis in hypotheses]
     scales = dict(zip(names, moderated_scales(left_out_squares(noise, hypotheses)).tolist(), strict=True))
     dof = len(noise.replicates) - 1 + LENDING / 2
-    draws = np.sort(_simulated_maxima(noise, hypotheses, scales, dof, np.random.default_rng(seed)))
+    draws = np.sort(_simulated_maxima(noise, hypotheses, scales, dof, seed))
     return Calibration(scales, dof, level, float(np.quantile(draws, 1 - level)), draws)
 
 
@@ -103,14 +103,10 @@ def moderated_scales(squares: np.ndarray) -> np.ndarray:
 
 
 def _simulated_maxima(
-    noise: NoiseModel,
-    hypotheses: Sequence[Hypothesis],
-    scales: Mapping[str, float],
-    dof: float,
-    random: np.random.Generator,
+    noise: NoiseModel, hypotheses: Sequence[Hypothesis], scales: Mapping[str, float], dof: float, seed: int
 ) -> np.ndarray:
     """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
-    found = Alternative.of_all(noise, hypotheses)
+    found, random = Alternative.of_all(noise, hypotheses), np.random.default_rng(seed)
     basis = np.linalg.qr(np.concatenate([a.axes for tried in found for a in tried], axis=1))[0]
     heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
     residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]

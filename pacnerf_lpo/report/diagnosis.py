@@ -16,7 +16,7 @@ from pacnerf_lpo.report.encoding import atlas, atlas_columns
 from pacnerf_lpo.report.flights import flights_section
 from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.recordings import recordings_section
-from pacnerf_lpo.report.wording import listed, readable
+from pacnerf_lpo.report.wording import together
 
 RESULT, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"
 FORMAT = 3
@@ -105,7 +105,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
 
 def _round(done: Mapping[str, Any], number: int) -> str:
     """Check, ranking, confounding and refits of one round; the first is open."""
-    effects = listed([readable(name) for name in done["effects"]], "and") if done["effects"] else "no effect added"
+    effects = together(done["effects"]) if done["effects"] else "no effect added"
     title = "The model as it was fitted" if not number else f"The model with {effects}"
     tables = evidence.ranking(done), evidence.confounding(done["screen"]), evidence.refit_table(done)
     return parts("diagnosis").round(not number, title, words.checked(done), done, *tables)

@@ -25,28 +25,21 @@ def ranking(done: Mapping[str, Any]) -> str:
     if screen is None:
         return PARTS.untried("No effect has been tried yet.")
     refitted = {again["name"]: again["log_bayes_factor"] for again in done["refits"]}
-    tried = [
-        (refitted.get(c["name"], c["log_bayes_factor"]), c["name"], c["readable"], c["signature"], c["camera"])
-        for c in screen["candidates"]
-    ]
-    entries = [
-        (factor, name, readable, signature, "camera" if camera else "physics")
-        for factor, name, readable, signature, camera in sorted(tried, key=lambda entry: -entry[0])[:RANKED]
-    ]
-    for name, found in screen["discrepancies"].items():
-        entries.append((found["log_bayes_factor"], name, *DISCREPANCIES[name], "discrepancy"))
-    tags = dict.fromkeys(done["indistinguishable"], "not separated") | {done["accepted"]: "added"}
     bars = [
         {
-            "factor": factor,
-            "readable": readable,
-            "signature": signature,
-            "kind": kind,
-            "refitted": name in refitted,
-            "tag": tags.get(name, ""),
+            "factor": refitted.get(c["name"], c["log_bayes_factor"]),
+            "kind": "camera" if c["camera"] else "physics",
+            **{key: c[key] for key in ("name", "readable", "signature")},
         }
-        for factor, name, readable, signature, kind in sorted(entries, key=lambda entry: -entry[0])
+        for c in screen["candidates"]
     ]
+    bars = sorted(bars, key=lambda bar: -bar["factor"])[:RANKED]
+    for name, found in screen["discrepancies"].items():
+        said = dict(zip(("readable", "signature"), DISCREPANCIES[name], strict=True))
+        bars.append({"factor": found["log_bayes_factor"], "kind": "discrepancy", "name": name, **said})
+    tags = dict.fromkeys(done["indistinguishable"], "not separated") | {done["accepted"]: "added"}
+    bars = [{**bar, "refitted": bar["name"] in refitted, "tag": tags.get(bar["name"], "")} for bar in bars]
+    bars.sort(key=lambda bar: -bar["factor"])
     most = 1.08 * max([bar["factor"] for bar in bars] + [screen["threshold"]])
     return PARTS.ranking(bars, most, screen, words.odds(screen["threshold"]), bool(refitted))
 

@@ -133,9 +133,9 @@ def _check(check: Check) -> dict[str, Any]:
 
 
 def _errors(problem: Problem, residual: np.ndarray, found: Round) -> dict[str, float]:
-    """Excess error in the fitted and in the held-out views and frames [the problem's unit]."""
+    """Excess error in the fitted and in the held-out views and frames, 0 below the floor [the problem's unit]."""
     squares = localising.mean_excess(problem, residual, found.comparison)
-    return {name: problem.unit[1] * localising.signed_root(square) for name, square in squares.items()}
+    return {name: problem.unit[1] * float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
 
 
 def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]:

@@ -20,11 +20,11 @@ def first_screen(result: Result) -> str:
         bars.append(("the model with the effect", found.after, "after"))
     most = max(value for _, value, _ in bars)
     before, after = _parameters(result)
-    moves = []
-    for name, new in after.items():
-        known = before.get(name) or new
-        if not name.startswith("v_") and name != "ground_height":
-            moves.append((known["label"], before.get(name), new, known["unit"]))
+    moves = [
+        (new["label"], before.get(name), new, new["unit"])
+        for name, new in after.items()
+        if not name.startswith("v_") and name != "ground_height"
+    ]
     said = words.distance(result), words.missing(result), words.changes(result)
     return PARTS.cards(words.compared(result), bars, most, result["unit"], *said, moves)
 

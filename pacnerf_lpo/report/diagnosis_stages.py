@@ -103,7 +103,7 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
 def _readable(stage: Stage) -> str:
     """What distinguishes a stage from the one before."""
     if stage.removed:
-        return f"without {wording.listed([wording.readable(name) for name in stage.removed], 'and')}"
+        return f"without {wording.together(stage.removed)}"
     return "as fitted" if stage.added is None else f"+ {wording.readable(stage.added)}"
 
 

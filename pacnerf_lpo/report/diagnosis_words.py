@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
-from pacnerf_lpo.report.wording import capitalised, listed, probability, readable
+from pacnerf_lpo.report.wording import capitalised, listed, probability, readable, together
 
 Result = Mapping[str, Any]
 
@@ -252,16 +252,14 @@ def experiments(result: Result) -> list[tuple[str, str]]:
     """For every choice of effects that the recording does not separate: their names, and what would separate them."""
     found: dict[str, str] = {}
     for done in result["rounds"]:
-        by_name = {again["name"]: again for again in done["refits"]}
+        left, by_name = done["indistinguishable"], {again["name"]: again for again in done["refits"]}
         if done.get("plan"):
             best = done["plan"][0]
-            names = listed([readable(name) for name in done["indistinguishable"]], "and")
-            found[names] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"
+            found[together(left)] = f"{best['words']} (expected odds for the true one: {odds(best['score'])})"
             continue
-        advice = [by_name[name]["separating_experiment"] for name in done["indistinguishable"] if name in by_name]
-        if len(done["indistinguishable"]) > 1 and any(advice):
-            names = listed([readable(name) for name in done["indistinguishable"]], "and")
-            found.setdefault(names, next(one for one in advice if one))
+        advice = [by_name[name]["separating_experiment"] for name in left if name in by_name]
+        if len(left) > 1 and any(advice):
+            found.setdefault(together(left), next(one for one in advice if one))
     return list(found.items())
 
 
@@ -269,10 +267,9 @@ def indistinguishable(done: Mapping[str, Any]) -> str:
     """Which effects a round leaves to choose from; empty where it leaves one."""
     if len(done["indistinguishable"]) < 2:
         return ""
-    names = listed([readable(name) for name in done["indistinguishable"]], "and")
     return (
-        f"This recording does not separate {names}: the odds of the added one to each of the others are below "
-        f"{odds(DECISIVE)}."
+        f"This recording does not separate {together(done['indistinguishable'])}: the odds of the added one to each of "
+        f"the others are below {odds(DECISIVE)}."
     )
 
 

@@ -12,7 +12,7 @@ from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report.diagnosis_words import odds
 from pacnerf_lpo.report.page import page as shell
-from pacnerf_lpo.report.wording import listed, readable
+from pacnerf_lpo.report.wording import together
 
 RESULT, PAGE = "plan.json", "plan.html"
 BAR, ROW, WIDTH = 18, 46, 720
@@ -29,13 +29,9 @@ def write_plan(folder: Path, scene: str, names: Sequence[str], proposals: Sequen
     return folder / PAGE
 
 
-def _together(names: Sequence[str]) -> str:
-    return listed([readable(name) for name in names], "and")
-
-
 def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
     """What to do, best first, and what is expected of it."""
-    found = [f"To separate {_together(names)}, with the expected odds for the one that is true:"]
+    found = [f"To separate {together(names)}, with the expected odds for the one that is true:"]
     found += [f"{rank}. {one.words}: {odds(one.score)}" for rank, one in enumerate(proposals, 1)]
     best = max((one.score for one in proposals), default=0.0)
     if best < DECISIVE:
@@ -45,7 +41,7 @@ def sentences(names: Sequence[str], proposals: Sequence[Proposal]) -> list[str]:
 
 def page(scene: str, names: Sequence[str], proposals: Sequence[Proposal]) -> str:
     """The page as text: one bar for each recording, cut off beyond the longest, and the odds pair by pair."""
-    title = f"{scene}: which recording would separate {_together(names)}"
+    title = f"{scene}: which recording would separate {together(names)}"
     end = 1.05 * ENOUGH
     bars = [
         (rank * ROW, one.score >= DECISIVE, one, WIDTH * float(np.clip(one.score / end, 0.002, 1.0)))

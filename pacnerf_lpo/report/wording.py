@@ -53,6 +53,11 @@ def either(names: Sequence[str]) -> str:
     return listed([readable(name) for name in names])
 
 
+def together(names: Sequence[str]) -> str:
+    """Effects that belong together."""
+    return listed([readable(name) for name in names], "and")
+
+
 def unstable(name: str, inside: bool, why: str) -> str:
     """Why an effect was not added to the model, or, where it is ``inside``, not removed from it."""
     begun = (
@@ -110,7 +115,7 @@ def force_is_determined(last: Round, said: Verdict) -> bool:
 def _nearest(rounds: list[Round], said: Verdict) -> list[str]:
     if not said.names:
         return []
-    names, several = listed([readable(name) for name in said.names], "and"), len(said.names) > 1
+    names, several = together(said.names), len(said.names) > 1
     causes, share = f"The nearest known cause{'s' * several}, {names},", said.removed or 0.0
     return [f"{causes} remove{'' if several else 's'} {_share(share, rounds[0])}."]
 
@@ -152,12 +157,12 @@ def _share(share: float, before: Round) -> str:
 
 def _removed(rounds: list[Round]) -> list[str]:
     """Effects that were found at first and left out again."""
-    names = [readable(name) for done in rounds for name in done.removed]
+    names = [name for done in rounds for name in done.removed]
     if not names:
         return []
     one = len(names) == 1
     needed = f"{'is' if one else 'are'} not needed with the others in the model, and {'was' if one else 'were'} removed"
-    return [f"{capitalised(listed(names, 'and'))}, found at first, {needed}."]
+    return [f"{capitalised(together(names))}, found at first, {needed}."]
 
 
 def force(explained: float, law: Law) -> list[str]:

@@ -30,7 +30,7 @@ class Change:
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._wanted: dict[str, float] = {}
         self._drawn: tuple[str, ...] | None = None
-        with tabs.add_tab("Change", viser.Icon.ADJUSTMENTS) as self.tab:
+        with tabs.add_tab("Change", viser.Icon.ADJUSTMENTS):
             self.space = self.gui.add_folder("Model", order=0)
             with self.gui.add_folder("Add an effect", order=1):
                 self.effect = self.gui.add_dropdown("effect", ("",))

@@ -9,7 +9,6 @@ from functools import partial
 from time import monotonic
 from typing import Any
 
-import numpy as np
 import viser
 
 from pacnerf_lpo.errors import Stopped, UserInputError
@@ -63,7 +62,7 @@ class Page:
         self.server.gui.set_panel_label(session.name)
         self.changes = Worker(self.complain, self._refine, REST)
         self.questions = Worker(self.complain, lambda: None, REST)
-        self.stage = Stage(self.server, self._choose_camera)
+        self.stage = Stage(self.server, lambda number: self.look(camera=number))
         self.see = See(self)
         self.story = Story(self)
         tabs = self.server.gui.add_tab_group()
@@ -134,9 +133,6 @@ class Page:
             self.camera = min(self.camera, max(len(self.cameras) - 1, 0))
             self.see.of_recording()
 
-    def _choose_camera(self, number: int) -> None:
-        self.look(camera=number)
-
     def look(self, camera: int | None = None, frame: int | None = None) -> None:
         """Look at another camera or frame."""
         self.camera = self.camera if camera is None else camera
@@ -205,11 +201,3 @@ class Page:
         self.changes.end()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
-
-
-def centre_and_size(motions: dict[str, Motion]) -> tuple[np.ndarray, float]:
-    """Middle of all that moves [m, (3,)], and how large that is [m]."""
-    points = np.concatenate([motion.positions.reshape(-1, 3) for motion in motions.values()])
-    points = points[np.isfinite(points).all(-1)]
-    low, high = points.min(0), points.max(0)
-    return (low + high) / 2, max(float((high - low).max()), 1e-6)

@@ -7,8 +7,8 @@ import viser
 
 from pacnerf_lpo.explore import pictures
 from pacnerf_lpo.explore.page.charts import chart, path
-from pacnerf_lpo.explore.page.stage import KINDS, Moving
-from pacnerf_lpo.explore.records import Measured, Motion
+from pacnerf_lpo.explore.page.stage import KINDS, Moving, centre_and_size
+from pacnerf_lpo.explore.records import Motion
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
@@ -44,7 +44,6 @@ class See:
     def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
         self._pictures: dict[tuple[int, int], np.ndarray] = {}
-        self._paint: tuple[object, dict[str, np.ndarray], float] = (None, {}, 1.0)
         self._placed, self._size = False, 0.0
         several = len(page.session.recordings) > 1
         self.panel = gui.add_panel()
@@ -208,8 +207,6 @@ class See:
         return self._pictures[key]
 
     def _place(self) -> None:
-        from pacnerf_lpo.explore.page.page import centre_and_size
-
         centre, size = centre_and_size(self.page.shown.motions)
         grounds = [s.value for s in self.page.session.settings if s.group == "ground"]
         floor = grounds[0] if grounds else float(centre[1] - size / 2)
@@ -253,24 +250,13 @@ class See:
                 with page.drawing():
                     self._draw_path(name, page.shown.motions[name])
                 continue
-            found = []
-            if self.measured.value:
-                for frame in range(len(page.session.times(name))):
-                    found.append(page.session.measured(frame, name))
+            shown = range(len(page.session.times(name))) if self.measured.value else ()
+            found = [page.session.measured(frame, name) for frame in shown]
             for kind, colour in KINDS.items():
-                frames = [_of(one, kind) for one in found]
+                frames = [{"hull": one.hull, "tracks": one.tracks, "clouds": one.cloud}[kind] for one in found]
                 moving = None
                 if any(len(points) for points in frames):
                     size = max(one.cell for one in found) or 0.03 * self._size
                     moving = Moving(frames, np.array(colour, np.uint8), 0.45 * size, self._offset(name))
                 with page.drawing():
                     page.stage.put(f"{kind} {name}", moving)
-
-
-def _of(measured: Measured, kind: str) -> np.ndarray:
-    """Points of a kind of measurement [m, (N, 3)]"""
-    if kind == "hull":
-        return measured.hull
-    if kind == "clouds":
-        return measured.cloud
-    return measured.tracks

@@ -8,6 +8,8 @@ import numpy as np
 import viser
 from scipy.spatial.transform import Rotation
 
+from pacnerf_lpo.explore.records import Motion
+
 THUMBNAIL = 96
 """Pixels of the longer side of a picture in a frustum: it is sent again for every frame that is shown."""
 KINDS = {"hull": (150, 156, 166), "tracks": (206, 32, 90), "clouds": (0, 121, 92)}
@@ -158,3 +160,11 @@ class Stage:
             step = max(1, max(picture.shape[:2]) // THUMBNAIL)
             small = np.clip(np.nan_to_num(picture[::step, ::step]), 0, 1)
             self._frusta[number].image = np.rint(255 * small).astype(np.uint8)
+
+
+def centre_and_size(motions: dict[str, Motion]) -> tuple[np.ndarray, float]:
+    """Middle of all that moves [m, (3,)], and how large that is [m]."""
+    points = np.concatenate([motion.positions.reshape(-1, 3) for motion in motions.values()])
+    points = points[np.isfinite(points).all(-1)]
+    low, high = points.min(0), points.max(0)
+    return (low + high) / 2, max(float((high - low).max()), 1e-6)
