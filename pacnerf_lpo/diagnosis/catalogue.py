@@ -95,8 +95,8 @@ def whole_catalogue(material: Material, views: Sequence[int], installed: Sequenc
 
 def known_classes() -> list[type[Effect]]:
     """The effects and camera faults of the package, by name."""
-    found = {name: getattr(home, name) for home in (known_effects, camera_faults) for name in home.__all__}
-    return [kind for _, kind in sorted(found.items()) if hasattr(kind, "parameters")]
+    found = {**vars(known_effects), **vars(camera_faults)}
+    return [kind for _, kind in sorted(found.items()) if isinstance(kind, type) and hasattr(kind, "parameters")]
 
 
 def read_candidates(path: Path, material: Material, installed: Sequence[Effect]) -> list[Candidate]:

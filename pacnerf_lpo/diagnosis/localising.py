@@ -21,11 +21,8 @@ def phases(problem: Problem, effects: Sequence[Effect], comparison: Comparison) 
     Free fall until the first contact; impact until the body is lowest; contact while it touches; rebound afterwards in
     the air.
     """
-    found = []
-    for part in problem.parts(effects, comparison.known):
-        model = part.model
-        found.append(phases_of(part, model.path(model.start)))
-    return found
+    models = [(part, part.model) for part in problem.parts(effects, comparison.known)]
+    return [phases_of(part, model.path(model.start)) for part, model in models]
 
 
 def phases_of(part: Part, path: torch.Tensor) -> list[str]:

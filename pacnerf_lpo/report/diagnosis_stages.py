@@ -78,18 +78,15 @@ def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     error = unit * (stage.residual - bias)[..., : len(KINDS)]
     alone = unit * (others - bias)[..., : len(KINDS)] * count / (count - 1)  # each relative to the mean of the others
     replicate_errors = np.where(np.isfinite(error), alone, np.nan)
-    fitted, held = problem.split.fitted, problem.split.held
+    parts = {"fitted": problem.split.fitted, "held": problem.split.held}
     band = np.quantile(root_mean_square(replicate_errors, (1, 3)), BAND, axis=0)
     by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(replicate_errors, (2, 3)), axis=0)
     views, millimetres = problem.views, 1000 * problem.pixel / unit
     return {
         "added": stage.added,
         "readable": _readable(stage),
-        "error": {name: _of_part(error, part) for name, part in (("fitted", fitted), ("held", held))},
-        "floor": {
-            name: float(np.median([_of_part(one, part) for one in replicate_errors]))
-            for name, part in (("fitted", fitted), ("held", held))
-        },
+        "error": {name: _of_part(error, part) for name, part in parts.items()},
+        "floor": {n: float(np.median([_of_part(one, part) for one in replicate_errors])) for n, part in parts.items()},
         "by_frame": plain(root_mean_square(error, (0, 2))),
         "band": plain(band),
         "by_view": plain(by_row[:views]),

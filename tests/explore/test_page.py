@@ -9,6 +9,7 @@ import sys
 import threading
 import urllib.request
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -68,8 +69,8 @@ def test_charts_draw_no_nan_and_mark_what_is_held_out():
     values = np.array([[0.1, np.nan, 0.3], [np.nan, np.nan, np.nan]])
     held = np.array([[False, False, True], [False, True, False]])
     table = SimpleNamespace(table=values, held=held, rows=("view 0", "view <1>"), unit="px")
-    line = charts.over_time(np.arange(3.0), values[0], values[1], 1, "px")
-    nothing = charts.over_time(np.arange(3.0), values[1], values[1], 1, "px")
+    over = partial(SimpleNamespace, times=np.arange(3.0), by_frame_held_out=values[1], unit="px")
+    line, nothing = (charts.over_time(over(by_frame_fitted=fitted), 1) for fitted in values)
     steps = [Step(0, None, "<b>", "open", {}, ()), Step(1, 0, "fit", "fit", {}, (), fitted=0.5, held_out=1.0)]
     bars = charts.history(steps, 1, "px", "slider")
     cells = charts.heat_map(table, (0, 1), ("camera", "frame"))

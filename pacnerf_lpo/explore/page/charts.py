@@ -46,14 +46,9 @@ def heat_map(errors: Errors, selected: tuple[int, int], sliders: tuple[str, str]
     return chart("heat_map", errors, selected, sliders, _largest(errors.table), wide, high)
 
 
-def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected: int, unit: str) -> str:
-    """Errors over time, of what is fitted and of what is held out, with the frame that is shown.
-
-    Args:
-        times: of the frames [s, (F,)].
-        fitted, held: errors [``unit``, (F,)], NaN where there is none.
-        selected: frame that is shown.
-    """
+def over_time(errors: Errors, selected: int) -> str:
+    """Errors over time, of what is fitted and of what is held out, with the frame that is shown."""
+    times, fitted, held = errors.times, errors.by_frame_fitted, errors.by_frame_held_out
     most = _largest(np.concatenate((fitted, held)))
     x = 38 + 300 * (times - times[0]) / (float(times[-1] - times[0]) or 1.0)
     pieces = []
@@ -61,7 +56,7 @@ def over_time(times: np.ndarray, fitted: np.ndarray, held: np.ndarray, selected:
         points, known = np.column_stack((x, 110 - 100 * values / (most or 1.0))), np.isfinite(values)
         breaks = np.flatnonzero(np.diff(known)) + 1
         pieces += [(out, piece) for piece in np.split(points, breaks) if np.isfinite(piece[0, 1])]
-    return chart("over_time", pieces, x[min(selected, len(x) - 1)], times, most, unit)
+    return chart("over_time", pieces, x[min(selected, len(x) - 1)], times, most, errors.unit)
 
 
 def path(times: np.ndarray, measured: np.ndarray, model: np.ndarray, held: np.ndarray, selected: int) -> str:

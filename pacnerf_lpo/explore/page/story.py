@@ -64,9 +64,7 @@ class Story:
         selected = page.camera, min(page.frame, shown.table.shape[1] - 1)
         sliders = element(page.see.camera), element(page.see.frame)
         self.map.content = charts.heat_map(shown, selected, sliders)
-        self.time.content = charts.over_time(
-            errors.times, errors.by_frame_fitted, errors.by_frame_held_out, selected[1], errors.unit
-        )
+        self.time.content = charts.over_time(errors, selected[1])
         if page.cameras:
             self.body.content = charts.by_name(self._sides(selected[1]), "px²")
 

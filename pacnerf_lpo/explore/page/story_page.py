@@ -98,9 +98,7 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
     """What the page shows of a step."""
     motion = session.motion(step.number)
     colours = np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
-    line = charts.over_time(
-        errors.times, errors.by_frame_fitted, errors.by_frame_held_out, at[1] if at else 0, errors.unit
-    )
+    line = charts.over_time(errors, at[1] if at else 0)
     cells = charts.heat_map(errors, at or (0, 0))
     shown = None if at is None else _picture(session, step, at)
     return {

@@ -18,29 +18,3 @@ from pacnerf_lpo.mpm.effects.surface_tension import SurfaceTension
 from pacnerf_lpo.mpm.effects.thermal_softening import ThermalSoftening
 from pacnerf_lpo.mpm.effects.uniform_force import UniformForce
 from pacnerf_lpo.mpm.effects.yield_stress import YieldStress
-
-__all__ = [
-    "Adhesion",
-    "BodyForce",
-    "CentralForce",
-    "Cohesion",
-    "DensityGradient",
-    "Effect",
-    "GravityMagnitude",
-    "GroundEffect",
-    "GroundFriction",
-    "InitialSpin",
-    "InitialState",
-    "KelvinVoigt",
-    "LawEffect",
-    "LinearDrag",
-    "Magnus",
-    "QuadraticDrag",
-    "ShearThinning",
-    "Softening",
-    "StiffnessGradient",
-    "SurfaceTension",
-    "ThermalSoftening",
-    "UniformForce",
-    "YieldStress",
-]

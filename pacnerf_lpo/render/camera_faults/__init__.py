@@ -7,5 +7,3 @@ from pacnerf_lpo.render.camera_faults.camera_shift import CameraShift
 from pacnerf_lpo.render.camera_faults.exposure import Exposure
 from pacnerf_lpo.render.camera_faults.radial_distortion import RadialDistortion
 from pacnerf_lpo.render.camera_faults.time_offset import TimeOffset
-
-__all__ = ["CameraDrift", "CameraRotation", "CameraShift", "Exposure", "Observation", "RadialDistortion", "TimeOffset"]
