@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -133,13 +134,13 @@ def candidates(effects: Sequence[Effect], material: Material, installed: Sequenc
     """Those of the effects that may be added to a model."""
     taken = {own_name(name) for effect in installed for name in effect.parameters}
     grounded = any(isinstance(effect, GroundEffect) for effect in installed)
-    return [
-        Candidate(name_of(effect), effect)
-        for effect in effects
-        if not taken & set(effect.parameters)
-        and not (grounded and isinstance(effect, GroundEffect))
-        and _applies(effect, material)
-    ]
+    found = []
+    for effect in effects:
+        suits = not taken & set(effect.parameters) and not (grounded and isinstance(effect, GroundEffect))
+        with suppress(UserInputError):  # which says that it does not apply to the material
+            effect.check_material(material)
+            found += [Candidate(name_of(effect), effect)] if suits else []
+    return found
 
 
 def name_of(effect: Effect) -> str:
@@ -179,11 +180,3 @@ def _instances(kind: type[Effect], views: Sequence[int]) -> Iterator[Effect]:
         return
     for view in views:
         yield kind(view=view)  # type: ignore[call-arg]
-
-
-def _applies(effect: Effect, material: Material) -> bool:
-    try:
-        effect.check_material(material)
-    except UserInputError:
-        return False
-    return True

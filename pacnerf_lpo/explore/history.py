@@ -39,11 +39,8 @@ class History:
         with self._lock:
             if number is None:
                 return self._steps[self._current]
-            if (
-                isinstance(number, bool)
-                or not isinstance(number, (int, np.integer))
-                or not 0 <= number < len(self._steps)
-            ):
+            whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+            if not whole or not 0 <= number < len(self._steps):
                 raise UserInputError(f"explore: there is no step {number}; give 0 to {len(self._steps) - 1}")
             return self._steps[int(number)]
 

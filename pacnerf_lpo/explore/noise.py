@@ -30,13 +30,11 @@ class Known:
     """A fitted model of a stored diagnosis, and the noise around it.
 
     effects: names of those of the model.
-    values: of all numbers [SI]
     intervals: 90 % intervals [SI]
     comparison: the model fitted.
     """
 
     effects: tuple[str, ...]
-    values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     comparison: Comparison
 
@@ -89,7 +87,7 @@ class Noise:
         what = json.dumps([sorted(step.effects), sorted(step.values.items())])
         name = f"{LEARNT}_{hashlib.sha256(what.encode()).hexdigest()[:8]}"
         comparison = self.source.store.once(name, partial(self._learnt, step, progress))
-        self.known.append(Known(step.effects, step.values, {}, comparison))
+        self.known.append(Known(step.effects, {}, comparison))
 
     def reload(self) -> None:
         """Take over what a diagnosis has stored meanwhile."""
@@ -136,4 +134,4 @@ class Noise:
             return None  # it has an effect that this session does not know
         found, _ = intervals(self.problem, self.catalogue.chosen(names), comparison)
         ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
-        return Known(tuple(names), dict(comparison.known), ends, comparison)
+        return Known(tuple(names), ends, comparison)

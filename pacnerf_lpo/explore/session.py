@@ -99,7 +99,8 @@ class Session:
         session.stepper.take(first, must=True)
         stored = session.noise.first
         if stored is not None:
-            fitted = Step(0, 0, "as diagnose fitted it", "diagnose", stored.values, stored.effects, stored.intervals)
+            known = dict(stored.comparison.known)
+            fitted = Step(0, 0, "as diagnose fitted it", "diagnose", known, stored.effects, stored.intervals)
             session.stepper.take(replace(fitted, notes=stored.comparison.notes))
         return session
 

@@ -9,7 +9,7 @@ from torch import Tensor
 from pacnerf_lpo.diagnosis.localising import mean_of_outlines
 from pacnerf_lpo.explore.records import Errors, Resolution
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.study import CAMERAS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.diagnosis_stages import root_mean_square
@@ -37,19 +37,13 @@ def simulate(
     """Roll a model out and look at it with all cameras. Raises SimulationError."""
     models, paths, predicted = [], [], []
     for part in problem.parts(effects, values):
-        model = model_of(part, resolution)
+        made = part.recording.model if resolution == "refined" else part.recording.coarse_model
+        model = made(part.effects, part.known)
         path = model.path(model.start)
         predicted.append(model.observe(path, model.start))
         models.append(model)
         paths.append(path)
     return Simulated(tuple(models), tuple(paths), problem.join(predicted), resolution)
-
-
-def model_of(part: Part, resolution: Resolution) -> Model:
-    """The model of a recording on the body of a resolution."""
-    if resolution == "refined":
-        return part.recording.model(part.effects, part.known)
-    return part.recording.coarse_model(part.effects, part.known)
 
 
 def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | None = None) -> Errors:

@@ -172,7 +172,9 @@ class _Descent:
             low, high = (
                 np.clip((bound - self.free) / self.scales, -self.longest, self.longest) for bound in self.bounds
             )
-            step = _step_within(self.scaled[self.rows], self.now[self.rows], self.damping, low, high)
+            now, scaled = self.now[self.rows], self.scaled[self.rows]
+            model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
+            step = damped_step(model, self.damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
             moved = np.abs(step).max()
             trial = np.clip(self.free + step * self.scales, *self.bounds)
             try:
@@ -240,12 +242,6 @@ def column(
         except SimulationError:
             continue
     return np.zeros_like(now), len(PROBES)
-
-
-def _step_within(scaled: np.ndarray, now: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The damped step between two ends [scales, (K,)]."""
-    model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
-    return damped_step(model, damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
 
 
 def _square(values: np.ndarray) -> float:

@@ -171,14 +171,11 @@ def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
         count = 0
         for other in ranked:
             near = stage.within is None or other.cost_of(rows) <= stage.within * ranked[0].cost_of(rows)
-            if count < stage.keep and near and _is_apart(other.free, chosen, apart):
+            new = all((np.abs(other.free - one.free) > apart).any() for one in chosen)
+            if count < stage.keep and near and new:
                 chosen.append(other)
                 count += 1
     return chosen
-
-
-def _is_apart(point: np.ndarray, others: Sequence[Fit], apart: np.ndarray) -> bool:
-    return all((np.abs(point - other.free) > apart).any() for other in others)
 
 
 def _free(start: Start) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -17,20 +16,24 @@ GUESSED_SCALES = 10.0
 """Noticeable changes: standard deviation of any other guess, so wide that any video outvotes it."""
 
 
-class Transform(Protocol):
-    """A smooth bijection between a physical value and an unconstrained coordinate."""
+class Transform:
+    """A smooth bijection between a physical value and an unconstrained coordinate; the identity unless overridden."""
 
-    def to_free(self, value: float) -> float: ...
+    def to_free(self, value: float) -> float:
+        """The coordinate of a value."""
+        return value
 
-    def to_physical(self, free: Tensor) -> Tensor: ...
+    def to_physical(self, free: Tensor) -> Tensor:
+        """The value at a coordinate."""
+        return free
 
     def lattice(self, start: float, decades: float) -> list[float]:
         """Free coordinates worth trying before a local search, ``start`` among them."""
-        ...
+        return [start]
 
 
 @dataclass(frozen=True)
-class Log10:
+class Log10(Transform):
     """value = 10**free, for positive quantities spanning decades (moduli, viscosities)."""
 
     def to_free(self, value: float) -> float:
@@ -45,7 +48,7 @@ class Log10:
 
 
 @dataclass(frozen=True)
-class Saturated:
+class Saturated(Transform):
     """value = limit * tanh(free / limit): Poisson's ratio stays inside (-limit, limit)."""
 
     limit: float = 0.45
@@ -61,17 +64,8 @@ class Saturated:
 
 
 @dataclass(frozen=True)
-class Identity:
+class Identity(Transform):
     """value = free, for angles and effect coefficients."""
-
-    def to_free(self, value: float) -> float:
-        return value
-
-    def to_physical(self, free: Tensor) -> Tensor:
-        return free
-
-    def lattice(self, start: float, decades: float) -> list[float]:
-        return [start]
 
 
 @dataclass(frozen=True)

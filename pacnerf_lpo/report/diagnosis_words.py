@@ -179,7 +179,8 @@ def missing(result: Result) -> list[str]:
     kind = result["verdict"]["kind"]
     if kind in ("missing", "camera"):
         return [sentence for done, again in refits_of(result) for sentence in _named(done, again)]
-    tried = _tried(result)
+    effects = {c["name"] for done in result["rounds"] if done["screen"] for c in done["screen"]["candidates"]}
+    tried = f"{len(effects)} effects and camera faults were tried."
     if kind == "unfinished":
         return ["Not determined yet: no candidates were fitted."]
     if kind == "nothing":
@@ -191,11 +192,6 @@ def missing(result: Result) -> list[str]:
     force = (result["rounds"][-1]["screen"] or {"discrepancies": {}})["discrepancies"].get("UnknownForce")
     against = "" if force is None else f", for which the odds are {odds(force['log_bayes_factor'])}"
     return [f"{tried} None explains the residual as well as a smooth force of unknown cause{against}."]
-
-
-def _tried(result: Result) -> str:
-    tried = len({c["name"] for done in result["rounds"] if done["screen"] for c in done["screen"]["candidates"]})
-    return f"{tried} effects and camera faults were tried."
 
 
 def _named(done: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:

@@ -87,7 +87,8 @@ def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
     measured = [one for one in flights if one["side"] is not None]
     if not measured:
         return None
-    large = _large(measured)
+    typical = float(np.median([one["spin_times_velocity"] for one in measured]))
+    large = [one for one in measured if one["spin_times_velocity"] >= LARGE * typical]
     clear = [one for one in large if one["side"]["size"] > CLEAR * one["side"]["error"]]
     with_it = sum(one["side"]["angle"] < ALIGNED for one in clear)
     against = sum(one["side"]["angle"] > 180 - ALIGNED for one in clear)
@@ -98,12 +99,6 @@ def agreement(flights: Sequence[Mapping[str, Any]]) -> str | None:
         f"twice its error; it points along spin x velocity, within {ALIGNED:.0f}°, in {with_it}, against it in "
         f"{against} (as where a spin was measured with the wrong sense), elsewhere in {len(clear) - with_it - against}."
     )
-
-
-def _large(measured: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Flights in which spin x velocity is at least :data:`LARGE` of what is typical."""
-    typical = float(np.median([one["spin_times_velocity"] for one in measured]))
-    return [one for one in measured if one["spin_times_velocity"] >= LARGE * typical]
 
 
 def flights_section(result: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from itertools import product
 import contourpy
 import numpy as np
 
-from pacnerf_lpo.data.recordings.voxel_hull import hull_picture, projected
+from pacnerf_lpo.data.recordings.voxel_hull import projected
 from pacnerf_lpo.data.recordings.written_scene import View
 
 NEAR = 1e-3
@@ -109,8 +109,3 @@ def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
         points = (np.asarray(line)[:: 1 + len(line) // MOST_POINTS] - 0.5) / scale + corner
         parts.append("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "Z")
     return "".join(parts)
-
-
-def hull_outline(points: np.ndarray, cell: float, view: View) -> str:
-    """The outline of a hull's cells [m, (N, 3)] in a camera, as the data of an SVG path."""
-    return outline(*hull_picture(points, cell, view))

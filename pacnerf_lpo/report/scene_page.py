@@ -52,9 +52,9 @@ def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
 
 def found_sentence(look: Look) -> str:
     """What was found, in one sentence."""
-    scene = look.scene
+    scene, rate = look.scene, float(f"{1.0 / np.diff(look.scene.times).mean():.4g}")
     return (
-        f"{len(scene.views)} cameras show a body of {look.size:.2g} m in {len(scene.times)} frames, {_rate(look):g} a "
+        f"{len(scene.views)} cameras show a body of {look.size:.2g} m in {len(scene.times)} frames, {rate:g} a "
         f"second; it reaches the ground at frame {scene.hit_frame}."
     )
 
@@ -137,7 +137,3 @@ def fall_sentence(look: Look) -> str:
         f"{error:.1g}; gravity in scene.yaml is {gravity:.3g}), the distance of the body from the parabola {rest}. "
         "The contact is where the lowest point on its parabola reaches the ground."
     )
-
-
-def _rate(look: Look) -> float:
-    return float(f"{1.0 / np.diff(look.scene.times).mean():.4g}")

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.data.recordings.look import Look
+from pacnerf_lpo.data.recordings.voxel_hull import hull_picture
 from pacnerf_lpo.data.recordings.written_scene import View, picture
 from pacnerf_lpo.report import overlay
 from pacnerf_lpo.report.encoding import atlas, base64_array, quantised
@@ -77,7 +78,7 @@ def _drawn(look: Look, number: int, frame: int, image: str) -> str:
     layers = (
         ("grid", overlay.lines(_ground(look)[0], view)),
         ("box", overlay.lines(overlay.box_edges(scene.lower, scene.upper), moving)),
-        ("hull", overlay.hull_outline(hull.points, hull.cell, moving)),
+        ("hull", overlay.outline(*hull_picture(hull.points, hull.cell, moving))),
         ("matte", overlay.outline(hull.mattes[number], np.zeros(2), 1.0)),
     )
     origin = 0.5 * (scene.lower + scene.upper)

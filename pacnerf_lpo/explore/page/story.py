@@ -33,11 +33,8 @@ class Story:
         with panel.add_tab("Time and body", viser.Icon.CHART_LINE):
             self.time = gui.add_html("")
             self.body = gui.add_html("")
-        self.step.on_update(page.by_hand(lambda _: page.make("go", self._go)))
+        self.step.on_update(page.by_hand(lambda _: page.make("go", lambda: page.session.go_to(int(self.step.value)))))
         self.buttons.on_click(page.by_hand(self._pressed))
-
-    def _go(self) -> None:
-        self.page.session.go_to(int(self.step.value))
 
     def _pressed(self, event: Any) -> None:
         pressed, session = self.buttons.value, self.page.session
