@@ -1,6 +1,7 @@
 """The data behind the report's pictures and charts, small enough to travel inside the page."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,21 +55,19 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
     video, predictions = run.data.video, [read_prediction(run, stage) for stage in stages]
     scale = _common_scale(run, predictions[-1]) if stages else 1.0
     height, width = video.images.shape[2:4]
+    views = range(len(video.view_ids))
+
+    def residual(prediction: Prediction, view: int) -> np.ndarray:
+        left = signed_residual(_values(prediction.images[view]), video.images[view]) * video.valid[view]
+        return to_bytes(residual_colours(left, scale))
+
     for longest, quality in LADDER:
         ratio = min(1.0, longest / max(height, width))
         size = (round(width * ratio), round(height * ratio))
-        measured: list[str] = []
-        models: list[list[str]] = [[] for _ in stages]
-        residuals: list[list[str]] = [[] for _ in stages]
-        for view in range(len(video.view_ids)):
-            truth = video.images[view]
-            measured.append(atlas(to_bytes(truth), size, quality))
-            for index, prediction in enumerate(predictions):
-                images = prediction.images[view]
-                models[index].append(atlas(images, size, quality))
-                residual = signed_residual(_values(images), truth)
-                residual *= video.valid[view]
-                residuals[index].append(atlas(to_bytes(residual_colours(residual, scale)), size, quality))
+        small = partial(atlas, size=size, quality=quality)
+        measured = [small(to_bytes(images)) for images in video.images]
+        models = [[small(one.images[view]) for view in views] for one in predictions]
+        residuals = [[small(residual(one, view)) for view in views] for one in predictions]
         weight = sum(len(uri) for part in (measured, *models, *residuals) for uri in part)
         if weight <= IMAGE_BUDGET:
             break
