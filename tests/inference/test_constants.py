@@ -30,7 +30,7 @@ NUMERICAL = {
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
 the time it takes, and the last digits.
 """
-PRESENTATION = {"diagnosis/comparison.py": {"CONFIDENCE", "Progress"}, "diagnosis/screening.py": {"FORCE", "SHAPE"}}
+PRESENTATION = {"diagnosis/comparison.py": {"CONFIDENCE", "Learnt"}, "diagnosis/screening.py": {"FORCE", "SHAPE"}}
 """How much of a distribution an interval shows, and names."""
 
 

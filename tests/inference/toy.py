@@ -26,6 +26,11 @@ def layout() -> Layout:
     return Layout(view.ravel(), frame.ravel(), kind.ravel())
 
 
+def entries(whole: Layout, mask: np.ndarray) -> Layout:
+    """The entries of a layout for which ``mask`` is true, or those with these numbers."""
+    return Layout(whole.view[mask], whole.frame[mask], whole.kind[mask])
+
+
 def seen(along_x=0.0, along_y=0.0, along_z=0.0, taller=0.0) -> np.ndarray:
     """Residual [px, (D,)] of a motion along the axes of space and a stretch, each a function of time (F,)."""
     angles = 0.3 + 2 * np.pi * np.arange(VIEWS) / VIEWS
