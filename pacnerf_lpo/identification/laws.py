@@ -363,9 +363,9 @@ def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None) 
         found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
     if alone is not None:
         found.append(
-            f"Doubtful: the best law alone predicts what was held out with {alone:.1f} times the error of the noise, and "
-            f"{leader.held_out:.1f} times beside an unknown smooth force. Something else may be missing: run pacnerf-lpo "
-            "diagnose, and check masks and ground"
+            f"Doubtful: the best law alone predicts what was held out with {alone:.1f} times the error of the noise, "
+            f"and {leader.held_out:.1f} times beside an unknown smooth force. Something else may be missing: run "
+            "pacnerf-lpo diagnose, and check masks and ground"
         )
     return found
 
