@@ -75,14 +75,7 @@ class GridOptimizationModule(DynamicPhase):
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
         driving = density if self.density_drives_mass else density.detach()
         velocity = self.state.velocity.mean(0)
-        trajectory = self.physics.rollout(
-            positions,
-            velocity.expand_as(positions),
-            self.state.massive(driving),
-            self._values,
-            self.state.spacings,
-            frames,
-        )
+        trajectory = self.rollout(velocity, self._values, frames, (positions, driving))
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
         self.log_test_psnr(step, seen, density, features, observer)

@@ -123,8 +123,6 @@ class LPOModule(DynamicPhase):
     def _seen(self, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
         """The motion of particles from frame 0 on as the cameras see it."""
         driving = density if self.density_drives_mass else density.detach()
-        state, massive = self.state, self.state.massive(driving)
-        trajectory = self.physics.rollout(
-            positions, state.velocity, massive, self._values, state.spacings, self.image_cost.frames
-        )
-        return self.watch(trajectory, state.velocity, self._values)
+        velocity = self.state.velocity
+        trajectory = self.rollout(velocity, self._values, self.image_cost.frames, (positions, driving))
+        return self.watch(trajectory, velocity, self._values)

@@ -79,12 +79,8 @@ class StaticGridModule(AbstractPhase):
             raise UserInputError(f"phases.static.base_spacing = {base_spacing:g} m must be positive")
         if rays_per_step < 1:
             raise UserInputError(f"phases.static.rays_per_step = {rays_per_step}: give at least one ray")
-        self.base_spacing, self.rays_per_step, self.min_weight, self.seed = (
-            base_spacing,
-            rays_per_step,
-            min_weight,
-            seed,
-        )
+        self.base_spacing, self.rays_per_step = base_spacing, rays_per_step
+        self.min_weight, self.seed = min_weight, seed
         self.entropy_weight, self.entropy_schedule = entropy_weight, entropy_schedule
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
@@ -93,9 +89,7 @@ class StaticGridModule(AbstractPhase):
         self.last_psnr = float("nan")
 
     def check(self) -> None:
-        """Whole outlines must be seen where they decide what the body occupies. Raises UserInputError where every
-        training view cuts the outline at frame 0.
-        """
+        """Raise UserInputError where outlines decide what the body occupies, and every training view cuts them off."""
         video = self.data.video
         outlines = silhouette_moments(video.silhouettes[self.data.train, 0])
         if self.physics.mass_from == "outline" and not np.isfinite(outlines).any():
@@ -210,9 +204,7 @@ class StaticGridModule(AbstractPhase):
         return state.with_(surface_offset=self._surface_offset(state)) if self.physics.mass_from == "outline" else state
 
     def _surface_offset(self, state: ParticleState) -> float:
-        """Raw density above that of the visible surface where the body is as large as in the mattes of the training
-        views.
-        """
+        """Raw density above the visible surface's where the body is as large as in the training views' mattes."""
         from pacnerf_lpo.identification.problem import StateProblem  # it looks at states of phases
 
         video = self.data.video
