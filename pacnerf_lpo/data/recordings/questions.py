@@ -57,15 +57,11 @@ def _usual_up(recording: Recording) -> str:
 
 
 QUESTIONS = {
-    "up": Question(
-        f"Which axis of the calibration points up: {', '.join(AXES)}?",
-        _usual_up,
-        lambda recording, answer: recording.with_up(answer),
-    ),
+    "up": Question(f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
     "unit": Question(
         f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
         lambda recording: "m",
-        lambda recording, answer: recording.with_unit(answer),
+        Recording.with_unit,
     ),
     "fps": Question(
         "How many frames per second have the videos?",

@@ -86,21 +86,11 @@ def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple
         raise no_object(mattes, 0)
     mended = mend_dropouts(np.array(centres), np.array(changes), times)
     kept = mended.kept
-    return Shots(
-        Sighting(
-            camera.pose,
-            float(camera.intrinsic[0, 0]),
-            mended.times,
-            [outlines[k][0] for k in kept],
-            [outlines[k][1] for k in kept],
-        ),
-        np.array([outline_tangents(*outlines[k]) for k in kept]),
-        np.array(centres)[kept],
-        np.array(areas)[kept],
-        tuple(images[k] for k in kept),
-        kept,
-        mended.said,
-    )
+    shown, insides = zip(*(outlines[k] for k in kept), strict=True)
+    tangents = np.array([outline_tangents(*outlines[k]) for k in kept])
+    sighting = Sighting(camera.pose, float(camera.intrinsic[0, 0]), mended.times, shown, insides)
+    files, said = tuple(images[k] for k in kept), mended.said
+    return Shots(sighting, tangents, np.array(centres)[kept], np.array(areas)[kept], files, kept, said)
 
 
 def synchronised(shots: Sequence[Shots]) -> tuple[list[Shots], Clocks]:

@@ -51,17 +51,16 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
         size = [values["image_width"], values["image_height"]]
     size = None if size is None else numbers(f"{where}, size", size, (2,))
     fisheye = bool(values.get("fisheye")) or values.get("model") == "fisheye"
-    coefficients = () if lens is None else tuple(_flat(f"{where}, distortion", lens))
-    camera = Camera(
+    coefficients = () if lens is None else numbers(f"{where}, distortion", lens, (np.size(lens),)).tolist()
+    return Camera(
         name,
         half_pixel_centres(intrinsic),
         pose_from_opencv(rotation, translation),
-        (),
-        Lens("fisheye" if fisheye else "opencv", coefficients),
+        _with_masks(folder, name, _frames(folder, name)),
+        Lens("fisheye" if fisheye else "opencv", tuple(coefficients)),
         plate=next((path for path in images_in(folder / PLATES) if path.stem == name), None),
         size=None if size is None else (round(size[0]), round(size[1])),
     )
-    return replace(camera, frames=_with_masks(folder, name, _frames(folder, name)))
 
 
 def say_what_is_not_read(folder: Path, cameras: Sequence[Camera]) -> None:
@@ -88,11 +87,6 @@ def _holds_images(path: Path) -> bool:
     if not path.is_dir() or (path / SCENE_FILE).exists():
         return False
     return any(images_in(place) for place in (path, *path.iterdir()))
-
-
-def _flat(where: str, values: Any) -> list[float]:
-    """As many finite numbers as there are, in whatever shape."""
-    return numbers(where, values, (np.size(values),)).tolist()
 
 
 def _first(values: dict[str, Any], *names: str) -> Any:

@@ -39,12 +39,10 @@ def _shot(path: Path, number: int, values: dict[str, Any]) -> Camera:
     file = with_suffix(path.parent / str(entry(where, values, "file_path")))
     pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4), (3, 4))[:3]
     frame = Frame(file, None if values.get("time") is None else number_at(where, values, "time"))
-    stated = "w" in values and "h" in values
-    size = (
-        (round(number_at(where, values, "w")), round(number_at(where, values, "h")))
-        if stated
-        else image_size(file)[::-1]
-    )
+    if "w" in values and "h" in values:
+        size = round(number_at(where, values, "w")), round(number_at(where, values, "h"))
+    else:
+        size = image_size(file)[::-1]
     return Camera(file.parent.name, _intrinsic(where, values, size), pose, (frame,), _lens(where, values), size=size)
 
 

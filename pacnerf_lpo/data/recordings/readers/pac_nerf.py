@@ -22,9 +22,7 @@ def read(folder: Path) -> Recording:
         taken = [index.shots[view, frame].time + index.shots[view, frame].offset for frame in frames]
         shots = tuple(Frame(files.image(view, frame), time) for frame, time in zip(frames, taken, strict=True))
         plate = files.plate(view) if not matted and files.plate(view).exists() else None
-        cameras.append(
-            Camera(str(view), shot.intrinsic, shot.camera_to_world, shots, plate=plate, on_white=matted),
-        )
+        cameras.append(Camera(str(view), shot.intrinsic, shot.camera_to_world, shots, plate=plate, on_white=matted))
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 1.0, 0.0), ground=0.0)
 
 
