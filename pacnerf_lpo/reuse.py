@@ -70,7 +70,7 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
     """
     source = Path(source)
     manifest, path = Manifest.load(source), source / CONFIG_FILE
-    done = [record for record in manifest.phases if record.status == "done"]
+    done = manifest.done
     if not done or not path.is_file():
         raise UserInputError(f"{KEY} = {source}: its reconstruction is not finished; go on with it, or leave {KEY} out")
     if manifest.video != video:
@@ -82,8 +82,7 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
     if differs := difference(_of_static(there), _of_static(config)):
         raise UserInputError(
             f"{KEY} = {source}: its reconstruction was made with other settings: {differs}; set that as it is there, "
-            f"or "
-            f"leave {KEY} out"
+            f"or leave {KEY} out"
         )
     if len(done) < 2 or done[1].phase != "velocity":
         return Reusable(source, done[:1], "it is not finished there")

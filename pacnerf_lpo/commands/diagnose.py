@@ -132,5 +132,4 @@ def has_motion(run_dir: Path) -> bool:
     """Whether the velocity of a run is fitted."""
     if not (run_dir / FILE_NAME).is_file():
         return False
-    done = [record.phase for record in Manifest.load(run_dir).phases if record.status == "done"]
-    return "velocity" in done
+    return any(record.phase == "velocity" for record in Manifest.load(run_dir).done)

@@ -43,7 +43,7 @@ def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: Abstr
     With ``compare``, images and outlines are compared after the identification of a body that was not corrected; the
     manifest keeps what they say.
     """
-    record = [record for record in manifest.phases if record.status == "done"][-1]
+    record = manifest.done[-1]
     stage = Stage(record, manifest.run_dir)
     if compare and record.methods is None and isinstance(template, PhysicsIDModule) and not stage.state.corrected:
         record.methods = _compared(stage, data, physics, template)

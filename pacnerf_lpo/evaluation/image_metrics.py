@@ -132,11 +132,7 @@ def _lpips_network() -> Callable[[Tensor, Tensor], Tensor] | Missing:
     except ModuleNotFoundError:
         return Missing(LPIPS_INSTALL)
     except (urllib.error.URLError, OSError) as error:
-        return Missing(f"the AlexNet weights could not be downloaded: {_one_line(error)}")
-
-
-def _one_line(error: BaseException) -> str:
-    return json.dumps(str(error))[1:-1][:120]
+        return Missing(f"the AlexNet weights could not be downloaded: {json.dumps(str(error))[1:-1][:120]}")
 
 
 def _channels_first(images: Tensor) -> Tensor:

@@ -141,14 +141,9 @@ class PhysicsIDModule(DynamicPhase):
             self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
             self.log(f"physics/v_{axis} [m|s]", value)
-        if self.method.converged(self, optimiser):
-            self._end_stage(step)
-
-    def _end_stage(self, step: int) -> None:
-        """A stage that has converged is left: the warm-up for the main stage, the main stage for good."""
-        if step < self.warm_up_end:
+        if self.method.converged(self, optimiser) and step < self.warm_up_end:
             self.warm_up_end.fill_(step + 1)
-        else:
+        elif self.method.converged(self, optimiser):
             self._converged = self.trainer.should_stop = True
 
     def export_values(self) -> dict[str, float]:
