@@ -47,9 +47,7 @@ class Reusable:
         return f"the reconstruction is that of {self.source}; the velocity is fitted again, since {self.why_not}"
 
     def copy(self, manifest: Manifest, guess: Mapping[str, float]) -> ParticleState:
-        """Let a run without phases begin with these; returns the last state. Its parameters to start from [SI],
-        ``guess``, take the place of those of the source.
-        """
+        """Let a run without phases begin with these; returns the last state, whose parameters become ``guess`` [SI]."""
         manifest.begin_with(self.source, self.records)
         copy_events(self.source, manifest.run_dir, [record.phase for record in self.records])
         last = manifest.run_dir / self.records[-1].state

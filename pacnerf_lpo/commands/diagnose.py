@@ -114,11 +114,7 @@ def run(
 
 
 def reconstructed(folder: str) -> str:
-    """The run that is meant: the folder, or that of a scene, whose body and velocity are fitted where they are not yet.
-
-    Raises:
-        Interrupted, RunError, UserInputError: the fit came to no end.
-    """
+    """The run that is meant; of a scene, its own, fitted first where needed. Raises what :mod:`fit` does."""
     if not is_scene(folder) or scenes_in(Path(folder)):
         return folder
     run_dir = Path(folder) / RUN

@@ -84,9 +84,7 @@ class GridOptimizationModule(DynamicPhase):
         return loss
 
     def particles(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Positions [m, (N, 3)], and density (N,) and features (N, 12), the latter two differentiable in the grid.
-        Raises UserInputError where the body has vanished.
-        """
+        """Positions [m, (N, 3)]; density (N,), features (N, 12), differentiable. UserInputError: the body is gone."""
         if not float(alpha(self.density.detach().max(), 1.0)) >= OBJECT_ALPHA:
             raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")
         grid = FieldGrid(self.density, self.features, self.lower, self.state.spacing)

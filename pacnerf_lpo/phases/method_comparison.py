@@ -30,8 +30,7 @@ from pacnerf_lpo.types import Video
 PARTICLES = 1500
 """Of the coarse body, as in the search of OutlineGaussNewton: a simulation takes a fraction of a second."""
 FRAMES = 12
-"""Frames from the contact on that are compared: an impact and the rebound after it. Later motion follows from these,
-and costs time."""
+"""Frames from the contact on that are compared: impact and rebound. Later motion follows from these, and costs time."""
 LONGEST = 32
 """Pixels along the longer side of the images that are compared: a displacement of a few of the body's cells is seen."""
 VIEWS = 4

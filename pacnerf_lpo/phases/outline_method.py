@@ -328,9 +328,7 @@ class OutlineCost:
         return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, **settings)
 
     def needs_shorter_step(self, free: np.ndarray) -> bool:
-        """Whether a body is unstable at free coordinates [(K,)] with the time step that fits start with. Raises
-        SimulationError where no step is short enough.
-        """
+        """Whether the time step that fits start with is too long at free coordinates [(K,)]. Raises SimulationError."""
         bodies = [found.model for found in (self, self._coarser) if found is not None]
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)

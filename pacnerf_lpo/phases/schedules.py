@@ -1,6 +1,4 @@
-"""How weights and resolution of the static phase change over its steps: small objects, chosen by class_path in YAML.
-And how the rate of the corrections does.
-"""
+"""How weights and resolution of the static phase change over its steps, and the rates of corrections; set in YAML."""
 
 import math
 from abc import ABC, abstractmethod

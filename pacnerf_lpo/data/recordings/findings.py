@@ -149,9 +149,7 @@ def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int
 
 
 def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
-    """The unit vector against gravity (3,), and where it comes from. Raises UserInputError where it is not stated, and
-    the body does not fall freely for long enough.
-    """
+    """The unit vector against gravity (3,), and its source; UserInputError where it is neither stated nor seen."""
     size = float(np.linalg.norm(motion.acceleration))
     measured = -motion.acceleration / max(size, 1e-30)
     error = float(np.degrees(np.linalg.norm(motion.error) / max(size, 1e-30)))

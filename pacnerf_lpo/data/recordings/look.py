@@ -77,11 +77,7 @@ class Look:
 
 
 def examine(folder: Path) -> Look:
-    """Look at every image of a scene.
-
-    Raises:
-        UserInputError: a file is missing or damaged, or too little is seen.
-    """
+    """Look at every image of a scene; UserInputError for a missing or damaged file, or where too little is seen."""
     scene = read_written_scene(folder)
     appearances, mattes = _appearances(scene)
     planes = tuple(_planes(scene, *pair) for pair in zip(scene.views, appearances, strict=True))

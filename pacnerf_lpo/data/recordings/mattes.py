@@ -110,9 +110,7 @@ class Mattes:
         return f"{self.way}{' and the other views' if self.compared else ''}"
 
     def find_background(self) -> None:
-        """Find the background in the video itself, for all mattes from now on. Raises UserInputError where nothing
-        moves.
-        """
+        """Find the background in the video, for all mattes from now on; UserInputError where nothing moves."""
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
         self.footage = Footage(self._pictures)

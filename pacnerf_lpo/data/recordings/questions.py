@@ -23,9 +23,7 @@ class Question:
 
 
 def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recording, T]:
-    """Do ``work``; where it lacks a value and somebody sits at a terminal, ask for the value and do it again. Raises
-    UserInputError where nobody can be asked, or gives an answer.
-    """
+    """Do ``work``, and ask at a terminal for a value that it lacks. Raises UserInputError where nobody answers."""
     while True:
         try:
             return recording, work(recording)

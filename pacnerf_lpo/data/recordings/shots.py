@@ -116,9 +116,7 @@ def no_object(mattes: Mattes, frame: int) -> UserInputError:
 
 
 def image_at(shots: Shots, place: float) -> np.ndarray:
-    """The image at a fractional frame number [0..1, (H, W, 4)]: its two neighbours, each moved by how far the object
-    moves until then, and merged.
-    """
+    """The image at a fractional frame number [0..1, (H, W, 4)]: its neighbours, each moved as the object is, merged."""
     begin = int(np.floor(place))
     if place == begin:
         return read_png(shots.images[begin])

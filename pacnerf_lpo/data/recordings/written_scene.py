@@ -92,9 +92,7 @@ class WrittenScene:
 
 
 def read_written_scene(folder: Path) -> WrittenScene:
-    """Read scene.yaml and the cameras. Raises UserInputError that names a file which is missing or damaged, or
-    a value of scene.yaml that is not possible.
-    """
+    """Read scene.yaml and the cameras. Raises UserInputError for a missing or damaged file, or an impossible value."""
     path = find_scene_file(folder)
     text = path.read_text()
     try:

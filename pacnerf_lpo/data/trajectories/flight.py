@@ -117,9 +117,7 @@ class _Fall:
 
 
 def _fall(recordings: Sequence[Trajectory], up: np.ndarray, scale: float) -> _Fall | None:
-    """Of all flights together, with a = -G up - k |v| v, G and k not negative, by least absolute values; None where all
-    are too short.
-    """
+    """Of all flights, with a = -G up - k |v| v, G and k >= 0, by least absolute values; None: all are too short."""
     parts = [part for one in recordings if (part := _accelerations(one, up, scale)) is not None]
     if not parts:
         return None

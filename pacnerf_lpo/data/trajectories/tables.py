@@ -47,9 +47,7 @@ class Table:
     rows: list[list[str]]
 
     def numbers(self, column: int, called: str, needed: bool = False) -> np.ndarray:
-        """A column [(n,)]; NaN where a cell is empty. Raises UserInputError where a cell is no number, or is empty and
-        all are ``needed``.
-        """
+        """A column [(n,)], NaN for empty cells; UserInputError for what is no number, or empty and ``needed``."""
         found = []
         for line, row in zip(self.lines, self.rows, strict=True):
             cell = row[column].strip() if column < len(row) else ""

@@ -15,8 +15,7 @@ from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.types import ParticleState
 
 FEWEST_VIEWS = 3
-"""Two outlines leave the depth of a body open where their lines of sight meet at a small angle, and no third
-contradicts a wrong shape."""
+"""Where two lines of sight meet at a small angle, they leave the depth open, and no third contradicts a wrong shape."""
 LARGEST_RIM = 0.1
 """An outline is known to half a pixel. Where that is more than this part of the area, the volume is uncertain by more
 than a seventh, and with it the mass that a stiffness is measured against."""
