@@ -118,21 +118,12 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(
             f"{path}: phases.velocity.init_args.hit_frame = {hit:g}; give a frame in 1..{len(frames) - 1}"
         )
-    return WrittenScene(
-        index.path.parent,
-        first[1] if first else "",
-        first[2] if first else "",
-        notes,
-        values,
-        tuple(views),
-        frames,
-        np.array(checks.check_times(index, numbers, frames)),
-        np.array(box.lower),
-        np.array(box.upper),
-        int(hit),
-        _number(path, "physics.ground_height", config, 0.0),
-        np.array(_corner(path, config, "physics.gravity", GRAVITY)),
-    )
+    source, layout = first.groups() if first else ("", "")
+    times = np.array(checks.check_times(index, numbers, frames))
+    ground = _number(path, "physics.ground_height", config, 0.0)
+    gravity = np.array(_corner(path, config, "physics.gravity", GRAVITY))
+    about = index.path.parent, source, layout, notes, values, tuple(views), frames, times
+    return WrittenScene(*about, np.array(box.lower), np.array(box.upper), int(hit), ground, gravity)
 
 
 def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:

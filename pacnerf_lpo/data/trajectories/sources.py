@@ -102,18 +102,12 @@ def make_scenes(
     found, short = _each(lambda one: investigate(one, direction, start), usable)
     left_out += short
     odd = outlying(found)
-    left_out += [
-        f"left out: {f.one.name} is no smooth path, unlike the others"
-        for f, is_odd in zip(found, odd, strict=True)
-        if is_odd
-    ]
+    names = [flight.one.name for flight, is_odd in zip(found, odd, strict=True) if is_odd]
+    left_out += [f"left out: {name} is no smooth path, unlike the others" for name in names]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
     noise = noises(found)
-    why = (
-        "measured, in the axes of this scene"
-        if recordings[0].spin is not None
-        else "not measured; give it with --spins"
-    )
+    unknown = recordings[0].spin is None
+    why = "not measured; give it with --spins" if unknown else "measured, in the axes of this scene"
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
     for path, flight in zip(folders, found, strict=True):
         write_scene(path, flight, solid, noise, direction, why)
