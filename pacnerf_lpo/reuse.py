@@ -5,13 +5,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from pacnerf_lpo.config_errors import imported
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
@@ -123,10 +123,6 @@ def _of_static(config: Mapping[str, Any]) -> dict[str, Any]:
 def _of_velocity(config: Mapping[str, Any]) -> dict[str, Any]:
     """What the velocity depends on, besides the reconstruction."""
     physics = {key: deepcopy(value) for key, value in config["physics"].items() if key not in AFTER_CONTACT}
-    physics["effects"] = [effect for effect in physics.get("effects") or [] if not _of_ground(effect["class_path"])]
+    effects = physics.get("effects") or []
+    physics["effects"] = [one for one in effects if not issubclass(imported(one["class_path"]), GroundEffect)]
     return {"phases": {"velocity": config["phases"]["velocity"]}, "physics": physics}
-
-
-def _of_ground(class_path: str) -> bool:
-    module, _, name = class_path.rpartition(".")
-    return issubclass(getattr(import_module(module), name), GroundEffect)

@@ -4,11 +4,11 @@
 Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of 255 carry no information.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 import torch
@@ -25,7 +25,6 @@ from pacnerf_lpo.types import Video
 Background = Literal["auto", "matted", "raw"]
 PLATE, OCCLUDER = -1, -2
 OCCLUDER_ALPHA = 50 / 255
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -119,27 +118,21 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
     def load(place: tuple[int, int]) -> None:
         view, frame = files.views[place[0]], files.frames[place[1]]
         pixels = read_png(files.image(view, frame))
-        if files.matted:
-            colour, silhouette = on_white(pixels)
-        else:
-            colour, silhouette = matte(pixels[..., :3], plates[view])
+        colour, silhouette = on_white(pixels) if files.matted else matte(pixels[..., :3], plates[view])
         both = torch.from_numpy(np.concatenate((colour, silhouette[..., None]), axis=-1))
         both = area_average(both, *scaled)
         images[place], silhouettes[place] = both[..., :3], both[..., 3]
 
-    in_threads(load, [(v, f) for v in range(shape[0]) for f in range(shape[1])], f"reading {files.folder}")
-    return images, silhouettes
-
-
-def in_threads(work: Callable[[T], None], items: Sequence[T], message: str) -> None:
-    """Do ``work`` on every item and raise the first error. A progress bar appears when it takes over two seconds."""
+    places = list(np.ndindex(shape[:2]))
     with ThreadPoolExecutor() as pool:
+        done = pool.map(load, places)
         try:
-            for _ in tqdm(pool.map(work, items), total=len(items), desc=message, delay=2.0, leave=False):
+            for _ in tqdm(done, f"reading {files.folder}", len(places), delay=2.0, leave=False):
                 pass
         except UserInputError:
             pool.shutdown(cancel_futures=True)
             raise
+    return images, silhouettes
 
 
 def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -> Tensor:

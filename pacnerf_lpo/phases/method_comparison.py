@@ -80,8 +80,7 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
         found = [_continued(one, other, model) for one, other in (found, found[::-1])]
         excess = [_excess(one, other) for one, other in (found, found[::-1])]
         count = bar.n
-    names = [name for name in module.free]
-    answers = [{name: model.physical(one.free)[name] for name in names} for one in found]
+    answers = [{name: model.physical(one.free)[name] for name in module.free} for one in found]
     return {
         "particles": len(model.body.positions),
         "seconds": round(time.monotonic() - began, 1),

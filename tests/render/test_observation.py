@@ -21,7 +21,7 @@ from pacnerf_lpo.render.camera_faults import (
     RadialDistortion,
     TimeOffset,
 )
-from pacnerf_lpo.render.observation import Observer, between_frames, project, seen_positions
+from pacnerf_lpo.render.observation import Observer, between_frames, project
 from pacnerf_lpo.types import Video
 
 FOCAL, SIZE, STEP = 200.0, 64, 1 / 24
@@ -150,9 +150,10 @@ def test_a_wrong_clock_sees_a_free_fall_at_another_time(frames):
         return start + velocity * t[:, None, None] + 0.5 * gravity * t[:, None, None] ** 2
 
     path = fall(times - 5.0)
-    seen = seen_positions(path, velocity, times, 5, [effect], values_of(effect))
+    observer = Observer([effect], values_of(effect))
+    seen = observer.seen_by(5, path, velocity, times)
     torch.testing.assert_close(seen, fall(times - 5.0 + frames * STEP))
-    assert seen_positions(path, velocity, times, 3, [effect], values_of(effect)) is path
+    assert observer.seen_by(3, path, velocity, times) is path
 
 
 def test_frames_are_seen_as_they_are_and_only_wrong_clocks_are_computed():
@@ -164,7 +165,7 @@ def test_frames_are_seen_as_they_are_and_only_wrong_clocks_are_computed():
     seen = observer.seen(path, path[0], times)
     assert (observer.clock(3), observer.clock(5), observer.clock(7), len(seen)) == (0, 1, 0, 2)
     late = TimeOffset(0.03)
-    torch.testing.assert_close(seen[1], seen_positions(path, path[0], times, None, [late], values_of(late)))
+    torch.testing.assert_close(seen[1], Observer([late], values_of(late)).seen_by(None, path, path[0], times))
 
 
 def test_without_effects_nothing_is_computed():
@@ -207,8 +208,8 @@ def test_time_and_colour_are_differentiable():
     for seconds in (-0.03, 0.03):
         offset = torch.tensor(seconds, dtype=torch.float64, requires_grad=True)
         assert torch.autograd.gradcheck(
-            lambda path, velocity, offset: seen_positions(
-                path, velocity, video.times, 3, [TimeOffset()], {"time_offset": offset}
+            lambda path, velocity, offset: Observer([TimeOffset()], {"time_offset": offset}).seen_by(
+                3, path, velocity, video.times
             ),
             (path, velocity, offset),
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from pacnerf_lpo.config_layers import flat
 from pacnerf_lpo.data import checks
 from pacnerf_lpo.data.images import image_size, on_white, read_png
 from pacnerf_lpo.data.index import NAME as INDEX_NAME
@@ -96,7 +97,8 @@ def read_written_scene(folder: Path) -> WrittenScene:
     path = find_scene_file(folder)
     text = path.read_text()
     try:
-        config = yaml.safe_load(text)
+        content = yaml.safe_load(text)
+        config = flat(content) if isinstance(content, dict) else {}
         values = tuple(annotated(text))
     except yaml.YAMLError as error:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
@@ -159,23 +161,21 @@ def _valid_and_plate(folder: Path, number: int, frame: int) -> tuple[np.ndarray,
     return valid, read_png(plate)[..., :3] if plate.exists() else None
 
 
-def _value(path: Path, config: Any, key: str, default: Any = None) -> Any:
-    found = config
-    for name in key.split("."):
-        found = found.get(name) if isinstance(found, dict) else None
+def _value(path: Path, config: Mapping[str, Any], key: str, default: Any = None) -> Any:
+    found = config.get(key)
     if found is None and default is None:
         raise UserInputError(f"{path}: {key} is missing; write it as pacnerf-lpo init does")
     return default if found is None else found
 
 
-def _number(path: Path, key: str, config: Any, default: float | None = None) -> float:
+def _number(path: Path, key: str, config: Mapping[str, Any], default: float | None = None) -> float:
     found = _value(path, config, key, default)
     if isinstance(found, bool) or not isinstance(found, int | float) or not np.isfinite(found):
         raise UserInputError(f"{path}: {key} = {found!r}; give one number")
     return float(found)
 
 
-def _corner(path: Path, config: Any, key: str, default: list[float] | None = None) -> list[float]:
+def _corner(path: Path, config: Mapping[str, Any], key: str, default: list[float] | None = None) -> list[float]:
     found = _value(path, config, key, default)
     if not (isinstance(found, list) and len(found) == 3 and all(isinstance(part, int | float) for part in found)):
         raise UserInputError(f"{path}: {key} = {found!r}; give three numbers in brackets, [x, y, z]")
