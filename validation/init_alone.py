@@ -106,7 +106,15 @@ def _hand_written(recording: Path, scene: str, base: str, run: Path) -> list[str
     overlays = ("fit", f"scenes/{base}", "cpu", "cpu_outlines", f"shared/{scene}", "presets/quick")
     size = min(1.0, 128 / _pixels(recording))
     words = [word for overlay in overlays for word in ("--config", overlay)]
-    return ["fit", *words, f"--data.image_scale={size:g}", "--data.root", str(recording), "--outer_loop.run_dir", str(run)]
+    return [
+        "fit",
+        *words,
+        f"--data.image_scale={size:g}",
+        "--data.root",
+        str(recording),
+        "--outer_loop.run_dir",
+        str(run),
+    ]
 
 
 def _pixels(recording: Path) -> int:

@@ -92,9 +92,6 @@ def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     worst = max(outside, key=lambda view: outside[view])
     if outside[worst] > OUTSIDE_WARNING:
         log.warning(
-            "data.box_lower, data.box_upper: %.0f%% of the object in view %d at frame 0 lies outside the box %s; "
-            "enlarge it, or that part cannot be learnt",
-            100 * outside[worst],
-            worst,
-            corners,
+            f"data.box_lower, data.box_upper: {100 * outside[worst]:.0f}% of the object in view {worst} at frame 0 "
+            f"lies outside the box {corners}; enlarge it, or that part cannot be learnt"
         )

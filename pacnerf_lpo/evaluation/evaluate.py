@@ -171,7 +171,7 @@ def _with_units(run: Run, values: Mapping[str, float]) -> dict[str, dict[str, An
 
 def _by_set(run: Run, scores: ImageScores) -> dict[str, dict[str, Any] | None]:
     sets = _view_sets(run).items()
-    return {name: scores.mean(torch.tensor(views)).as_dict() if views else None for name, views in sets}
+    return {name: scores.mean(torch.tensor(views)) if views else None for name, views in sets}
 
 
 def _view_sets(run: Run) -> dict[str, list[int]]:

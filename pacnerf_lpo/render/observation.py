@@ -125,6 +125,20 @@ class Observer:
             colour = effect.colour(view_id, colour - white, t, coefficients) + white
         return colour
 
+    def project(self, points: Tensor, video: Video, view: int, frame: int) -> tuple[Tensor, Tensor]:
+        """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame
+        (indices), differentiable in the points and in the values. The points are where the view sees them: time offsets
+        are left to :meth:`seen`.
+        """
+        view_id, intrinsic = video.view_ids[view], video.intrinsics[view].to(points)
+        pose = self.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))
+        pixels, depth = cameras.project(points, intrinsic, pose)
+        if not self.changing("image_plane", view_id):
+            return pixels, depth
+        focal = torch.stack((intrinsic[0, 0], -intrinsic[1, 1]))
+        uv = (pixels - intrinsic[:2, 2]) / focal
+        return intrinsic[:2, 2] + focal * self.distorted(uv, view_id), depth
+
     def changing(self, aspect: str, view_id: int | None = None) -> list[Observation]:
         """The effects that override a method and, if a view is given, concern it."""
         return [
@@ -168,30 +182,6 @@ def between_frames(trajectory: Tensor, velocity: Tensor, wanted: Tensor, step: T
     moved = change[begin]
     cubic = (before + after - 2 * moved) * torch.where(s < 0, torch.zeros_like(s), s - 1)
     return trajectory[begin] + s * (before + s * (moved - before + cubic))
-
-
-def project(
-    points: Tensor,
-    video: Video,
-    view: int,
-    frame: int,
-    observations: Sequence[Observation] = (),
-    values: Mapping[str, Tensor] | None = None,
-) -> tuple[Tensor, Tensor]:
-    """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame (indices).
-
-    Differentiable in the points and in the values; pose and lens are corrected. The points are where the view sees
-    them: time offsets are left to :meth:`Observer.seen`.
-    """
-    observer, view_id = Observer(observations, values or {}), video.view_ids[view]
-    pose = observer.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))
-    intrinsic = video.intrinsics[view].to(points)
-    pixels, depth = cameras.project(points, intrinsic, pose)
-    if not observer.changing("image_plane", view_id):
-        return pixels, depth
-    focal = torch.stack((intrinsic[0, 0], -intrinsic[1, 1]))
-    uv = (pixels - intrinsic[:2, 2]) / focal
-    return intrinsic[:2, 2] + focal * observer.distorted(uv, view_id), depth
 
 
 def _since_start(video: Video, frame: int) -> float:

@@ -21,9 +21,7 @@ SECONDS = {"s": 1.0, "ms": 1e-3}
 NAMES = {
     "time": ("time", "t", "timestamp"),
     "frame": ("frame", "fnum"),
-    "x": ("x",),
-    "y": ("y",),
-    "z": ("z",),
+    **{axis: (axis,) for axis in AXES},
     "height": ("height", "h", "altitude"),
     "id": ("id", "point", "marker", "bodypart", "name"),
     "recording": ("recording", "drop", "trial", "throw", "flight", "take", "shot", "run"),

@@ -8,7 +8,7 @@ from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.index import NAME as PAC_NERF
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 
@@ -40,9 +40,4 @@ def _shot(path: Path, number: int, values: dict[str, Any], angle: float) -> Came
     return Camera(file.parent.name, centred_intrinsic(angle, width, height), pose, (frame,), size=(width, height))
 
 
-LAYOUT = Layout(
-    "d-nerf",
-    "transforms_train.json",
-    lambda folder: (folder / "transforms_train.json").is_file() and not (folder / PAC_NERF).is_file(),
-    read,
-)
+LAYOUT = Layout("d-nerf", "transforms_train.json", has("transforms_train.json", without=PAC_NERF), read)

@@ -72,13 +72,9 @@ def say_what_is_not_read(folder: Path, cameras: Sequence[Camera]) -> None:
         left += [path for path in (sorted(part.iterdir()) if part.is_dir() else ()) if path.stem not in names]
     if left:
         log.warning(
-            "%s: not read: %s; masks are looked for in %s/CAMERA/, one image for each frame, and images of the empty "
-            "background in %s/CAMERA.png, with the names of the calibration: %s",
-            folder,
-            ", ".join(str(path.relative_to(folder)) for path in left),
-            MASKS,
-            PLATES,
-            ", ".join(sorted(names)),
+            f"{folder}: not read: {', '.join(str(path.relative_to(folder)) for path in left)}; masks are looked for in "
+            f"{MASKS}/CAMERA/, one image for each frame, and images of the empty background in {PLATES}/CAMERA.png, "
+            f"with the names of the calibration: {', '.join(sorted(names))}"
         )
 
 

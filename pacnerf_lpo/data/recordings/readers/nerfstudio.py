@@ -8,7 +8,7 @@ import numpy as np
 from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic, intrinsic_matrix
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens, Recording
 from pacnerf_lpo.errors import UserInputError
@@ -64,4 +64,4 @@ def _lens(where: str, values: dict[str, Any]) -> Lens:
     return Lens("opencv", tuple(number_at(where, values, key, 0.0) for key in OPENCV_KEYS))
 
 
-LAYOUT = Layout("nerfstudio", NAME, lambda folder: (folder / NAME).is_file(), read)
+LAYOUT = Layout("nerfstudio", NAME, has(NAME), read)

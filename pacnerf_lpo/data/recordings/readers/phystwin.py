@@ -5,7 +5,7 @@ from pathlib import Path
 from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, opengl_axes
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_arrays, read_values
 from pacnerf_lpo.data.recordings.media import images_in
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -31,4 +31,4 @@ def read(folder: Path) -> Recording:
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 0.0, -1.0))
 
 
-LAYOUT = Layout("phystwin", "calibrate.pkl and metadata.json", lambda f: (f / "calibrate.pkl").is_file(), read)
+LAYOUT = Layout("phystwin", "calibrate.pkl and metadata.json", has("calibrate.pkl"), read)
