@@ -123,10 +123,8 @@ class PhaseCLI(LightningCLI):
         return made
 
     def go_on(self) -> None:
-        """Go on with the run that is there already, where it is of the same settings.
-
-        Raises:
-            UserInputError: it is of others.
+        """Go on with the run that is there already, where it is of the same settings. Raises UserInputError where it is
+        of others.
         """
         run_dir: Path = self.outer_loop.run_dir
         if not (run_dir / MANIFEST).is_file():

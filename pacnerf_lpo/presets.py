@@ -56,14 +56,11 @@ class Stack:
 
 def stack(folder: Path, words: Sequence[str]) -> Stack:
     """The configurations of ``pacnerf-lpo fit SCENE``: ``fit``, the preset, the scene file, then the words that were
-    typed.
+    typed. Raises UserInputError where there is no scene folder, or no such preset.
 
     Values of the scene file win over those of a preset. Only the identification method is the preset's wherever the
     scene names another one. Voxels, time steps and images that the scene does not set follow its size, and never a
     constant of a preset.
-
-    Raises:
-        UserInputError: no scene folder, or no such preset.
     """
     file = find_scene_file(folder)
     given, rest = take_option(words, "--preset")

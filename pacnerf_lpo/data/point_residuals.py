@@ -60,7 +60,8 @@ class TrackResiduals:
 
 
 def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, farthest: float = FARTHEST) -> Attachment:
-    """Tie every tracked point to the particles near it where it is first seen.
+    """Tie every tracked point to the particles near it where it is first seen. Raises UserInputError where a point
+    starts away from the body.
 
     The weights are those of moving least squares of first order (Lancaster and Salkauskas 1981), so that the point
     follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body.
@@ -70,9 +71,6 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
         farthest: how far outside the body a point may start [median distances of a particle to its nearest neighbour]
-
-    Raises:
-        UserInputError: a point starts away from the body.
     """
     names, rows = np.unique(tracks.ids, return_index=True)
     points, first = tracks.positions[rows], tracks.times[rows]

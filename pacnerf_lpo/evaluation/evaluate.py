@@ -27,7 +27,8 @@ DEMO_TRUTH = "demo"
 
 
 def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[str, Any]:
-    """Measure every finished phase of a run on its training and test views, and write ``results.json``.
+    """Measure every finished phase of a run on its training and test views, and write ``results.json``. Raises
+    UserInputError where the run or the truth cannot be read.
 
     Each phase is simulated and rendered into every view; the static phase at frame 0 only. No truth is opened unless it
     is given.
@@ -38,9 +39,6 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
 
     Returns:
         What was written.
-
-    Raises:
-        UserInputError: the run or the truth cannot be read.
     """
     run = Run(run_dir)
     answer = None if truth is None else read_truth(demo_scene() / "truth.json" if str(truth) == DEMO_TRUTH else truth)

@@ -58,13 +58,11 @@ class Stage:
 
 
 class Run:
-    """A run directory, read as it is needed.
+    """A run directory, read as it is needed. Raises UserInputError where it is no run directory, or no phase of it is
+    finished.
 
     Args:
         run_dir: folder that ``pacnerf-lpo fit`` wrote.
-
-    Raises:
-        UserInputError: it is no run directory, or no phase of it is finished.
     """
 
     def __init__(self, run_dir: str | Path):

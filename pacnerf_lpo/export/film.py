@@ -21,10 +21,8 @@ CAPTION = 26
 
 
 def export_video(run: Run, stage: Stage, view_id: int) -> Path:
-    """Write ``videos/view_<id>.mp4``: measured | model | signed residual, four times slower than life.
-
-    Raises:
-        UserInputError: the run has no such view.
+    """Write ``videos/view_<id>.mp4``: measured | model | signed residual, four times slower than life. Raises
+    UserInputError where the run has no such view.
     """
     view = run.view_index(view_id)
     path = run.run_dir / "videos" / f"view_{view_id}.mp4"

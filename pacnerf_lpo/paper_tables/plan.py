@@ -90,13 +90,11 @@ class PlannedRun:
 def plan_runs(
     suite: "Suite", scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
 ) -> list[PlannedRun]:
-    """All runs of a suite over scenes, those that others start from first.
+    """All runs of a suite over scenes, those that others start from first. Raises UserInputError where a configuration
+    or a scene cannot be used.
 
     ``configs`` is the folder of the configurations, ``overlays`` are put on top of scene and baseline, ``output`` is
     the folder of the benchmark.
-
-    Raises:
-        UserInputError: a configuration or a scene cannot be used.
     """
     needed = _rounds_needed(suite, scenes)
     by_scene = {scene.name: scene for scene in scenes}

@@ -43,7 +43,8 @@ NEIGHBOURS = 8
 
 
 def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
-    """What each method would have identified on a coarse body, starting from what was identified.
+    """What each method would have identified on a coarse body, starting from what was identified. Raises
+    SimulationError where the coarse body is unstable at the identified parameters.
 
     Moduli are tried around their values first, and each method goes on from its own best point.
 
@@ -53,9 +54,6 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
     Returns:
         ``particles``, ``seconds``, ``simulations``; ``images`` and ``outlines``: parameters by name [SI]; ``excess``:
         by how many per cent the cost of each method is higher at the other's answer than at its own.
-
-    Raises:
-        SimulationError: the coarse body is unstable at the identified parameters.
     """
     began, frames = time.monotonic(), min(module.hit_frame + FRAMES, module.frame_count)
     outlines = OutlineCost(module, PARTICLES, frames=frames)

@@ -63,7 +63,8 @@ class DoublingThenHalving(WeightSchedule):
 
 
 class TrainingLength:
-    """How long the static phase trains, and when its voxels are scaled.
+    """How long the static phase trains, and when its voxels are scaled. Raises UserInputError where the numbers do not
+    form a schedule.
 
     PAC-NeRF: 6000 steps, scaling after 1000, 2000 and 4000. The dagger baseline divides all by three.
 
@@ -73,9 +74,6 @@ class TrainingLength:
         halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the
             weight schedules still see all of them. None: all.
         shorten: divides steps and scaling_steps, whatever the baseline says they are.
-
-    Raises:
-        UserInputError: the numbers do not form a schedule.
     """
 
     def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None, shorten: int = 1):

@@ -80,15 +80,13 @@ class Findings:
 
 
 def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
-    """Find out what the recording does not say.
+    """Find out what the recording does not say. Raises UserInputError where the views contradict each other, or
+    something can neither be read nor measured.
 
     Args:
         views: tangent planes of every frame, by camera, in the recording's world.
         times: of the frames [s, (F,)].
         recording: what is known already.
-
-    Raises:
-        UserInputError: the views contradict each other, or something can neither be read nor measured.
     """
     size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]

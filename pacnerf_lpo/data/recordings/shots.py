@@ -57,14 +57,12 @@ class Shots:
 
 
 def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple[int, int]) -> Shots:
-    """Matte all frames of a camera, keep the images, and find repeated and missing ones.
+    """Matte all frames of a camera, keep the images, and find repeated and missing ones. Raises UserInputError where
+    there is no object in any frame.
 
     Args:
         folder: for the images. view: number of the camera. mattes: its images. times: as stamped [s, (F,)].
         size: width and height to which images are extended [pixels].
-
-    Raises:
-        UserInputError: there is no object in any frame.
     """
     camera, outlines, centres, areas, changes = mattes.camera, [], [], [], [0.0]
     images: list[Path] = []

@@ -49,15 +49,13 @@ class Direction:
 
 
 def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str | None) -> Direction:
-    """Of all recordings of a source together.
+    """Of all recordings of a source together. Raises UserInputError where gravity shows no direction, another one than
+    the stated, or another unit.
 
     Args:
         recordings: as read.
         up: axis that points up; None: as it is measured, or the second one where that is a height.
         unit: of the lengths; None: as the file says, else metres.
-
-    Raises:
-        UserInputError: gravity shows no direction, another one than the stated, or another unit.
     """
     first = recordings[0]
     for option, value, known in (("--up", up, AXES), ("--unit", unit, UNITS)):
@@ -254,15 +252,13 @@ class Findings:
 
 
 def investigate(one: Trajectory, direction: Direction, start: str | None) -> Findings:
-    """Turn a recording to metres and y up, and find out where its flight begins and ends.
+    """Turn a recording to metres and y up, and find out where its flight begins and ends. Raises UserInputError where
+    too few samples are in flight.
 
     Args:
         one: as read.
         direction: of its source.
         start: ``held`` or ``flying``; None: whichever describes its first half better.
-
-    Raises:
-        UserInputError: too few samples are in flight.
     """
     turn = rotation_onto(direction.up, np.array([0.0, 1.0, 0.0]))
     turn = np.round(turn, 12)

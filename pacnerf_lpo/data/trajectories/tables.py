@@ -72,14 +72,12 @@ def _empty(path: Path, line: int, what: str) -> str:
 
 
 def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
-    """The recordings in a CSV file; the delimiter is a comma, a semicolon or a tab.
+    """The recordings in a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it
+    cannot be read, or its columns are not understood.
 
     Args:
         path: the file.
         fps: samples a second, where the file counts frames and has no times.
-
-    Raises:
-        UserInputError: it cannot be read, or its columns are not understood.
     """
     table = read_cells(path)
     if len(table.header) == 3 or (len(table.header) == 4 and table.header[1][0] == "individuals"):
@@ -91,14 +89,12 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
 
 
 def read_cells(path: Path, example: str = EXAMPLE) -> Table:
-    """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab.
+    """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it cannot be
+    read, or holds no row.
 
     Args:
         path: the file.
         example: of a header, for messages.
-
-    Raises:
-        UserInputError: it cannot be read, or holds no row.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

@@ -25,14 +25,12 @@ PLACES = (".", "videos", "images", "recordings")
 
 
 def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Camera:
-    """A camera of OpenCV's kind with its frames, its masks and its background.
+    """A camera of OpenCV's kind with its frames, its masks and its background. Raises UserInputError where a value is
+    missing or wrong, or frames and masks do not go together.
 
     folder: of the recording. Frames: the video, or the folder of images, of the camera's name; masks:
     ``masks/<camera>/``, one image for each frame, in order; background: ``backgrounds/<camera>.png`` (or .jpg).
     values: K, distortion, R or a rotation vector, t, perhaps a size, by any of their usual names.
-
-    Raises:
-        UserInputError: a value is missing or wrong, or frames and masks do not go together.
     """
     name = name.removesuffix(Path(name).suffix) if Path(name).suffix.lower() in VIDEOS else name
     intrinsic = numbers(f"{where}, K", entry(where, values, "K", "camera_matrix", "matrix", "mtx", "intrinsic"), (3, 3))
