@@ -41,7 +41,6 @@ class Reusable:
     why_not: str | None
 
     def __str__(self) -> str:
-        """What is taken over, in a line."""
         if self.why_not is None:
             return f"reconstruction and velocity are those of {self.source}"
         return f"the reconstruction is that of {self.source}; the velocity is fitted again, since {self.why_not}"

@@ -31,10 +31,10 @@ def run(args: Sequence[str]) -> int:
         from pacnerf_lpo.commands import study  # which fits each of them by this function
 
         return study.run(scenes, args[len(scenes) :])
-    stacked = stack(Path(args[0]), args[1:])
-    for remark in stacked.remarks:
+    words, remarks = stack(Path(args[0]), args[1:])
+    for remark in remarks:
         print(remark)
-    return cli.fit(stacked.words, VideoData, Physics, doubt, finish, goes_on=True)
+    return cli.fit(words, VideoData, Physics, doubt, finish, goes_on=True)
 
 
 def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool) -> None:

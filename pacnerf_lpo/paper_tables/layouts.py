@@ -139,7 +139,6 @@ class SpreadLayout(Layout):
 
     @property
     def view_sets(self) -> tuple[str, ...]:
-        """Names of the view sets."""
         return self.sets
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:

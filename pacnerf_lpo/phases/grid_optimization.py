@@ -54,19 +54,16 @@ class GridOptimizationModule(DynamicPhase):
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def begin(self) -> None:
-        """Make a grid of the particles, trainable."""
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)
         self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
     def configure_optimizers(self) -> Any:
-        """Adam on the grid."""
         groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]
         return rising_adam(groups, self.steps, self.warm_up)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Log the rate of the first group."""
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
     def training_step(self, step: int, _: int) -> Tensor:

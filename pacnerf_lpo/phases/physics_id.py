@@ -115,7 +115,6 @@ class PhysicsIDModule(DynamicPhase):
         return self.image_cost.residual(positions, self.state.density, self.state.features, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """The method's optimiser."""
         return self.method.optimiser(self)
 
     def on_train_start(self) -> None:
@@ -151,7 +150,6 @@ class PhysicsIDModule(DynamicPhase):
         return {name: value.item() for name, value in self.values().items()}
 
     def export_state(self) -> ParticleState:
-        """The imported state with the parameters and the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         return self.state.with_(physics=self.export_values(), velocity=velocity)
 
@@ -169,14 +167,11 @@ class PhysicsIDModule(DynamicPhase):
         }
 
     def progress(self) -> dict[str, Any]:
-        """The course so far."""
         return self.course()
 
     def take_up(self, progress: dict[str, Any]) -> None:
-        """Go on with the course."""
         self._searched, self._costs, self._visited = progress["searched"], progress["costs"], progress["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
-        """Identified parameters with their SI units."""
         values = self.export_values()
         return {name: self.physics.parameters[name].show(values[name]) for name in self.free}

@@ -22,7 +22,6 @@ class Constant(WeightSchedule):
     """The default weight throughout (PAC-NeRF's surface regulariser)."""
 
     def factor(self, step: int, scalings: int) -> float:
-        """Always one."""
         return 1.0
 
 
@@ -39,7 +38,6 @@ class Doubling(WeightSchedule):
         self.every, self.limit = every, limit
 
     def factor(self, step: int, scalings: int) -> float:
-        """min(limit, 2^(step // every))."""
         return min(self.limit, 2.0 ** (step // self.every))
 
 
@@ -58,7 +56,6 @@ class DoublingThenHalving(WeightSchedule):
         self.every, self.limit = every, limit
 
     def factor(self, step: int, scalings: int) -> float:
-        """max(1, min(limit, 2^(step // every)) / 2^scalings)."""
         return max(1.0, min(self.limit, 2.0 ** (step // self.every)) / 2.0**scalings)
 
 

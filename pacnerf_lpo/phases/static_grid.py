@@ -137,7 +137,6 @@ class StaticGridModule(AbstractPhase):
             optimiser.state.clear()
 
     def training_step(self, batch: int, batch_idx: int) -> Tensor:
-        """The loss of one step."""
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch)
         rays, measured, matte = self._draw_rays(generator)
         samples = march(self.field.grid(), rays, self.base_spacing, self.min_weight)
@@ -213,7 +212,6 @@ class StaticGridModule(AbstractPhase):
         return StateProblem("", self.data, state, self.physics, first, bright=False).surface_offset
 
     def progress_metrics(self) -> dict[str, str]:
-        """Batch PSNR and voxel size."""
         return {"psnr": f"{self.last_psnr:.1f} dB", "dx": f"{self.field.dx:g} m"}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -114,7 +114,6 @@ class VelocityModule(DynamicPhase):
             self.trainer.should_stop = True
 
     def export_state(self) -> ParticleState:
-        """The imported state with the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         known = self.physics.known(known_values(self.physics, self.state))
         return self.state.with_(velocity=velocity, physics=known)
@@ -124,5 +123,4 @@ class VelocityModule(DynamicPhase):
         return {"frames": self.frames, "last_step": self.last_step}
 
     def progress_metrics(self) -> dict[str, str]:
-        """The velocity."""
         return {"v0": "({:+.3f}, {:+.3f}, {:+.3f}) m/s".format(*self.velocity.detach().tolist())}

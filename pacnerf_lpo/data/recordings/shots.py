@@ -82,12 +82,11 @@ def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple
         last = pixels
     if max(areas) < LEAST_OBJECT:
         raise no_object(mattes, 0)
-    mended = mend_dropouts(np.array(centres), np.array(changes), times)
-    kept = mended.kept
+    kept, mended, said = mend_dropouts(np.array(centres), np.array(changes), times)
     shown, insides = zip(*(outlines[k] for k in kept), strict=True)
     tangents = np.array([outline_tangents(*outlines[k]) for k in kept])
-    sighting = Sighting(camera.pose, float(camera.intrinsic[0, 0]), mended.times, shown, insides)
-    files, said = tuple(images[k] for k in kept), mended.said
+    sighting = Sighting(camera.pose, float(camera.intrinsic[0, 0]), mended, shown, insides)
+    files = tuple(images[k] for k in kept)
     return Shots(sighting, tangents, np.array(centres)[kept], np.array(areas)[kept], files, kept, said)
 
 

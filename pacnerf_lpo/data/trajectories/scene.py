@@ -50,7 +50,6 @@ class Solid:
         return Solid(str(shape), tuple(size or ()), float(mass or 0.0))
 
     def make(self) -> Shape:
-        """The shape."""
         return named_shape(self.shape, self.size)
 
 
