@@ -104,9 +104,8 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
     folder.mkdir(parents=True, exist_ok=True)
-    images = open_memmap(
-        folder / "images.npy", mode="w+", dtype=np.uint8, shape=(views, len(positions), height, width, 3)
-    )
+    shape = (views, len(positions), height, width, 3)
+    images = open_memmap(folder / "images.npy", mode="w+", dtype=np.uint8, shape=shape)
     for frame in range(len(positions)):
         grids = [renderer.grid(points) for points in seen[:, frame]]
         for view, view_id in enumerate(video.view_ids):

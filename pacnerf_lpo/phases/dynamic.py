@@ -81,9 +81,8 @@ class DynamicPhase(AbstractPhase):
         """So many training views for each frame, evenly spread and rotating from frame to frame; None: all of them."""
         train = self.data.train
         count = min(per_frame or len(train), len(train))
-        return [
-            [train[(frame + k * len(train) // count) % len(train)] for k in range(count)] for frame in range(frames)
-        ]
+        steps = [k * len(train) // count for k in range(count)]
+        return [[train[(frame + step) % len(train)] for step in steps] for frame in range(frames)]
 
     def rollout(
         self, velocity: Tensor, parameters: dict[str, Tensor], frames: int, moved: tuple[Tensor, Tensor] | None = None

@@ -134,9 +134,8 @@ class _Images:
         self.model, self.prior_terms, self.state = outlines.model, outlines.prior_terms, module.state
         self.image_cost = ImageCost(reduced(module.data), module.state, module.silhouette_weight)
         self.views = module.fixed_views(frames, VIEWS)
-        distance, self._near = cKDTree(self.model.body.positions.numpy()).query(
-            self.state.positions.numpy(), NEIGHBOURS
-        )
+        tree = cKDTree(self.model.body.positions.numpy())
+        distance, self._near = tree.query(self.state.positions.numpy(), NEIGHBOURS)
         weight = torch.from_numpy(1 / np.maximum(distance, 1e-2 * self.model.body.spacing)).float()
         self._weight = weight / weight.sum(1, keepdim=True)
         self._unit = 1.0

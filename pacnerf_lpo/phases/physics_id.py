@@ -104,9 +104,8 @@ class PhysicsIDModule(DynamicPhase):
     def loss(self, frames: int, views: list[list[int]], first: int = 0) -> Tensor:
         """Squared error summed over channels, averaged over pixels, the frames from ``first`` on, and their views."""
         seen, observer = self.watch(self.trajectory(frames), self.velocity, self.values())
-        return self.image_cost.loss(
-            seen[:, first:], self.state.density, self.state.features, views[first:], first, observer
-        )
+        density, features = self.state.density, self.state.features
+        return self.image_cost.loss(seen[:, first:], density, features, views[first:], first, observer)
 
     def residual(self, watched: tuple[Tensor, Observer], view: int, frame: int) -> Tensor:
         """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""

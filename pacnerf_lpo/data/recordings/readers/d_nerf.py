@@ -24,10 +24,8 @@ def read(folder: Path) -> Recording:
             angle = number_at(str(path), values, "camera_angle_x")
             frames = entry(str(path), values, "frames")
             shots += [_shot(path, number, frame, angle) for number, frame in enumerate(frames)]
-    cameras = (
-        replace(camera, frames=tuple(replace(frame, time=None) for frame in camera.frames))
-        for camera in still_cameras(folder, shots)
-    )
+    found = still_cameras(folder, shots)
+    cameras = (replace(one, frames=tuple(replace(frame, time=None) for frame in one.frames)) for one in found)
     return Recording(LAYOUT.name, folder, tuple(cameras))
 
 
