@@ -15,8 +15,8 @@ SAME_POSE = 6
 
 
 def still_cameras(source: Path, shots: Iterable[Camera]) -> tuple[Camera, ...]:
-    """Shots, which are cameras with a single frame, of one pose are the frames of one camera, in the order of time where
-    it is known, else of file names.
+    """Shots (each a camera with one frame) of one pose are the frames of one camera, in the order of time where it is
+    known, else of file names.
 
     Cameras are named after what the files of each have in common and others have not: their folder, or the beginning of
     their names; and numbered where that is the same for several. Raises UserInputError where the camera moves, so that
