@@ -151,15 +151,13 @@ class DampedLeastSquares(IdentificationMethod):
         fits_velocity: refine the initial velocity too.
     """
 
+    searches: bool
+    """Whether :meth:`prepare` looks at the whole parameter space."""
+
     def __init__(self, warm_up_iterations: int, main_iterations: int, scan_decades: float, fits_velocity: bool = True):
         super().__init__(warm_up_iterations, main_iterations)
         self.scan_decades, self.fits_velocity = scan_decades, fits_velocity
         self.group: dict[str, Any] = {}  # state of the optimiser, which a checkpoint keeps
-
-    @property
-    @abstractmethod
-    def searches(self) -> bool:
-        """Whether :meth:`prepare` looks at the whole parameter space."""
 
     @abstractmethod
     def trial_loss(self, module: PhysicsIDModule) -> float:
@@ -236,6 +234,7 @@ class GaussNewton(DampedLeastSquares):
         fits_velocity: bool = True,
     ):
         super().__init__(coarse_iterations, iterations, scan_decades, fits_velocity)
+        self.searches = scan_decades > 0
         if min(coarse_pool, pool) < 1:
             raise UserInputError(
                 f"GaussNewton: coarse_pool = {coarse_pool}, pool = {pool}; give blocks of at least 1 pixel"
@@ -261,10 +260,6 @@ class GaussNewton(DampedLeastSquares):
             best = min(found, key=lambda name: found[name][0])
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
-
-    @property
-    def searches(self) -> bool:
-        return self.scan_decades > 0
 
     def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
         """Choose the frames, the views and the blocks of pixels of this stage."""

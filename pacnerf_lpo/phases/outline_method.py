@@ -94,6 +94,7 @@ class OutlineGaussNewton(DampedLeastSquares):
                 "three numbers of particles from the largest to the smallest, which is at least 100"
             )
         check_jobs(jobs, "OutlineGaussNewton")
+        self.searches = samples > 0
         self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
         self._kept: OutlineCost | None = None
@@ -189,10 +190,6 @@ class OutlineGaussNewton(DampedLeastSquares):
             found = model.physical(fit(early.residual, model.start, model.scales, (low, high), FALL_ITERATIONS).free)
             with torch.no_grad():
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
-
-    @property
-    def searches(self) -> bool:
-        return self.samples > 0
 
     def _outline_cost(self, module: PhysicsIDModule) -> "OutlineCost":
         if self._kept is None:
