@@ -1,4 +1,4 @@
-"""The shared path-traced scenes as a new user would take them: ``init``, then ``fit --preset quick``; no config of theirs.
+"""The shared path-traced scenes as a new user takes them: ``init``, then ``fit --preset quick``; no config of theirs.
 
     python -m validation.init_alone --videos ../shared/data --work runs/init
 
@@ -43,7 +43,7 @@ Path-traced scenes from other simulators than this one, all eleven views. `init`
 scale of time; the law is decided by the fit (`material: auto`), and starts from no guess. The hand-written
 configurations say box, frame of the first contact, law and a guess. **Development figures**. Asked: the family right in
 all eight, and parameters within 0.05 in log10 (0.05 in ν, 1° in θ) of what the hand-written configurations give.
-"""
+"""  # noqa: RUF001
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Row:
     """One scene; errors by parameter: |log10| of the ratio, differences of ν, degrees of θ.
 
     family, law: chosen without a configuration;  separated: whether the recording separates it from the others;
-    found, by_hand: values [SI, degrees];  apart: of the two;  off, off_by_hand: of either from the truth;  init_s, fit_s,
-    by_hand_s: seconds;  doubts: names of those that ``fit`` had
+    found, by_hand: values [SI, degrees];  apart: of the two;  off, off_by_hand: of either from the truth;
+    init_s, fit_s, by_hand_s: seconds;  doubts: names of those that ``fit`` had
     """
 
     scene: str
