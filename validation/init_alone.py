@@ -1,4 +1,4 @@
-"""The shared path-traced scenes as a new user takes them: ``init``, then ``fit --preset quick``; no config of theirs.
+"""The shared path-traced scenes as a new user takes them: ``init``, then ``fit --preset quick``, without a config.
 
     python -m validation.init_alone --videos ../shared/data --work runs/init
 
@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth
 from validation.five_scenes import shown
 from validation.identification import SYMBOLS
@@ -41,17 +42,17 @@ IGNORED = ("truth.json", "particles.npz")
 WORDS = """
 Path-traced scenes from other simulators than this one, all eleven views. `init` measures box, ground, contact and
 scale of time; the law is decided by the fit (`material: auto`), and starts from no guess. The hand-written
-configurations say box, frame of the first contact, law and a guess. **Development figures**. Asked: the family right in
-all eight, and parameters within 0.05 in log10 (0.05 in ν, 1° in θ) of what the hand-written configurations give.
-"""  # noqa: RUF001
+configurations say box, frame of the first contact, law and a guess. **Development figures**. Asked for: the family
+right in all eight, parameters within 0.05 in log10 (0.05 in nu, 1° in theta) of what the hand-written ones give.
+"""
 
 
 @dataclass(frozen=True)
 class Row:
     """One scene; errors by parameter: |log10| of the ratio, differences of ν, degrees of θ.
 
-    family, law: chosen without a configuration;  separated: whether the recording separates it from the others;
-    found, by_hand: values [SI, degrees];  apart: of the two;  off, off_by_hand: of either from the truth;
+    family, law: chosen without a configuration;  separated: whether the recording separates it from the others
+    found, by_hand: values [SI, degrees];  apart: of the two;  off, off_by_hand: of either from the truth
     init_s, fit_s, by_hand_s: seconds;  doubts: names of those that ``fit`` had
     """
 
@@ -106,20 +107,11 @@ def _hand_written(recording: Path, scene: str, base: str, run: Path) -> list[str
     overlays = ("fit", f"scenes/{base}", "cpu", "cpu_outlines", f"shared/{scene}", "presets/quick")
     size = min(1.0, 128 / _pixels(recording))
     words = [word for overlay in overlays for word in ("--config", overlay)]
-    return [
-        "fit",
-        *words,
-        f"--data.image_scale={size:g}",
-        "--data.root",
-        str(recording),
-        "--outer_loop.run_dir",
-        str(run),
-    ]
+    places = ("--data.root", str(recording), "--outer_loop.run_dir", str(run))
+    return ["fit", *words, f"--data.image_scale={size:g}", *places]
 
 
 def _pixels(recording: Path) -> int:
-    from pacnerf_lpo.data.images import image_size
-
     return max(image_size(next((recording / "data").glob("m_*_0.png"))))
 
 

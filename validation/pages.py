@@ -9,12 +9,14 @@ from pacnerf_lpo.manifest import write_atomically
 from validation.record import RESULTS, read
 
 SUBJECTS = {
+    "base_fit": "validation.hidden_effects.base_fit",
     "diagnosed_videos": "validation.diagnosed_videos",
     "engine": "validation.engine",
     "explore": "validation.explore",
     "five_scenes": "validation.five_scenes",
     "hidden_effects": "validation.hidden_effects.score",
     "identification": "validation.identification",
+    "init_alone": "validation.init_alone",
     "mattes": "validation.mattes",
     "own_recording": "validation.own_recording",
     "random_hands": "validation.random_hands",

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.smooth_force import AXES
 from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.smooth_force import AXES
 from pacnerf_lpo.inference.intervals import LEAST_STRENGTH
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF

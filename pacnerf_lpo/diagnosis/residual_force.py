@@ -8,8 +8,8 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.localising import PHASES, phases_of
-from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, SmoothForce, force_of, parts_on
 from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.smooth_force import AXES, KNOTS, SmoothForce, force_of, parts_on
 from pacnerf_lpo.inference.force_law import Law, name_force
 from pacnerf_lpo.mpm.effects.base import Effect
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, intervals
 from pacnerf_lpo.diagnosis.localising import floor, mean_of_outlines
-from pacnerf_lpo.diagnosis.smooth_force import force_changes
 from pacnerf_lpo.diagnosis.store import DAMAGED, read
 from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
@@ -18,6 +17,7 @@ from pacnerf_lpo.explore.source import Source
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
+from pacnerf_lpo.identification.smooth_force import force_changes
 
 Progress = Callable[[str], None]
 LEARNT = "explore_noise"

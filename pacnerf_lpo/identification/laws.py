@@ -24,6 +24,7 @@ from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multista
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
+from pacnerf_lpo.identification.smooth_force import force_changes
 from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_odds
@@ -52,6 +53,10 @@ YIELDS_NOT = 0.3
 """Of Young's modulus: a yield stress that no impact of a body that stays whole reaches."""
 POOR = 3.0
 """Times the error of the noise, in what was held out: such an error nobody would overlook."""
+FORCE = 3.0
+"""Standard deviation of an unknown force where no law explains the recording [m/s^2]: a third of gravity."""
+LINEARISATIONS = 2
+"""Of what that force changes: at the best law alone, and at the best one beside it."""
 SEED = 0
 
 
@@ -118,12 +123,13 @@ class Competition:
             ("noise: other shapes", self._disturb),
             *((f"{trial.family}: fit", partial(self._fit, name)) for name, trial in trials),
             ("verdict", self._judge),
+            ("an unknown force", self._compare_beside_a_force),
         ]
 
     @property
     def steps(self) -> int:
         """Number of steps in all: a search for every law, the noise of the best one, a fit for every law that is left,
-        and the verdict.
+        the verdict, and another where no law explains the recording.
         """
         return len(self._tasks)
 
@@ -155,11 +161,12 @@ class Competition:
 
     def summary(self) -> dict[str, Any]:
         """The table, best law first, the law that is used, and what is to be said of it, as JSON."""
+        alone = self.arrays.get("alone")
         return {
             "laws": [{**asdict(trial), "parameters": self._parameters(trial)} for trial in self.ranked],
             "chosen": self.chosen.law,
             "indistinguishable": [trial.law for trial in self.indistinguishable],
-            "sentences": sentences(self.indistinguishable, self.chosen),
+            "sentences": sentences(self.indistinguishable, self.chosen, None if alone is None else float(alone)),
         }
 
     def _parameters(self, trial: Trial) -> dict[str, dict[str, Any]]:
@@ -241,7 +248,8 @@ class Competition:
     def _noise(self, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool]."""
         found = self.arrays
-        return noise_of(self.problem, found["replicates"], found["sensor"], mask, found["errors"][mask])
+        errors = [found[name][mask] for name in ("errors", "force") if name in found]
+        return noise_of(self.problem, found["replicates"], found["sensor"], mask, np.concatenate(errors, axis=1))
 
     def _fit(self, name: str, watch: Watch) -> None:
         """Of the standardised residual on the finer body, from where the search ended and from its relatives."""
@@ -286,7 +294,8 @@ class Competition:
         return found
 
     def _judge(self, _: Watch) -> None:
-        """Odds of the laws by what each leaves, in units of the dispersion of the best, and of left-out replicates.
+        """Odds of the laws by what each leaves, in units of the dispersion of the best, in the fitted or the held-out
+        data, whichever is larger, and of left-out replicates.
 
         The flexibility of a law costs no odds, as it does among effects: a yield stress that is never met can be large
         or larger, which the slope at one value of it does not show. The rule that the simplest is used takes its place.
@@ -295,9 +304,29 @@ class Competition:
         contenders = [Contender(n, t.cost or 0.0, 0.0, 0.0) for n, t in left.items()]
         noise = self._noise(self.problem.fitted)
         scale = max(1.0, float(np.mean(check_fitted(noise, noise.mean).replicates))) ** 0.5
-        odds = log_odds(contenders, int(self.problem.fitted.sum()), scale)
+        best, size = min(left.values(), key=lambda trial: trial.cost or 0.0), int(self.problem.fitted.sum())
+        beyond = (best.held_out or 0.0) / max(1.0, (best.cost or 0.0) / size) ** 0.5
+        odds = log_odds(contenders, size, max(scale, beyond))
         for (name, found), share in zip(odds.items(), softmax(list(odds.values())), strict=True):
             self.trials[name] = replace(self.trials[name], log_odds=found, probability=float(share))
+
+    def _compare_beside_a_force(self, watch: Watch) -> None:
+        """Where no law explains what was held out, something else acts, and a law that dissipates energy stands in for
+        it. So the laws are compared once more, beside a smooth force of which nothing is known.
+        """
+        if not doubtful(self.ranked[0]):
+            return
+        self.arrays["alone"] = np.array(self.ranked[0].held_out)
+        for _ in range(LINEARISATIONS):
+            problem, known = self._at(self.ranked[0].law)
+            try:
+                changes = force_changes(problem, problem.physics.effects, known, lambda _: None)
+            except SimulationError:  # on the coarse body; what was found so far stays
+                return
+            self.arrays["force"] = FORCE * changes
+            for name in self.trials:
+                self._fit(name, watch)
+            self._judge(watch)
 
     def _at(self, name: str) -> tuple[Problem, dict[str, float]]:
         """The problem of a law, and every value at its best fit so far [SI]."""
@@ -313,18 +342,30 @@ class Competition:
         self.trials[name] = replace(self.trials[name], left_out=why)
 
 
-def sentences(left: Sequence[Trial], chosen: Trial) -> list[str]:
-    """What a person should know of the choice."""
+def doubtful(trial: Trial) -> bool:
+    """Whether what was held out shows an error that is not the noise's."""
+    return trial.held_out is not None and trial.held_out > POOR
+
+
+def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None) -> list[str]:
+    """What a person should know of the choice.
+
+    Args:
+        left: laws that are not separated, the most probable first;  chosen: of them.
+        alone: the least error of what was held out, in units of the noise, if that made the laws be compared beside an
+            unknown force.
+    """
     leader = left[0]
     if len(left) > 1:
         named = " and ".join(f"{trial.family} ({trial.law})" for trial in left)
         found = [f"The recording does not separate these laws: {named}. The simplest is used: {chosen.family}."]
     else:
         found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
-    if leader.held_out is not None and leader.held_out > POOR:
+    if alone is not None:
         found.append(
-            f"Doubtful: the {leader.family} law predicts what was held out with {leader.held_out:.1f} times the error "
-            "of the noise. Something else may be missing: run pacnerf-lpo diagnose, and check masks and ground"
+            f"Doubtful: the best law alone predicts what was held out with {alone:.1f} times the error of the noise, "
+            f"and {leader.held_out:.1f} times beside an unknown smooth force. Something else may be missing: run "
+            "pacnerf-lpo diagnose, and check masks and ground"
         )
     return found
 

@@ -19,12 +19,12 @@ from torch import Tensor
 
 from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
-from pacnerf_lpo.diagnosis.smooth_force import SmoothForce
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise
+from pacnerf_lpo.identification.smooth_force import SmoothForce
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -94,19 +94,13 @@ def motion(model: BodyModel, free: np.ndarray) -> Tensor:
     c = model.physical(free)
     position = model.body.positions.numpy().astype(float)
     centre, velocity = position.mean(0), np.array([c["v_x"], c["v_y"], c["v_z"]])
-    push = np.array([c.get("push_x", 0.0), 0.0, c.get("push_z", 0.0)])
-    smooth = next((e for e in model.physics.effects if isinstance(e, SmoothForce)), None)
-    numbers = SimpleNamespace(**c, **(smooth.constants if smooth else {}))
     coarseness = model.body.spacing / SPACING
     stiffness = 2000.0 * (c["E"] / 6e4) ** 0.5 * (1 + c["nu"]) * (1 + 0.05 * coarseness)
     until = min(model.frames or FRAMES, FRAMES)
     found, at, dt = [position], centre.copy(), 1 / RATE / STEPS
     for step in range((until - 1) * STEPS):
         depth = max(RADIUS - (at[1] - c["ground_height"]), 0.0)
-        force = push - c.get("drag", 0.0) * velocity + [0.0, stiffness * depth - 9.8, 0.0]
-        if smooth is not None:
-            point = SimpleNamespace(t=step * dt, X=centre.tolist())
-            force = force + np.array(SmoothForce.acceleration(point, numbers), dtype=float)
+        force = pushed(model, c, step * dt, centre, velocity) + np.array([0.0, stiffness * depth - 9.8, 0.0])
         if depth > 0:
             slow = np.exp(-dt * 20 * c.get("ground_friction", 1.0))
             velocity = velocity * [slow, 1.0, slow]
@@ -117,6 +111,16 @@ def motion(model: BodyModel, free: np.ndarray) -> Tensor:
             found.append((position - centre) * flat + at)
     found += found[-1:] * (FRAMES - len(found))
     return torch.tensor(np.array(found), dtype=torch.float32)
+
+
+def pushed(model: BodyModel, c: dict[str, float], time: float, centre: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Acceleration of the centre by the effects of a model with values c [m/s^2, (3,)]."""
+    found = np.array([c.get("push_x", 0.0), 0.0, c.get("push_z", 0.0)]) - c.get("drag", 0.0) * velocity
+    for smooth in model.physics.effects:
+        if isinstance(smooth, SmoothForce):
+            point, numbers = SimpleNamespace(t=time, X=centre.tolist()), SimpleNamespace(**c, **smooth.constants)
+            found = found + np.array(SmoothForce.acceleration(point, numbers), dtype=float)
+    return found
 
 
 def install(patch: pytest.MonkeyPatch, unstable: Callable[[BodyModel, np.ndarray], bool] = lambda *_: False) -> None:

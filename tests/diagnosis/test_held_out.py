@@ -11,8 +11,8 @@ from pacnerf_lpo.diagnosis import diagnose
 from pacnerf_lpo.diagnosis.diagnose import Options, _number, investigate
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, judge
-from pacnerf_lpo.diagnosis.smooth_force import AXES, KNOTS, PARTS
 from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.identification.smooth_force import AXES, KNOTS, PARTS
 from pacnerf_lpo.inference.checks import Prediction
 from pacnerf_lpo.inference.decision import LINEAR, best, log_odds, worth_refitting
 from tests.diagnosis import falling

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pacnerf_lpo.diagnosis.smooth_force import SmoothForce
+from pacnerf_lpo.identification.smooth_force import SmoothForce
 
 
 def test_a_smooth_force_is_the_interpolation_of_its_knots():
