@@ -63,17 +63,12 @@ class PhaseCLI(LightningCLI):
 
     def __init__(self, args: Sequence[str], datamodule_class: type[pl.LightningDataModule], physics_class: type):
         self.physics_class = physics_class
+        parser: dict[str, Any] = {"parser_mode": "omegaconf+", "exit_on_error": False, "prog": "pacnerf-lpo fit"}
         super().__init__(
             datamodule_class=datamodule_class,
             save_config_callback=None,
             seed_everything_default=0,
-            parser_kwargs={
-                "parser_mode": "omegaconf+",
-                "exit_on_error": False,
-                "prog": "pacnerf-lpo fit",
-                "description": DESCRIPTION,
-                "formatter_class": HelpFormatter,
-            },
+            parser_kwargs={**parser, "description": DESCRIPTION, "formatter_class": HelpFormatter},
             args=list(args),
             run=False,
             auto_configure_optimizers=False,
@@ -123,10 +118,8 @@ class PhaseCLI(LightningCLI):
         return made
 
     def go_on(self) -> None:
-        """Go on with the run that is there already, where it is of the same settings.
-
-        Raises:
-            UserInputError: it is of others.
+        """Go on with the run that is there already, where it is of the same settings. Raises UserInputError where it is
+        of others.
         """
         run_dir: Path = self.outer_loop.run_dir
         if not (run_dir / MANIFEST).is_file():

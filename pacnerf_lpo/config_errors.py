@@ -70,7 +70,7 @@ def _unknown_key(text: str, where: str, parser: ArgumentParser, files: Sequence[
         key = f"{found[1]}.{found[2]}"
     elif found := re.search(r"class_path '([^']+)'[^']*Option '([^']+)' is not accepted", text):
         key = f"{where}.init_args.{found[2]}"
-        known = [f"{where}.init_args.{name}" for name in inspect.signature(_import(found[1])).parameters]
+        known = [f"{where}.init_args.{name}" for name in inspect.signature(imported(found[1])).parameters]
     elif found := re.search(r"Option '([^']+)' is not accepted", text):
         key = found[1]
     else:
@@ -162,7 +162,8 @@ def _place(word: str, files: Sequence[Path]) -> str:
     return ""
 
 
-def _import(class_path: str) -> type:
+def imported(class_path: str) -> type:
+    """The class of a path such as ``pacnerf_lpo.mpm.effects.Magnus``."""
     module, _, name = class_path.rpartition(".")
     return getattr(import_module(module), name)
 

@@ -54,17 +54,14 @@ def scene_changes(files: Sequence[Path]) -> list[str]:
                     f"{shown(path)} changes {key.removesuffix(CLASS)} from {value} ({source}) to {values[key]}"
                 )
                 if key.endswith(CLASS):  # its arguments go with the class
-                    earlier = {k: v for k, v in earlier.items() if not k.startswith(_arguments(key))}
+                    arguments = key.removesuffix(CLASS) + ".init_args."
+                    earlier = {k: v for k, v in earlier.items() if not k.startswith(arguments)}
         if any(key in SCENE_KEYS for key in values):
             meant = {**{key: value for key, value in FULL_SIZE.items() if key not in earlier}, **values}
             earlier.update({key: (value, shown(path)) for key, value in meant.items() if not key.endswith("+")})
         else:
             earlier.update({key: (value, shown(path)) for key, value in values.items() if key in earlier})
     return found
-
-
-def _arguments(key: str) -> str:
-    return key.removesuffix(CLASS) + ".init_args."
 
 
 def _differ(key: str, one: Any, other: Any) -> bool:

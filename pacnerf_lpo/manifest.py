@@ -81,18 +81,23 @@ class Manifest:
     video: str | None = None
 
     @property
+    def held_out_errors(self) -> list[float]:
+        """Of the rounds in which some images were held out."""
+        return [record.held_out_error for record in self.phases if record.held_out_error is not None]
+
+    @property
+    def done(self) -> list[PhaseRecord]:
+        """Records of the finished phases."""
+        return [record for record in self.phases if record.status == "done"]
+
+    @property
     def chosen_round(self) -> int | None:
         """The last round before the held-out error stopped falling; None when no images were held out."""
-        errors = [record.held_out_error for record in self.phases if record.held_out_error is not None]
+        errors = self.held_out_errors
         for done in range(1, len(errors)):
             if not errors[done] < errors[done - 1]:
                 return done
         return len(errors) or None
-
-    @property
-    def rounds_measured(self) -> int:
-        """Rounds whose held-out error is known."""
-        return sum(record.held_out_error is not None for record in self.phases)
 
     def begin_with(self, source: Path, records: Sequence[PhaseRecord]) -> None:
         """Begin with copies of finished phases of another run, their states and checkpoints; writes no manifest."""

@@ -25,10 +25,8 @@ def config_names() -> list[str]:
 
 
 def find_config(name: str, option: str) -> Path:
-    """The file that an option means: one that exists, or else the shipped configuration of this name.
-
-    Raises:
-        UserInputError: neither is there; the message names the option.
+    """The file that an option means: one that exists, or else the shipped configuration of this name. Raises
+    UserInputError where neither is there; the message names the option.
     """
     path = Path(name)
     if path.exists() and not path.is_dir():

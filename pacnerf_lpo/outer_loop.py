@@ -112,9 +112,7 @@ class OuterLoop(pl.Callback):
             )
 
     def start(self, correction: bool, video: str, law: bool = False) -> None:
-        """Begin a run on a video with this fingerprint: make its directory and its manifest. With ``law``, laws
-        compete.
-        """
+        """Begin a run on a video with this fingerprint: make its directory and manifest. With ``law``, laws compete."""
         if self.run_dir.exists() and (not self.run_dir.is_dir() or any(self.run_dir.iterdir())):
             raise UserInputError(
                 f"{self.run_dir} exists and is not empty; go on with `pacnerf-lpo fit --resume {self.run_dir}` "
@@ -135,28 +133,27 @@ class OuterLoop(pl.Callback):
     @property
     def last_done(self) -> PhaseRecord | None:
         """Record of the last finished phase."""
-        done = self._done()
-        return done[-1] if done else None
+        return self.manifest.done[-1] if self.manifest.done else None
 
     def next_phase(self) -> PhaseStep | None:
         """The phase to run now; ``None`` after the last one, and when another round would not help."""
-        done = len(self._done())
+        done = len(self.manifest.done)
         chosen = self.manifest.chosen_round
-        if chosen is not None and chosen < self.manifest.rounds_measured and not self.run_all_rounds:
+        if chosen is not None and chosen < len(self.manifest.held_out_errors) and not self.run_all_rounds:
             return None
         return self.steps[done] if done < len(self.steps) else None
 
     def remaining(self) -> list[PhaseStep]:
         """The phases that are not done yet, as far as is known now."""
-        return self.steps[len(self._done()) :] if self.next_phase() is not None else []
+        return self.steps[len(self.manifest.done) :] if self.next_phase() is not None else []
 
     def first_step(self) -> int:
         """Optimiser steps of all finished phases: where the next one begins on the time line."""
-        return sum(record.steps for record in self._done())
+        return sum(record.steps for record in self.manifest.done)
 
     def findings(self, role: Role) -> dict[str, Any] | None:
         """What the last finished phase of this kind found in addition to its state; None: there is none."""
-        found = [self.run_dir / record.findings for record in self._done() if record.phase == role]
+        found = [self.run_dir / record.findings for record in self.manifest.done if record.phase == role]
         return json.loads(found[-1].read_text()) if found and found[-1].is_file() else None
 
     def checkpoint(self, step: PhaseStep) -> Path:
@@ -215,7 +212,4 @@ class OuterLoop(pl.Callback):
         self.manifest.save()
 
     def _current(self, trainer: pl.Trainer) -> PhaseRecord:
-        return self.manifest.phases[len(self._done())]
-
-    def _done(self) -> list[PhaseRecord]:
-        return [record for record in self.manifest.phases if record.status == "done"]
+        return self.manifest.phases[len(self.manifest.done)]

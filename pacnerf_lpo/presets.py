@@ -42,28 +42,14 @@ PRESETS = {
 """``cpu`` sees half of the papers' 400 pixels, which is what its configuration is made for."""
 
 
-@dataclass(frozen=True)
-class Stack:
-    """A command line of ``fit`` for a scene folder, and what a person should know of how it came about.
-
-    words: what ``fit --config ...`` would be given.
-    remarks: sentences, one line each.
-    """
-
-    words: list[str]
-    remarks: list[str]
-
-
-def stack(folder: Path, words: Sequence[str]) -> Stack:
-    """The configurations of ``pacnerf-lpo fit SCENE``: ``fit``, the preset, the scene file, then the words that were
-    typed.
+def stack(folder: Path, words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The command line of ``fit --config ...`` that ``pacnerf-lpo fit SCENE`` stands for, from ``fit``, the preset, the
+    scene file and the words that were typed; and sentences, one line each, on how it came about. Raises UserInputError
+    where there is no scene folder, or no such preset.
 
     Values of the scene file win over those of a preset. Only the identification method is the preset's wherever the
     scene names another one. Voxels, time steps and images that the scene does not set follow its size, and never a
     constant of a preset.
-
-    Raises:
-        UserInputError: no scene folder, or no such preset.
     """
     file = find_scene_file(folder)
     given, rest = take_option(words, "--preset")
@@ -83,7 +69,7 @@ def stack(folder: Path, words: Sequence[str]) -> Stack:
     if name == "paper" and torch.cuda.is_available():
         begin += ["--trainer.accelerator=gpu"]
     end += ["--preset", name, "--outer_loop.run_dir", str(run_dir), *rest]
-    return Stack([*begin, *_by_size(folder, values, preset), *end], remarks)
+    return [*begin, *_by_size(folder, values, preset), *end], remarks
 
 
 def _choose(given: str, run_dir: Path) -> tuple[str, list[str]]:

@@ -5,13 +5,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from pacnerf_lpo.config_errors import imported
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
@@ -41,15 +41,12 @@ class Reusable:
     why_not: str | None
 
     def __str__(self) -> str:
-        """What is taken over, in a line."""
         if self.why_not is None:
             return f"reconstruction and velocity are those of {self.source}"
         return f"the reconstruction is that of {self.source}; the velocity is fitted again, since {self.why_not}"
 
     def copy(self, manifest: Manifest, guess: Mapping[str, float]) -> ParticleState:
-        """Let a run without phases begin with these; returns the last state. Its parameters to start from [SI],
-        ``guess``, take the place of those of the source.
-        """
+        """Let a run without phases begin with these; returns the last state, whose parameters become ``guess`` [SI]."""
         manifest.begin_with(self.source, self.records)
         copy_events(self.source, manifest.run_dir, [record.phase for record in self.records])
         last = manifest.run_dir / self.records[-1].state
@@ -70,7 +67,7 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
     """
     source = Path(source)
     manifest, path = Manifest.load(source), source / CONFIG_FILE
-    done = [record for record in manifest.phases if record.status == "done"]
+    done = manifest.done
     if not done or not path.is_file():
         raise UserInputError(f"{KEY} = {source}: its reconstruction is not finished; go on with it, or leave {KEY} out")
     if manifest.video != video:
@@ -82,8 +79,7 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
     if differs := difference(_of_static(there), _of_static(config)):
         raise UserInputError(
             f"{KEY} = {source}: its reconstruction was made with other settings: {differs}; set that as it is there, "
-            f"or "
-            f"leave {KEY} out"
+            f"or leave {KEY} out"
         )
     if len(done) < 2 or done[1].phase != "velocity":
         return Reusable(source, done[:1], "it is not finished there")
@@ -126,10 +122,6 @@ def _of_static(config: Mapping[str, Any]) -> dict[str, Any]:
 def _of_velocity(config: Mapping[str, Any]) -> dict[str, Any]:
     """What the velocity depends on, besides the reconstruction."""
     physics = {key: deepcopy(value) for key, value in config["physics"].items() if key not in AFTER_CONTACT}
-    physics["effects"] = [effect for effect in physics.get("effects") or [] if not _of_ground(effect["class_path"])]
+    effects = physics.get("effects") or []
+    physics["effects"] = [one for one in effects if not issubclass(imported(one["class_path"]), GroundEffect)]
     return {"phases": {"velocity": config["phases"]["velocity"]}, "physics": physics}
-
-
-def _of_ground(class_path: str) -> bool:
-    module, _, name = class_path.rpartition(".")
-    return issubclass(getattr(import_module(module), name), GroundEffect)

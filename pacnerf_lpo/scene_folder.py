@@ -29,10 +29,8 @@ def is_scene(folder: str | Path) -> bool:
 
 
 def run_directory(folder: str) -> str:
-    """The run that a command means: the folder itself, or the run in it where it is a scene.
-
-    Raises:
-        UserInputError: a scene of which nothing was fitted yet.
+    """The run that a command means: the folder itself, or the run in it where it is a scene. Raises UserInputError
+    where it is a scene of which nothing was fitted yet.
     """
     if not is_scene(folder):
         return folder

@@ -43,7 +43,7 @@ def scene(tmp_path: Path):
 
 
 def parsed(folder: Path, *words: str):
-    return PhaseCLI(stack(folder, words).words, VideoData, Physics).config
+    return PhaseCLI(stack(folder, words)[0], VideoData, Physics).config
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_the_scene_file_wins_and_what_is_typed_wins_over_it(scene):
 def test_another_method_in_the_scene_is_replaced_and_said(scene, preset: str):
     folder = scene(phases={**BY_HAND["phases"], "physics": PAPER_ADAM})
     method = {"quick": "OutlineGaussNewton", "cpu": "GaussNewton", "paper": "PaperAdam"}[preset]
-    said = stack(folder, ["--preset", preset]).remarks
+    said = stack(folder, ["--preset", preset])[1]
     change = f"phases.physics.init_args.method from PaperAdam ({folder / 'scene.yaml'}) to {method}"
     assert said == ([] if preset == "paper" else [f"preset {preset} changes {change}"])
     found = parsed(folder, "--preset", preset).phases.physics.init_args.method

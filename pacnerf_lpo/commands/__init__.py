@@ -1,24 +1,17 @@
 """One module per command; the arguments and the docstring of its function ``run`` are the command line and its help."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from jsonargparse import ArgumentParser, Namespace
 
 
 def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     """Call ``run``, a typed function with a Google docstring, with the words that follow the name of a command; returns
-    the exit status. Its argument ``run_dir`` may be given as the scene.
-
-    Raises:
-        UserInputError: the words do not fit the function.
+    the exit status. Its argument ``run_dir`` may be given as the scene. Raises UserInputError where words do not fit.
     """
     from inspect import getdoc
 
     from jsonargparse import ArgumentError, ArgumentParser
 
-    from pacnerf_lpo.config_errors import HelpFormatter, explain
+    from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain
     from pacnerf_lpo.scene_folder import run_directory
 
     description = (getdoc(run) or "").split("\n\nArgs:")[0]
@@ -28,7 +21,10 @@ def call(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
         config = parser.parse_args(_spelled_out(run, words))
     except ArgumentError as error:
         raise explain(error, parser, []) from error
-    values = vars(_instantiated(parser, config))
+    try:
+        values = vars(parser.instantiate(config))
+    except ValueError as error:  # a wrong value inside an object is the user's mistake, whatever wraps it
+        raise cause_of(error) from None
     if "run_dir" in values:
         values["run_dir"] = run_directory(values["run_dir"])
     run(**values)
@@ -63,13 +59,3 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
             option, values = f"{option}={values[0]}", []
         result += [option, *values]
     return result
-
-
-def _instantiated(parser: "ArgumentParser", config: "Namespace") -> "Namespace":
-    """The arguments with their objects made; a wrong value inside one is the user's mistake, whatever wraps it."""
-    from pacnerf_lpo.config_errors import cause_of
-
-    try:
-        return parser.instantiate(config)
-    except ValueError as error:
-        raise cause_of(error) from None

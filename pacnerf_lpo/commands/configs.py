@@ -17,13 +17,8 @@ examples:
 
 
 def run(words: Sequence[str]) -> int:
-    """Run the command; returns its exit status.
-
-    Args:
-        words: command line after ``configs``.
-
-    Raises:
-        UserInputError: there is no such configuration, or there are too many words.
+    """Run the command with the words after ``configs``; returns its exit status. Raises UserInputError where there is
+    no such configuration, or there are too many words.
     """
     parser = ArgumentParser(prog=NAME, description=DESCRIPTION, formatter_class=HelpFormatter, exit_on_error=False)
     parser.add_argument("name", type=str | None, nargs="?", help="One to print, or a folder of them to list.")

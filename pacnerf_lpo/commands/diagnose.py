@@ -114,23 +114,12 @@ def run(
 
 
 def reconstructed(folder: str) -> str:
-    """The run that is meant: the folder, or that of a scene, whose body and velocity are fitted where they are not yet.
-
-    Raises:
-        Interrupted, RunError, UserInputError: the fit came to no end.
-    """
+    """The run that is meant; of a scene, its own, fitted first where needed. Raises what :mod:`fit` does."""
     if not is_scene(folder) or scenes_in(Path(folder)):
         return folder
     run_dir = Path(folder) / RUN
-    if not has_motion(run_dir):
+    done = Manifest.load(run_dir).done if (run_dir / FILE_NAME).is_file() else []
+    if all(record.phase != "velocity" for record in done):
         print(f"{folder}: body and velocity first, as `pacnerf-lpo fit {folder} --outer_loop.rounds 0`", flush=True)
         fit.run([folder, "--outer_loop.rounds", "0"])
     return str(run_dir)
-
-
-def has_motion(run_dir: Path) -> bool:
-    """Whether the velocity of a run is fitted."""
-    if not (run_dir / FILE_NAME).is_file():
-        return False
-    done = [record.phase for record in Manifest.load(run_dir).phases if record.status == "done"]
-    return "velocity" in done

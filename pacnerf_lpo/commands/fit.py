@@ -31,10 +31,10 @@ def run(args: Sequence[str]) -> int:
         from pacnerf_lpo.commands import study  # which fits each of them by this function
 
         return study.run(scenes, args[len(scenes) :])
-    stacked = stack(Path(args[0]), args[1:])
-    for remark in stacked.remarks:
+    words, remarks = stack(Path(args[0]), args[1:])
+    for remark in remarks:
         print(remark)
-    return cli.fit(stacked.words, VideoData, Physics, doubt, finish, goes_on=True)
+    return cli.fit(words, VideoData, Physics, doubt, finish, goes_on=True)
 
 
 def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool) -> None:
@@ -43,7 +43,7 @@ def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: Abstr
     With ``compare``, images and outlines are compared after the identification of a body that was not corrected; the
     manifest keeps what they say.
     """
-    record = [record for record in manifest.phases if record.status == "done"][-1]
+    record = manifest.done[-1]
     stage = Stage(record, manifest.run_dir)
     if compare and record.methods is None and isinstance(template, PhysicsIDModule) and not stage.state.corrected:
         record.methods = _compared(stage, data, physics, template)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from pacnerf_lpo.data.index import check_unused
 from pacnerf_lpo.data.recordings.conversion import convert, forget_mattes
 from pacnerf_lpo.data.recordings.layouts import Format, read_recording
 from pacnerf_lpo.data.recordings.look import examine
@@ -11,7 +12,6 @@ from pacnerf_lpo.data.recordings.scene_file import write_scene_file
 from pacnerf_lpo.data.recordings.scene_warnings import scene_warnings
 from pacnerf_lpo.data.trajectories.scene import Solid
 from pacnerf_lpo.data.trajectories.sources import holds_positions, make_scenes, read_source
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.heartbeat import doing
 
 
@@ -65,7 +65,15 @@ def run(
         start: whether the body is held at first and let go, or flying already; measured when not given.
     """
     if shape is not None or holds_positions(Path(source)):
-        return _flights(Path(source), Path(scene), Solid.stated(source, shape, size, mass), up, unit, fps, spins, start)
+        solid = Solid.stated(source, shape, size, mass)
+        check_unused(Path(scene))
+        doing("reading the recordings")
+        flights = read_source(Path(source), fps, None if spins is None else Path(spins))
+        print(f"{source}: {len(flights)} recordings of positions", flush=True)
+        folders, left_out = make_scenes(flights, Path(scene), solid, up, unit, start)
+        print("\n".join([*left_out, f"{folders[0] / 'scene.yaml'}: every value with where it comes from"]))
+        print(f"{len(folders)} flights; look through that, then\npacnerf-lpo diagnose {scene}")
+        return
     doing("reading the recording")
     forget_mattes(Path(scene))
     recording = read_recording(Path(source), format)
@@ -90,27 +98,6 @@ def run(
     print(
         f"look at both (after a change, pacnerf-lpo report {scene} draws the page again), then\npacnerf-lpo fit {scene}"
     )
-
-
-def _flights(
-    source: Path,
-    scene: Path,
-    solid: Solid,
-    up: str | None,
-    unit: str | None,
-    fps: float | None,
-    spins: str | None,
-    start: str | None,
-) -> None:
-    """Scenes of measured flights."""
-    if scene.exists() and (not scene.is_dir() or any(scene.iterdir())):
-        raise UserInputError(f"{scene}: is not empty; give a new folder")
-    doing("reading the recordings")
-    recordings = read_source(source, fps, None if spins is None else Path(spins))
-    print(f"{source}: {len(recordings)} recordings of positions", flush=True)
-    folders, left_out = make_scenes(recordings, scene, solid, up, unit, start)
-    print("\n".join([*left_out, f"{folders[0] / 'scene.yaml'}: every value with where it comes from"]))
-    print(f"{len(folders)} flights; look through that, then\npacnerf-lpo diagnose {scene}")
 
 
 def look_at(scene: Path) -> Path:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import torch
 from PIL import Image
 
 from pacnerf_lpo.errors import UserInputError
@@ -47,7 +46,8 @@ def run(
         raise UserInputError(f"--size {size}: give an even number of at least 16 pixels")
     stage = opened.stage(phase)
     positions = simulate(opened, stage)
-    check_frame(frame, positions)
+    if frame is not None and not 0 <= frame < len(positions):
+        raise UserInputError(f"--frame {frame}: this phase has frames 0 to {len(positions) - 1}")
     orbit = Orbit.around(positions, elevation, size)
     path.parent.mkdir(parents=True, exist_ok=True)
     renderer = StateRenderer(stage.state)
@@ -59,9 +59,3 @@ def run(
         moments = [frame if frame is not None else k // SLOW_MOTION % len(positions) for k in range(pictures)]
         write_film(path, turntable(renderer, positions, orbit, azimuths, moments), FILM_RATE)
     print(path)
-
-
-def check_frame(frame: int | None, positions: torch.Tensor) -> None:
-    """Raise UserInputError when there is no such frame."""
-    if frame is not None and not 0 <= frame < len(positions):
-        raise UserInputError(f"--frame {frame}: this phase has frames 0 to {len(positions) - 1}")

@@ -114,10 +114,8 @@ def placed(shape: Shape, height: float, apart: float, generator: torch.Generator
 def patches(positions: Tensor) -> np.ndarray:
     """A colour for every point [m, (N, 3)] that varies over the body, so that its motion can be seen [0..1, (N, 3)]."""
     centred = (positions - positions.mean(0)).double().numpy()
-    waves = np.sin(
-        PATCH * centred @ np.array([[1.0, 0.4, -0.3], [0.2, 1.0, 0.5], [-0.6, 0.3, 1.0], [0.7, -0.8, 0.4]]).T
-    )
-    weights = np.exp(3.0 * waves)
+    directions = np.array([[1.0, 0.4, -0.3], [0.2, 1.0, 0.5], [-0.6, 0.3, 1.0], [0.7, -0.8, 0.4]])
+    weights = np.exp(3.0 * np.sin(PATCH * centred @ directions.T))
     return (weights / weights.sum(1, keepdims=True)) @ PALETTE
 
 

@@ -22,12 +22,6 @@ STEP_TOLERANCE = 0.02
 """Times written as 0.042, 0.083 (24 Hz, three digits) still count as uniform."""
 
 
-def check_image_scale(scale: float) -> None:
-    """The scale must shrink, and leave something."""
-    if not 0.0 < scale <= 1.0:
-        raise UserInputError(f"data.image_scale: {scale} is not in 0 < scale <= 1; 0.5 halves width and height")
-
-
 def check_box(lower: Sequence[float], upper: Sequence[float]) -> Box:
     """Corners as a Box: three finite numbers each, lower below upper."""
     for key, corner in (("box_lower", lower), ("box_upper", upper)):
@@ -170,8 +164,8 @@ def check_image_files(paths: Iterable[Path]) -> tuple[int, int]:
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         plate = missing[0].stem.endswith("_-1")
         mend = "raw images are matted by it" if plate else "leave its view out of the config or cut with data.frames"
-        raise UserInputError(f"{missing[0]}: the {'background plate' if plate else 'image'} is missing{more}; "
-                             f"add it{': ' if plate else ', '}{mend}")  # fmt: skip
+        what, add = ("background plate", "add it: ") if plate else ("image", "add it, ")
+        raise UserInputError(f"{missing[0]}: the {what} is missing{more}; {add}{mend}")
     with ThreadPoolExecutor() as pool:
         sizes = list(pool.map(image_size, paths))
     for path, size in zip(paths, sizes, strict=True):

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from torch import Tensor
 
 from pacnerf_lpo.data.cameras import hits_box, pixel_rays
 from pacnerf_lpo.data.measurements import TrackedPoints
@@ -65,7 +64,10 @@ def check_points_in_box(tracks: TrackedPoints, video: Video, box: Box) -> None:
 
 def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     """Every training view (index) sees the box; a warning where part of the object lies outside it at frame 0."""
-    seen = {video.view_ids[index]: _rays_through(video, box, index) for index in train}
+    size, seen = video.images.shape[2:4], {}
+    for index in train:
+        rays = pixel_rays(video.intrinsics[index], video.camera_to_world[index], *size)
+        seen[video.view_ids[index]] = hits_box(rays, box)
     corners = f"{list(box.lower)} to {list(box.upper)} m"
     blind = ", ".join(str(view) for view, inside in seen.items() if not inside.any())
     if not any(inside.any() for inside in seen.values()):
@@ -90,14 +92,6 @@ def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     worst = max(outside, key=lambda view: outside[view])
     if outside[worst] > OUTSIDE_WARNING:
         log.warning(
-            "data.box_lower, data.box_upper: %.0f%% of the object in view %d at frame 0 lies outside the box %s; "
-            "enlarge it, or that part cannot be learnt",
-            100 * outside[worst],
-            worst,
-            corners,
+            f"data.box_lower, data.box_upper: {100 * outside[worst]:.0f}% of the object in view {worst} at frame 0 "
+            f"lies outside the box {corners}; enlarge it, or that part cannot be learnt"
         )
-
-
-def _rays_through(video: Video, box: Box, index: int) -> Tensor:
-    height, width = video.images.shape[2:4]
-    return hits_box(pixel_rays(video.intrinsics[index], video.camera_to_world[index], height, width), box)

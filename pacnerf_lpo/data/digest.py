@@ -1,7 +1,7 @@
 """Hashes of what the section ``data`` of a configuration reads."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from pacnerf_lpo.errors import UserInputError
 
 
 def data_digest(section: Mapping[str, Any]) -> str:
-    """Hash of the contents of all files that the section ``data`` of a configuration reads. Raises UserInputError where
-    the scene cannot be read.
-    """
+    """Hash of the contents of all files that a section ``data`` reads; UserInputError where it cannot be read."""
     root = resolve_root(section["root"])
     index = read_index(root)
-    views = _used_views(section, index.views())
+    views = index.views()
+    if section["train_views"] is not None and section["test_views"] is not None:
+        views = sorted({*section["train_views"], *section["test_views"]})
     chosen = choose_files(root, index, views, section["frames"], section["background"])
     occluders = [path for view in views if (path := chosen.occluder(view)).exists()]
     digest = hashlib.sha256(file_digest(index.path))
@@ -35,9 +35,3 @@ def file_digest(path: Path) -> bytes:
         return hashlib.sha256(path.read_bytes()).digest()
     except OSError as error:
         raise UserInputError(f"{path}: {error.strerror}") from None
-
-
-def _used_views(section: Mapping[str, Any], available: Sequence[int]) -> list[int]:
-    if section["train_views"] is None or section["test_views"] is None:
-        return list(available)
-    return sorted({*section["train_views"], *section["test_views"]})

@@ -93,10 +93,8 @@ def rim_opacity_in_shadow(image: np.ndarray, plate: np.ndarray, object_colour: n
     scores = []
     for alpha in OPACITIES:
         front, back = alpha * object_colour, (1.0 - alpha) * plate
-        parts = ((OBJECT_LIGHT, front), (SHADOW_LIGHT, back))
-        covariance = PIXEL_NOISE**2 * np.eye(3) + sum(
-            width**2 * part[..., :, None] * part[..., None, :] for width, part in parts
-        )
+        lights = OBJECT_LIGHT * front, SHADOW_LIGHT * back
+        covariance = PIXEL_NOISE**2 * np.eye(3) + sum(one[..., :, None] * one[..., None, :] for one in lights)
         away = (image - front - back)[..., None]
         squares = (away * np.linalg.solve(covariance, away)).sum((-2, -1))
         scores.append(-0.5 * squares - 0.5 * np.linalg.slogdet(covariance)[1])

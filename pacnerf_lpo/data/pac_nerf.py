@@ -4,11 +4,11 @@
 Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of 255 carry no information.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 import torch
@@ -25,7 +25,6 @@ from pacnerf_lpo.types import Video
 Background = Literal["auto", "matted", "raw"]
 PLATE, OCCLUDER = -1, -2
 OCCLUDER_ALPHA = 50 / 255
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -68,25 +67,28 @@ def read_pac_nerf(
     Raises UserInputError for every inconsistency found, before any image is decoded where that is possible.
     """
     root = Path(root)
-    checks.check_image_scale(image_scale)
+    if not 0.0 < image_scale <= 1.0:
+        raise UserInputError(f"data.image_scale: {image_scale} is not in 0 < scale <= 1; 0.5 halves width and height")
     index = read_index(root)
     files = choose_files(root, index, views, frames, background)
     checks.check_cameras(index, files.views, files.frames)
     times = checks.check_times(index, files.views, files.frames)
     offsets = checks.check_offsets(index, files.views, files.frames, times[1] - times[0] if len(times) > 1 else 1.0)
     height, width = checks.check_image_files(files.needed())
-    intrinsics = torch.tensor(np.stack([index.camera(view).intrinsic for view in files.views]), dtype=torch.float32)
-    poses = torch.tensor(np.stack([index.camera(view).camera_to_world for view in files.views]), dtype=torch.float32)
+    shots = [index.camera(view) for view in files.views]
+    intrinsics = torch.tensor(np.stack([shot.intrinsic for shot in shots]), dtype=torch.float32)
+    poses = torch.tensor(np.stack([shot.camera_to_world for shot in shots]), dtype=torch.float32)
     checks.check_intrinsics_fit(index, files.views, (height, width))
 
     scaled = (max(1, round(height * image_scale)), max(1, round(width * image_scale)))
+    factors = intrinsics.new_tensor([scaled[1] / width, scaled[0] / height, 1.0])  # edges stay edges, centres at +0.5
     images, silhouettes = load_images(files, scaled)
     return Video(
         images=images,
         silhouettes=silhouettes,
         valid=torch.stack([load_valid(files.occluder(view), (height, width), scaled) for view in files.views]),
         camera_to_world=poses,
-        intrinsics=scale_intrinsics(intrinsics, scaled[0] / height, scaled[1] / width),
+        intrinsics=intrinsics * factors[:, None],
         times=torch.tensor(times, dtype=torch.float32),
         view_ids=files.views,
         frame_ids=files.frames,
@@ -116,27 +118,21 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
     def load(place: tuple[int, int]) -> None:
         view, frame = files.views[place[0]], files.frames[place[1]]
         pixels = read_png(files.image(view, frame))
-        if files.matted:
-            colour, silhouette = on_white(pixels)
-        else:
-            colour, silhouette = matte(pixels[..., :3], plates[view])
+        colour, silhouette = on_white(pixels) if files.matted else matte(pixels[..., :3], plates[view])
         both = torch.from_numpy(np.concatenate((colour, silhouette[..., None]), axis=-1))
         both = area_average(both, *scaled)
         images[place], silhouettes[place] = both[..., :3], both[..., 3]
 
-    in_threads(load, [(v, f) for v in range(shape[0]) for f in range(shape[1])], f"reading {files.folder}")
-    return images, silhouettes
-
-
-def in_threads(work: Callable[[T], None], items: Sequence[T], message: str) -> None:
-    """Do ``work`` on every item and raise the first error. A progress bar appears when it takes over two seconds."""
+    places = list(np.ndindex(shape[:2]))
     with ThreadPoolExecutor() as pool:
+        done = pool.map(load, places)
         try:
-            for _ in tqdm(pool.map(work, items), total=len(items), desc=message, delay=2.0, leave=False):
+            for _ in tqdm(done, f"reading {files.folder}", len(places), delay=2.0, leave=False):
                 pass
         except UserInputError:
             pool.shutdown(cancel_futures=True)
             raise
+    return images, silhouettes
 
 
 def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -> Tensor:
@@ -147,8 +143,3 @@ def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -
     checks.check_occluder(occluder, pixels, size)
     hidden = torch.from_numpy(pixels[..., 3:] > OCCLUDER_ALPHA).float()
     return area_average(hidden, *scaled)[..., 0] == 0
-
-
-def scale_intrinsics(intrinsics: Tensor, vertical: float, horizontal: float) -> Tensor:
-    """Intrinsics (V, 3, 3) of images scaled by these factors; edges stay edges, so pixel centres stay at +0.5."""
-    return intrinsics * intrinsics.new_tensor([horizontal, vertical, 1.0])[:, None]

@@ -60,7 +60,8 @@ class TrackResiduals:
 
 
 def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, farthest: float = FARTHEST) -> Attachment:
-    """Tie every tracked point to the particles near it where it is first seen.
+    """Tie every tracked point to the particles near it where it is first seen. Raises UserInputError where a point
+    starts away from the body.
 
     The weights are those of moving least squares of first order (Lancaster and Salkauskas 1981), so that the point
     follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body.
@@ -69,14 +70,11 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
         tracks: the measurement.
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
-        farthest: how far outside the body a point may start [typical particle distances]
-
-    Raises:
-        UserInputError: a point starts away from the body.
+        farthest: how far outside the body a point may start [median distances of a particle to its nearest neighbour]
     """
     names, rows = np.unique(tracks.ids, return_index=True)
     points, first = tracks.positions[rows], tracks.times[rows]
-    reach = farthest * _typical_distance(trajectory[0])
+    reach = farthest * float(np.median(cKDTree(trajectory[0]).query(trajectory[0], k=2)[0][:, 1]))
     moments, moment = np.unique(first, return_inverse=True)
     count = min(NEIGHBOURS, trajectory.shape[1])
     neighbours, weights = np.empty((len(names), count), int), np.empty((len(names), count))
@@ -135,7 +133,8 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
         clouds.points, at_times(carried, times, clouds.times), at_times(trajectory, times, clouds.times), strict=True
     ):
         points = _thinned(points, LARGEST_CLOUD)
-        residuals.append(np.append(cloud_summary(points) - cloud_summary(model), _distance(points, particles)))
+        distance = _trimmed(cKDTree(particles).query(points)[0])
+        residuals.append(np.append(cloud_summary(points) - cloud_summary(model), distance))
     found = np.array(residuals)
     return found - found[:1]
 
@@ -209,16 +208,6 @@ def _carried(attachment: Attachment, trajectory: np.ndarray) -> np.ndarray:
 def _thinned(points: np.ndarray, most: int) -> np.ndarray:
     """At most so many of the points [(n, 3)], evenly spread over their order."""
     return points[:: -(-len(points) // most)]
-
-
-def _typical_distance(points: np.ndarray) -> float:
-    """Median distance of a particle to its nearest neighbour [m]."""
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-
-
-def _distance(points: np.ndarray, particles: np.ndarray) -> float:
-    """Trimmed mean distance from points to the nearest particle [m]."""
-    return _trimmed(cKDTree(particles).query(points)[0])
 
 
 def _trimmed(distances: np.ndarray) -> float:

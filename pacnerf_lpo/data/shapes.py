@@ -75,14 +75,12 @@ class Torus(Shape):
 
 
 class Mesh(Shape):
-    """A solid with a closed surface, around its centre of volume.
+    """A solid with a closed surface, around its centre of volume. Raises UserInputError where there is no such file or
+    no closed surface, or the library that reads it is missing.
 
     Args:
         path: of a mesh in metres: OBJ, STL, PLY, glTF ...
         longest: its longest extent, instead of what the file has [m]; None: as in the file.
-
-    Raises:
-        UserInputError: no such file, no closed surface, or the library that reads it is missing.
     """
 
     def __init__(self, path: str, longest: float | None = None):

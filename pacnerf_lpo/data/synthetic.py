@@ -84,7 +84,8 @@ def write_scene(
     frame_rate: float = 24.0,
     truth: dict[str, Any] | None = None,
 ) -> Path:
-    """Render and write a scene; the same arguments give the same files.
+    """Render and write a scene; the same arguments give the same files. Raises UserInputError where ``root`` holds
+    something already.
 
     Args:
         root: folder, absent or empty.
@@ -94,9 +95,6 @@ def write_scene(
         drawing: how particles are drawn.
         frame_rate: [1/s]
         truth: written as ``truth.json``, for an evaluation.
-
-    Raises:
-        UserInputError: ``root`` holds something already.
     """
     root = Path(root)
     check_unused(root)

@@ -120,9 +120,7 @@ class VideoData(LightningDataModule):
         return self._rays[view]
 
     def first_rays(self, view: int) -> Rays:
-        """The rays of a view at frame 0, moved to where the body is at time 0: of a view whose clock is off, with the
-        body's velocity back by as much.
-        """
+        """The rays of a view at frame 0, from where it would see the body at time 0, see :func:`at_start`."""
         offsets = self.video.offsets
         if not (offsets and offsets[view]):
             return self.rays(view)

@@ -27,7 +27,8 @@ DEMO_TRUTH = "demo"
 
 
 def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[str, Any]:
-    """Measure every finished phase of a run on its training and test views, and write ``results.json``.
+    """Measure every finished phase of a run on its training and test views, and write ``results.json``. Raises
+    UserInputError where the run or the truth cannot be read.
 
     Each phase is simulated and rendered into every view; the static phase at frame 0 only. No truth is opened unless it
     is given.
@@ -38,9 +39,6 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
 
     Returns:
         What was written.
-
-    Raises:
-        UserInputError: the run or the truth cannot be read.
     """
     run = Run(run_dir)
     answer = None if truth is None else read_truth(demo_scene() / "truth.json" if str(truth) == DEMO_TRUTH else truth)
@@ -49,10 +47,7 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "format": 1,
         "scene": run.scene,
         "material": type(run.physics.material).__name__,
-        "views": {
-            "train": [video.view_ids[i] for i in run.data.train],
-            "test": [video.view_ids[i] for i in run.data.test],
-        },
+        "views": {name: [video.view_ids[i] for i in views] for name, views in _view_sets(run).items()},
         "frames": list(video.frame_ids),
         "times_s": video.times.tolist(),
         "guess": _with_units(run, run.physics.guess),
@@ -104,14 +99,12 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
     if record.held_out_error is not None:
         result["held_out_error"] = record.held_out_error
     if truth is not None:
-        errors = parameter_errors(parameters, truth, fluid=_is_fluid(run))
+        mu = run.physics.parameters.get("mu")
+        errors = parameter_errors(parameters, truth, fluid=mu is not None and "s" in mu.unit)  # then mu is a viscosity
         result["truth_errors"] = {name: asdict(error) for name, error in errors.items()}
         if truth.velocity is not None and stage.moves:
-            result["velocity_error"] = {
-                "true": list(truth.velocity),
-                "error": velocity_error(tuple(velocity), truth.velocity),
-                "unit": "m/s",
-            }
+            error = velocity_error(tuple(velocity), truth.velocity)
+            result["velocity_error"] = {"true": list(truth.velocity), "error": error, "unit": "m/s"}
     try:
         return {**result, **_measure_images(run, stage)}
     except SimulationError as error:
@@ -125,19 +118,18 @@ def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
     table = {name: torch.zeros(shape) for name in ("psnr", "ssim", "lpips", "rms", "blank_rms", "silhouette_iou")}
     missing: Missing | None = None
     rendered = render_stage(run, stage)
-    for frame, view, image, opacity in tqdm(
-        rendered, f"evaluating {stage.label}", shape[0] * frames, delay=2.0, leave=False
-    ):
+    bar = tqdm(rendered, f"evaluating {stage.label}", shape[0] * frames, delay=2.0, leave=False)
+    for frame, view, image, opacity in bar:
         scores, missing = _score(run, view, frame, image, opacity)
         for name, value in scores.items():
             table[name][view, frame] = value
     scores_all = ImageScores(table["psnr"], table["ssim"], missing or table["lpips"])
     if missing is not None:
         del table["lpips"]
-    first = ImageScores(*(_first_frame(x) for x in (scores_all.psnr, scores_all.ssim, scores_all.lpips)))
+    first: list[Any] = [x if isinstance(x, Missing) else x[:, :1] for x in vars(scores_all).values()]
     return {
         "image_metrics": _by_set(run, scores_all) if stage.moves else {"train": None, "test": None},
-        "first_frame_metrics": _by_set(run, first),
+        "first_frame_metrics": _by_set(run, ImageScores(*first)),
         "images": {name: _finite(values) for name, values in table.items()},
     }
 
@@ -175,19 +167,13 @@ def _with_units(run: Run, values: Mapping[str, float]) -> dict[str, dict[str, An
     }
 
 
-def _is_fluid(run: Run) -> bool:
-    """Whether mu is a viscosity: by its unit."""
-    mu = run.physics.parameters.get("mu")
-    return mu is not None and "s" in mu.unit
-
-
 def _by_set(run: Run, scores: ImageScores) -> dict[str, dict[str, Any] | None]:
-    sets = {"train": run.data.train, "test": run.data.test}
-    return {name: scores.mean(torch.tensor(views)).as_dict() if views else None for name, views in sets.items()}
+    sets = _view_sets(run).items()
+    return {name: scores.mean(torch.tensor(views)) if views else None for name, views in sets}
 
 
-def _first_frame(values: Tensor | Missing) -> Any:
-    return values if isinstance(values, Missing) else values[:, :1]
+def _view_sets(run: Run) -> dict[str, list[int]]:
+    return {"train": run.data.train, "test": run.data.test}
 
 
 def _finite(values: Tensor) -> list[list[float | None]]:

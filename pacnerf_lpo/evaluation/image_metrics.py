@@ -29,38 +29,20 @@ class Missing:
 
 
 @dataclass(frozen=True)
-class ImageMetrics:
-    """Means over images: ``psnr`` [dB], ``ssim`` [1], ``lpips`` [1, lower is better] or :class:`Missing`."""
-
-    psnr: float
-    ssim: float
-    lpips: float | Missing
-
-    def as_dict(self) -> dict[str, float | str | None]:
-        """Plain values for JSON: a missing metric is its printed reason, an infinite PSNR is None."""
-        return {
-            "psnr": self.psnr if math.isfinite(self.psnr) else None,
-            "ssim": self.ssim,
-            "lpips": self.lpips if isinstance(self.lpips, float) else str(self.lpips),
-        }
-
-
-@dataclass(frozen=True)
 class ImageScores:
-    """The metrics of every image: ``psnr`` [dB], ``ssim``, ``lpips`` or :class:`Missing`; tensors of one shape."""
+    """Of every image: ``psnr`` [dB], ``ssim`` [1], ``lpips`` [1, lower is better] or :class:`Missing`, of one shape."""
 
     psnr: Tensor
     ssim: Tensor
     lpips: Tensor | Missing
 
-    def mean(self, where: Tensor) -> ImageMetrics:
-        """The average over the images that the boolean mask or index ``where`` selects."""
-        distance = self.lpips
-        return ImageMetrics(
-            psnr=self.psnr[where].mean().item(),
-            ssim=self.ssim[where].mean().item(),
-            lpips=distance if isinstance(distance, Missing) else distance[where].mean().item(),
-        )
+    def mean(self, where: Tensor) -> dict[str, float | str | None]:
+        """The averages over the images that the boolean mask or index ``where`` selects, as plain values for JSON: a
+        missing metric is its printed reason, an infinite PSNR is None.
+        """
+        psnr, distance = self.psnr[where].mean().item(), self.lpips
+        lpips = str(distance) if isinstance(distance, Missing) else distance[where].mean().item()
+        return {"psnr": psnr if math.isfinite(psnr) else None, "ssim": self.ssim[where].mean().item(), "lpips": lpips}
 
 
 def psnr(predicted: Tensor, measured: Tensor) -> Tensor:
@@ -132,11 +114,7 @@ def _lpips_network() -> Callable[[Tensor, Tensor], Tensor] | Missing:
     except ModuleNotFoundError:
         return Missing(LPIPS_INSTALL)
     except (urllib.error.URLError, OSError) as error:
-        return Missing(f"the AlexNet weights could not be downloaded: {_one_line(error)}")
-
-
-def _one_line(error: BaseException) -> str:
-    return json.dumps(str(error))[1:-1][:120]
+        return Missing(f"the AlexNet weights could not be downloaded: {json.dumps(str(error))[1:-1][:120]}")
 
 
 def _channels_first(images: Tensor) -> Tensor:

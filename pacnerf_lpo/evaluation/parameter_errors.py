@@ -17,22 +17,12 @@ from pacnerf_lpo.errors import UserInputError
 Measure = Literal["log10", "plain", "radians"]
 
 MEASURES: dict[str, Measure] = {
-    "E": "log10",
-    "kappa": "log10",
-    "mu": "log10",
-    "tau_y": "log10",
-    "eta": "log10",
-    "nu": "plain",
-    "theta": "radians",
+    **dict.fromkeys(("E", "kappa", "mu", "tau_y", "eta"), "log10"),
+    **{"nu": "plain", "theta": "radians"},
 }
 TRUTH_KEYS = {
-    "E_Pa": "E",
-    "nu": "nu",
-    "mu": "mu",
-    "kappa_Pa": "kappa",
-    "tau_y_Pa": "tau_y",
-    "eta_Pa_s": "eta",
-    "friction_angle_deg": "theta",
+    **{"E_Pa": "E", "nu": "nu", "mu": "mu", "kappa_Pa": "kappa"},
+    **{"tau_y_Pa": "tau_y", "eta_Pa_s": "eta", "friction_angle_deg": "theta"},
 }
 
 
@@ -60,9 +50,7 @@ class Truth:
 
 
 def read_truth(path: str | Path) -> Truth:
-    """Read a truth.json. Raises UserInputError where the file is absent, is no JSON object, or names a parameter this
-    project does not know.
-    """
+    """Read a truth.json. Raises UserInputError where it is absent, no JSON object, or names an unknown parameter."""
     path = Path(path)
     if not path.is_file():
         raise UserInputError(f"{path}: no such file; --truth wants the truth.json of the scene")
@@ -84,7 +72,8 @@ def read_truth(path: str | Path) -> Truth:
 
 
 def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = False) -> dict[str, ParameterError]:
-    """The error of every fitted parameter whose true value is known or follows from the truth's elastic pair.
+    """The error of every fitted parameter whose true value is known or follows from the truth's elastic pair. Raises
+    UserInputError where a true parameter has no error measure.
 
     A fluid's ``mu`` is never compared with a solid's, and a true value of 0 has no logarithm: such pairs are left out.
 
@@ -92,17 +81,12 @@ def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = Fal
         found: fitted values by name, SI units, theta in degrees.
         truth: what :func:`read_truth` returned.
         fluid: the fitted ``mu`` is a viscosity [Pa s].
-
-    Raises:
-        UserInputError: a true parameter without a defined error measure.
     """
     true = truth.parameters if truth.fluid else complete_elastic_pair(truth.parameters)
     incomparable = {"mu", "E", "nu"} if fluid != truth.fluid else set()
-    return {
-        name: _parameter_error(name, value, true[name])
-        for name, value in found.items()
-        if _comparable(name, true) and name not in incomparable
-    }
+    known = [name for name in found if name in true and name not in incomparable]
+    comparable = [name for name in known if true[name] > 0 or _measure(name) != "log10"]
+    return {name: _parameter_error(name, found[name], true[name]) for name in comparable}
 
 
 def complete_elastic_pair(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -135,19 +119,10 @@ def velocity_error(found: tuple[float, ...], true: tuple[float, ...]) -> float:
     return math.dist(found, true)
 
 
-def _comparable(name: str, true: Mapping[str, float]) -> bool:
-    return name in true and (true[name] > 0 or _measure(name) != "log10")
-
-
 def _parameter_error(name: str, found: float, true: float) -> ParameterError:
     measure = _measure(name)
-    if measure == "log10":
-        error = abs(math.log10(found) - math.log10(true))
-    elif measure == "radians":
-        error = abs(math.radians(found) - math.radians(true))
-    else:
-        error = abs(found - true)
-    return ParameterError(found, true, error, measure)
+    scale = {"log10": math.log10, "radians": math.radians, "plain": float}[measure]
+    return ParameterError(found, true, abs(scale(found) - scale(true)), measure)
 
 
 def _measure(name: str) -> Measure:

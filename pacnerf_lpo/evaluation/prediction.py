@@ -45,9 +45,7 @@ class Prediction:
 
 
 def predict(run: Run, stage: Stage) -> Prediction:
-    """Simulate and render a phase, or read it where that was done before. Raises SimulationError where the motion with
-    the phase's parameters is unstable.
-    """
+    """Simulate and render a phase, or read it where that was done before. Raises SimulationError."""
     if not _is_current(run, stage, "images", "positions"):
         frames, views = len(run.data.video.times) if stage.moves else 1, len(run.data.video.view_ids)
         bar = tqdm(render_stage(run, stage), f"rendering {stage.label}", frames * views, delay=2.0, leave=False)
@@ -57,9 +55,7 @@ def predict(run: Run, stage: Stage) -> Prediction:
 
 
 def motion_of(run: Run, stage: Stage) -> np.ndarray:
-    """Positions at every frame [m, (F, N, 3), float32]: those of its prediction, or else simulated, without images.
-    Raises SimulationError where the motion with the phase's parameters is unstable.
-    """
+    """Positions at every frame [m, (F, N, 3), float32]: as predicted, or simulated now. Raises SimulationError."""
     if _is_current(run, stage, "positions"):
         return np.load(prediction_folder(run, stage) / "positions.npy")
     if stage.moves:
@@ -86,12 +82,6 @@ def simulate(run: Run, stage: Stage) -> Tensor:
     return run.physics.simulate(stage.state, len(run.data.video.times))
 
 
-def observer_of(run: Run, stage: Stage) -> Observer:
-    """The cameras with what a phase knows to be wrong about them: nothing, as long as nothing has moved."""
-    cameras = cameras_of(run.physics.effects, run.data.video)
-    return Observer(cameras, _values(run, stage)) if stage.moves else AS_BELIEVED
-
-
 def velocity_of(run: Run, stage: Stage) -> Tensor:
     """Velocity of every particle at frame 0, the effects on it included [m/s, (N, 3)]."""
     state = stage.state
@@ -107,14 +97,15 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     """
     positions = simulate(run, stage)
     renderer = StateRenderer(stage.state)
-    video, observer = run.data.video, observer_of(run, stage)
+    video, observer = run.data.video, AS_BELIEVED
+    if stage.moves:  # as long as nothing has moved, nothing is known to be wrong about the cameras
+        observer = Observer(cameras_of(run.physics.effects, video), _values(run, stage))
     seen = observer.seen(positions, velocity_of(run, stage), video.times[: len(positions)])
     views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
     folder.mkdir(parents=True, exist_ok=True)
-    images = open_memmap(
-        folder / "images.npy", mode="w+", dtype=np.uint8, shape=(views, len(positions), height, width, 3)
-    )
+    shape = (views, len(positions), height, width, 3)
+    images = open_memmap(folder / "images.npy", mode="w+", dtype=np.uint8, shape=shape)
     for frame in range(len(positions)):
         grids = [renderer.grid(points) for points in seen[:, frame]]
         for view, view_id in enumerate(video.view_ids):

@@ -58,19 +58,17 @@ class Stage:
 
 
 class Run:
-    """A run directory, read as it is needed.
+    """A run directory, read as it is needed. Raises UserInputError where it is no run directory, or no phase of it is
+    finished.
 
     Args:
         run_dir: folder that ``pacnerf-lpo fit`` wrote.
-
-    Raises:
-        UserInputError: it is no run directory, or no phase of it is finished.
     """
 
     def __init__(self, run_dir: str | Path):
         self.run_dir = Path(run_dir)
         self.manifest = Manifest.load(self.run_dir)
-        self.stages = [Stage(record, self.run_dir) for record in self.manifest.phases if record.status == "done"]
+        self.stages = [Stage(record, self.run_dir) for record in self.manifest.done]
         if not self.stages:
             raise UserInputError(f"{self.run_dir}: no phase is finished yet; go on with `fit --resume {self.run_dir}`")
 

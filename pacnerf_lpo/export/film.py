@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-import imageio_ffmpeg
+import imageio.v2 as imageio
 import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
@@ -20,10 +21,8 @@ CAPTION = 26
 
 
 def export_video(run: Run, stage: Stage, view_id: int) -> Path:
-    """Write ``videos/view_<id>.mp4``: measured | model | signed residual, four times slower than life.
-
-    Raises:
-        UserInputError: the run has no such view.
+    """Write ``videos/view_<id>.mp4``: measured | model | signed residual, four times slower than life. Raises
+    UserInputError where the run has no such view.
     """
     view = run.view_index(view_id)
     path = run.run_dir / "videos" / f"view_{view_id}.mp4"
@@ -76,23 +75,9 @@ def write_film(path: Path, frames: Iterable[np.ndarray], frame_rate: float) -> N
         frames: [0..255, (H, W, 3), uint8], even height and width.
         frame_rate: [1/s]
     """
-    writer = None
+    options: Any = {"codec": "libx264", "quality": 8, "macro_block_size": 2, "ffmpeg_log_level": "error"}
     with whole_file(path) as part:
-        try:
+        writer: Any = imageio.get_writer(part, "FFMPEG", fps=frame_rate, **options)
+        with writer:
             for frame in frames:
-                if writer is None:
-                    size = (frame.shape[1], frame.shape[0])
-                    writer = imageio_ffmpeg.write_frames(
-                        str(part),
-                        size,
-                        fps=frame_rate,
-                        codec="libx264",
-                        quality=8,
-                        macro_block_size=2,
-                        ffmpeg_log_level="error",
-                    )
-                    writer.send(None)
-                writer.send(np.ascontiguousarray(frame))
-        finally:
-            if writer is not None:
-                writer.close()
+                writer.append_data(np.ascontiguousarray(frame))

@@ -18,7 +18,7 @@ from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.clocks import cameras_of
-from pacnerf_lpo.render.observation import Observer, project
+from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import Video
 
 VELOCITY = tuple(
@@ -164,9 +164,7 @@ class Model(ABC):
         """Pixels [(F, N, 2)] and depth [m, (F, N)] of particles [m, (F, N, 3)] in a view."""
         view_id, count = self.video.view_ids[view], len(points)
         if observer.changing("camera", view_id) or observer.changing("image_plane", view_id):
-            frames = [
-                project(points[f], self.video, view, f, observer.observations, observer.values) for f in range(count)
-            ]
+            frames = [observer.project(points[f], self.video, view, f) for f in range(count)]
             return torch.stack([pixels for pixels, _ in frames]), torch.stack([depth for _, depth in frames])
         flat = points.reshape(-1, 3)
         pixels, depth = cameras.project(flat, self.video.intrinsics[view], self.video.camera_to_world[view])

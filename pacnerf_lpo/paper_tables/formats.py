@@ -2,13 +2,15 @@
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.paper_tables.tables import Entry, Row, Table
 
 FAILED = "failed: "
+MARKDOWN = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
+LATEX = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
 LEGEND = "Best **bold**, second best <u>underlined</u>, of each baseline's columns; in brackets what the paper prints."
 TEX = {"↑": r"$\uparrow$", "↓": r"$\downarrow$", "†": r"$^\dagger$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
 TEX |= {power: f"$^{number}$" for number, power in enumerate("⁰¹²³⁴")}
@@ -30,12 +32,11 @@ def write_table(table: Table, folder: Path) -> list[Path]:
 
 def markdown(table: Table) -> str:
     """The table with its legend and, under it, what is missing and why."""
-    marks: dict[str, Callable[[str], str]] = {"best": "**{}**".format, "second": "<u>{}</u>".format, "": str}
     missing = _notes(table)
     lines = [f"## {table.title}", "", f"| {' | '.join((*table.head, *table.columns))} |"]
     lines.append("|---|---|" + "---:|" * len(table.columns))
     for row in table.rows:
-        cells = [_cell(row, entry, marks[entry.mark], missing) for entry in row.entries]
+        cells = [_cell(row, entry, MARKDOWN, missing) for entry in row.entries]
         lines.append(f"| {' | '.join((row.scene, row.quantity, *cells))} |")
     notes = [f"{number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
     keys = sorted({entry.key for row in table.rows for entry in row.entries if entry.key and entry.value is not None})
@@ -57,11 +58,6 @@ def comma_separated(table: Table) -> str:
 
 def latex(table: Table) -> str:
     """A ``tabular`` with booktabs' rules; the paper's figures in brackets."""
-    marks: dict[str, Callable[[str], str]] = {
-        "best": r"\textbf{{{}}}".format,
-        "second": r"\underline{{{}}}".format,
-        "": str,
-    }
     missing = _notes(table)
     lines = [rf"% {table.title}", rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}", r"\toprule"]
     lines.append(" & ".join(map(_tex, (*table.head, *table.columns))) + r" \\")
@@ -70,11 +66,9 @@ def latex(table: Table) -> str:
     for row in table.rows:
         if row.scene != last:
             lines.append(r"\midrule")
-        cells = [_cell(row, entry, marks[entry.mark], missing) for entry in row.entries]
-        lines.append(
-            " & ".join((_tex(row.scene if row.scene != last else ""), _tex(row.quantity), *map(_tex_cell, cells)))
-            + r" \\"
-        )
+        cells = [_cell(row, entry, LATEX, missing).replace("±", r"$\pm$") for entry in row.entries]
+        names = _tex(row.scene) if row.scene != last else "", _tex(row.quantity)
+        lines.append(" & ".join((*names, *cells)) + r" \\")
         last = row.scene
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
@@ -88,19 +82,15 @@ def _reason(note: str) -> str:
     return note if note.startswith(FAILED) else f"n/a ({note})"
 
 
-def _cell(row: Row, entry: Entry, mark: Callable[[str], str], missing: list[str]) -> str:
+def _cell(row: Row, entry: Entry, marks: Mapping[str, str], missing: list[str]) -> str:
     """``**28.91** (28.18)``, or ``n/a 1`` where the first note says why."""
     if entry.value is None:
         text = f"{'failed' if entry.note.startswith(FAILED) else 'n/a'} {missing.index(entry.note) + 1}"
     else:
-        text = mark(row.printed(entry.value))
+        text = marks[entry.mark].format(row.printed(entry.value))
         text += "" if entry.deviation is None else f" ± {row.printed(entry.deviation)}"
     return text if entry.paper is None else f"{text} ({row.printed(entry.paper)})"
 
 
 def _tex(text: str) -> str:
     return "".join(TEX.get(letter, letter) for letter in text)
-
-
-def _tex_cell(text: str) -> str:
-    return text.replace("±", r"$\pm$")

@@ -24,10 +24,8 @@ class ConfigReader:
         self._cli: PhaseCLI | None = None
 
     def read(self, words: Sequence[str]) -> dict[str, Any]:
-        """Every value of the configuration that options of ``fit`` give, those that nobody set included.
-
-        Raises:
-            UserInputError: they do not fit.
+        """Every value of the configuration that options of ``fit`` give, those that nobody set included. Raises
+        UserInputError where they do not fit.
         """
         words = list(words)
         if self._cli is None:

@@ -2,7 +2,7 @@
 
 import statistics
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -56,6 +56,17 @@ class Layout(ABC):
         shown = [marked(row, groups) if len(row.entries) == len(groups) else row for row in rows]
         return Table(self.name, self.title, columns or tuple(column.label for column in self.columns), shown)
 
+    def beside_paper(self, scene: Scene, quantity: str, entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        """Our entries with what the paper prints in the same places, where the scene is the paper's."""
+        return with_printed(entries, paper_values(self.name, scene.name, quantity) if scene.original else [])
+
+    def by_parameter(self, book: Book, scenes: Sequence[Scene]) -> Iterator[tuple[Scene, str, list[Figures | Entry]]]:
+        """Every scene with each parameter whose truth is known, in the paper's order, and its figures."""
+        for scene in scenes:
+            found = [book.figures(scene.name, column) for column in self.columns]
+            known = {name for one in found if isinstance(one, Figures) for name in one.true_values()}
+            yield from ((scene, name, found) for name in PARAMETERS if name in known)
+
 
 @dataclass(frozen=True)
 class ImageLayout(Layout):
@@ -91,11 +102,7 @@ class ImageLayout(Layout):
             one if isinstance(one, Entry) else one.image(name, views, self.first_frame) if views else NO_VIEWS
             for one, views in cells
         ]
-        return Row(scene.name, label, form, better, self._beside_paper(scene, name, entries))
-
-    def _beside_paper(self, scene: Scene, quantity: str, entries: Sequence[Entry]) -> tuple[Entry, ...]:
-        printed = paper_values(self.name, scene.name, quantity) if scene.original else []
-        return with_printed(entries, printed)
+        return Row(scene.name, label, form, better, self.beside_paper(scene, name, entries))
 
     def _averages(self, rows: Sequence[Row], scenes: Sequence[Scene]) -> list[Row]:
         every_original = len(scenes) > 1 and all(scene.original for scene in scenes)
@@ -105,15 +112,12 @@ class ImageLayout(Layout):
             if len(mine) < 2:
                 continue
             complete = [row for row in mine if all(entry.value is not None for entry in row.entries)]
+            said = "average"
+            if len(complete) < len(mine):
+                said += f" of {', '.join(row.scene for row in complete) or 'none'}"
             whole = every_original and len(complete) == len(mine) == PAPER_SCENES
-            entries = with_printed(
-                mean_entries(complete, len(self.columns)), paper_values(self.name, AVERAGE, name) if whole else []
-            )
-            said = (
-                "average"
-                if len(complete) == len(mine)
-                else f"average of {', '.join(r.scene for r in complete) or 'none'}"
-            )
+            printed = paper_values(self.name, AVERAGE, name) if whole else []
+            entries = with_printed(mean_entries(complete, len(self.columns)), printed)
             averages.append(Row(said, label, form, better, entries))
         return averages
 
@@ -135,7 +139,6 @@ class SpreadLayout(Layout):
 
     @property
     def view_sets(self) -> tuple[str, ...]:
-        """Names of the view sets."""
         return self.sets
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
@@ -171,12 +174,9 @@ class ErrorLayout(Layout):
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per scene and true parameter."""
         rows = []
-        for scene in scenes:
-            found = [book.figures(scene.name, column) for column in self.columns]
-            for name in known_parameters(found):
-                entries = [one if isinstance(one, Entry) else one.error(name) for one in found]
-                printed = paper_values(self.name, scene.name, name) if scene.original else []
-                rows.append(Row(scene.name, PARAMETERS[name][0], ".3f", -1, with_printed(entries, printed)))
+        for scene, name, found in self.by_parameter(book, scenes):
+            entries = [one if isinstance(one, Entry) else one.error(name) for one in found]
+            rows.append(Row(scene.name, PARAMETERS[name][0], ".3f", -1, self.beside_paper(scene, name, entries)))
         table = self.table(rows)
         table.notes += self._counts(rows)
         return table
@@ -202,16 +202,11 @@ class ValueLayout(Layout):
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per scene and true parameter; the first column is the truth."""
         rows = []
-        for scene in scenes:
-            found = [book.figures(scene.name, column) for column in self.columns]
-            truth = {
-                name: value for one in found if isinstance(one, Figures) for name, value in one.true_values().items()
-            }
-            for name in known_parameters(found):
-                entries = [one if isinstance(one, Entry) else one.parameter(name) for one in found]
-                printed = paper_values(self.name, scene.name, name) if scene.original else []
-                row = (Entry(truth[name]), *with_printed(entries, printed))
-                rows.append(Row(scene.name, *PARAMETERS[name][1:], 0, row))
+        for scene, name, found in self.by_parameter(book, scenes):
+            entries = [one if isinstance(one, Entry) else one.parameter(name) for one in found]
+            true = [values[name] for one in found if isinstance(one, Figures) and name in (values := one.true_values())]
+            row = (Entry(true[-1]), *self.beside_paper(scene, name, entries))
+            rows.append(Row(scene.name, *PARAMETERS[name][1:], 0, row))
         return self.table(rows, ("ground truth", *(column.label for column in self.columns)))
 
 
@@ -243,7 +238,7 @@ class TimeLayout(Layout):
     def _frames(self, book: Book, scenes: Sequence[Scene], process: str) -> str:
         if len(scenes) > 1:
             return ""
-        config = book.run(run_of(scenes[0].name, self.columns[0])).config
+        config = book.runs[run_of(scenes[0].name, self.columns[0])].config
         frames = str(config["data"]["frames"] or "all")
         before_contact = str(config["phases"]["velocity"]["init_args"]["hit_frame"])
         return {"static": "1", "velocity": before_contact, "colour": "1", "total": ""}.get(process, frames)
@@ -258,12 +253,6 @@ PROCESSES = {
     "total": "sum",
 }
 NO_COLOUR_PHASE = Entry(note="the corrected particles go into the next round as they are")
-
-
-def known_parameters(found: Sequence[Figures | Entry]) -> list[str]:
-    """Parameters whose truth is known, in the paper's order."""
-    known = {name for one in found if isinstance(one, Figures) for name in one.true_values()}
-    return [name for name in PARAMETERS if name in known]
 
 
 def mean_entries(rows: Sequence[Row], columns: int) -> list[Entry]:

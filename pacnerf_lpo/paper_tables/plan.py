@@ -90,19 +90,17 @@ class PlannedRun:
 def plan_runs(
     suite: "Suite", scenes: Sequence[Scene], configs: Path, overlays: Sequence[Path], output: Path
 ) -> list[PlannedRun]:
-    """All runs of a suite over scenes, those that others start from first.
+    """All runs of a suite over scenes, those that others start from first. Raises UserInputError where a configuration
+    or a scene cannot be used.
 
     ``configs`` is the folder of the configurations, ``overlays`` are put on top of scene and baseline, ``output`` is
     the folder of the benchmark.
-
-    Raises:
-        UserInputError: a configuration or a scene cannot be used.
     """
     needed = _rounds_needed(suite, scenes)
     by_scene = {scene.name: scene for scene in scenes}
     reader = ConfigReader()
     planned: dict[RunName, PlannedRun] = {}
-    for name in sorted(needed, key=lambda name: (name.correction != "", scene_order(suite, name), name)):
+    for name in sorted(needed, key=lambda name: (name.correction != "", suite.scenes.index(name.scene), name)):
         scene = by_scene[name.scene]
         files = _files(name, scene, configs, (*(configs / extra for extra in suite.overlays), *overlays))
         words = [word for path in files for word in ("--config", str(path))]
@@ -119,11 +117,6 @@ def plan_runs(
             name, scene, tuple(files), needed[name], config, key, run_dir, first if shares else None
         )
     return list(planned.values())
-
-
-def scene_order(suite: "Suite", name: RunName) -> int:
-    """Scenes run in the order in which the suite names them."""
-    return suite.scenes.index(name.scene)
 
 
 def _rounds_needed(suite: "Suite", scenes: Sequence[Scene]) -> dict[RunName, int]:
@@ -154,7 +147,7 @@ def _files(name: RunName, scene: Scene, configs: Path, overlays: Sequence[Path])
 
 
 def _copy_beginning(source: Path, manifest: Manifest) -> None:
-    records = [record for record in Manifest.load(source).phases if record.status == "done"][:BEGINNING]
+    records = Manifest.load(source).done[:BEGINNING]
     if len(records) < BEGINNING:
         raise UserInputError(f"{source}: its first {BEGINNING} phases are not finished, so nothing can start from them")
     manifest.begin_with(source, records)

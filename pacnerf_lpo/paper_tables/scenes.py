@@ -39,14 +39,12 @@ def asset_scene(name: str) -> Scene:
 
 
 def find_scenes(data_root: Path, names: Sequence[str], configs: Path, truths: Path) -> list[Scene]:
-    """The scenes of these names that ``data_root`` has.
+    """The scenes of these names that ``data_root`` has. Raises UserInputError where there is no such folder, or none of
+    the scenes in it.
 
     A scene that brings a truth.json is another recording than the paper's, of the same name: it takes
     ``configs/shared/NAME.yaml`` on top of the paper's settings. For the paper's recordings a truth.json with the values
     of its appendix E.1 is written to ``truths``.
-
-    Raises:
-        UserInputError: there is no such folder, or none of the scenes in it.
     """
     if not data_root.is_dir():
         raise UserInputError(f"--data-root {data_root}: there is no such folder; it holds one folder per scene")

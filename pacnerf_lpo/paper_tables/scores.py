@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
-from pacnerf_lpo.paper_tables.cells import Column, RunName, run_of
+from pacnerf_lpo.paper_tables.cells import Column, run_of
 from pacnerf_lpo.paper_tables.execution import Outcome
 from pacnerf_lpo.paper_tables.plan import LABEL_FILE, PlannedRun
 from pacnerf_lpo.paper_tables.tables import Entry
@@ -64,9 +64,7 @@ class Figures:
 
 
 class Book:
-    """Finds the figures that belong in a table, in the runs of the suite and in no other; ``outcomes`` say by directory
-    how they ended just now.
-    """
+    """The figures of a table, of the suite's own runs alone; ``outcomes`` say by directory how they ended just now."""
 
     def __init__(self, runs: Sequence[PlannedRun], outcomes: Mapping[Path, Outcome]):
         self.runs, self.outcomes = {run.name: run for run in runs}, outcomes
@@ -82,10 +80,6 @@ class Book:
         if outcome is not None and outcome.status == "failed":
             return Entry(note=f"failed: {outcome.error}", key=run.key)
         return Entry(note=f"round {column.round} was not run" if path.exists() else "not run yet", key=run.key)
-
-    def run(self, name: RunName) -> PlannedRun:
-        """The run of this name."""
-        return self.runs[name]
 
 
 def _checked_key(run: PlannedRun) -> str:

@@ -60,9 +60,7 @@ class Table:
 
 
 def marked(row: Row, groups: Sequence[str]) -> Row:
-    """Mark the best and the second best of each group of columns; equal as printed is equal. Columns with an empty
-    group are not compared.
-    """
+    """Mark the best and the second best of each named group of columns; equal as printed is equal."""
     entries = list(row.entries)
     for group in dict.fromkeys(filter(None, groups)):
         members = [i for i, name in enumerate(groups) if name == group and entries[i].value is not None]

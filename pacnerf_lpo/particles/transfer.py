@@ -12,6 +12,7 @@ EMPTY_WEIGHT = 1e-10
 
 def particles_to_grid(positions: Tensor, density: Tensor, features: Tensor, dx: float) -> FieldGrid:
     """f_i = sum_p w_ip f_p / sum_p w_ip on every node i; a node with sum_p w_ip <= 1e-10 is empty (PAC-NeRF, eq. 7).
+    Raises FloatingPointError where a position is NaN or infinite.
 
     The grid's nodes are whole multiples of ``dx``; one layer of empty nodes surrounds the particles.
 
@@ -23,9 +24,6 @@ def particles_to_grid(positions: Tensor, density: Tensor, features: Tensor, dx: 
 
     Returns:
         The field, differentiable in positions, density and features.
-
-    Raises:
-        FloatingPointError: a position is NaN or infinite.
     """
     first, shape = _bounding_nodes(positions.detach(), dx)
     lower = first.to(positions) * dx

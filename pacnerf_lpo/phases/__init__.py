@@ -10,14 +10,6 @@ from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.velocity import VelocityModule
 
 __all__ = [
-    "AbstractPhase",
-    "GaussNewton",
-    "GridOptimizationModule",
-    "IdentificationMethod",
-    "LPOModule",
-    "LawChoice",
-    "OutlineGaussNewton",
-    "PaperAdam",
-    "PhysicsIDModule",
-    "VelocityModule",
-]
+    "AbstractPhase", "GaussNewton", "GridOptimizationModule", "IdentificationMethod", "LPOModule", "LawChoice",
+    "OutlineGaussNewton", "PaperAdam", "PhysicsIDModule", "VelocityModule",
+]  # fmt: skip

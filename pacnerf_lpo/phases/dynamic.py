@@ -81,16 +81,18 @@ class DynamicPhase(AbstractPhase):
         """So many training views for each frame, evenly spread and rotating from frame to frame; None: all of them."""
         train = self.data.train
         count = min(per_frame or len(train), len(train))
-        return [
-            [train[(frame + k * len(train) // count) % len(train)] for k in range(count)] for frame in range(frames)
-        ]
+        steps = [k * len(train) // count for k in range(count)]
+        return [[train[(frame + step) % len(train)] for step in steps] for frame in range(frames)]
 
-    def rollout(self, velocity: Tensor, parameters: dict[str, Tensor], frames: int) -> Tensor:
-        """Trajectory of the imported particles with one global velocity [m/s, (3,)] -> [m, (frames, N, 3)]."""
-        state = self.state
-        everywhere = velocity.expand_as(state.positions)
-        density = state.massive(state.density)
-        return self.physics.rollout(state.positions, everywhere, density, parameters, state.spacings, frames)
+    def rollout(
+        self, velocity: Tensor, parameters: dict[str, Tensor], frames: int, moved: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        """Trajectory [m, (frames, N, 3)] with a velocity [m/s, (3,) or (N, 3)] of the imported particles; or of others,
+        ``moved``: positions at frame 0 [m, (N, 3)] and raw density [(N,)].
+        """
+        positions, density = (self.state.positions, self.state.density) if moved is None else moved
+        everywhere, massive = velocity.expand_as(positions), self.state.massive(density)
+        return self.physics.rollout(positions, everywhere, massive, parameters, self.state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
         """A motion from frame 0 on as the cameras see it, to be compared by :class:`ImageCost`.
@@ -106,13 +108,9 @@ class DynamicPhase(AbstractPhase):
         cameras = cameras_of(self.physics.effects, self.data.video)
         if not cameras:
             return trajectory[None], AS_BELIEVED
-        start = self.physics.initial_velocity(
-            trajectory[0],
-            velocity.expand_as(trajectory[0]),
-            self.state.massive(self.state.density),
-            parameters,
-            self.state.spacings,
-        )
+        first, density = trajectory[0], self.state.massive(self.state.density)
+        everywhere = velocity.expand_as(first)
+        start = self.physics.initial_velocity(first, everywhere, density, parameters, self.state.spacings)
         names = [name for effect in cameras for name in effect.parameters]
         now = {name: parameters[name].clone() for name in names}  # not what an optimiser makes of them later
         observer = Observer(cameras, now)

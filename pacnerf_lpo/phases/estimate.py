@@ -58,7 +58,8 @@ def estimate(
     spacing = _finest(static)
     volume, word = _volume(data)
     particles = _particles(volume, spacing)
-    line = f"{word} {_rounded(particles)} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
+    rounded = f"{float(f'{particles:.2g}'):,.0f}"
+    line = f"{word} {rounded} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
     work = Work()
     for phase in todo:
         phase.attach(data, physics)
@@ -110,7 +111,8 @@ def _seconds(work: Work, data: VideoData, physics: Physics, static: StaticGridMo
     if work.frames:
         count = min(particles, SAMPLE)
         found += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
-    rays = work.rays + work.images * _rays_per_image(data)
+    seen = [float(hits_box(data.rays(view), data.box).sum()) for view in data.train]
+    rays = work.rays + work.images * sum(seen) / len(seen)
     if rays:
         found += rays * _timed(_image(data, static, volume)) / SAMPLE
     return found
@@ -149,21 +151,12 @@ def _image(data: VideoData, static: StaticGridModule, volume: float) -> Callable
     return draw
 
 
-def _rays_per_image(data: VideoData) -> float:
-    """Pixels of a view that see the box, on average."""
-    return sum(float(hits_box(data.rays(view), data.box).sum()) for view in data.train) / len(data.train)
-
-
 def _timed(once: Callable[[], object]) -> float:
     """Seconds of a second call: the first one compiles."""
     once()
     began = time.perf_counter()
     once()
     return time.perf_counter() - began
-
-
-def _rounded(count: int) -> str:
-    return f"{float(f'{count:.2g}'):,.0f}"
 
 
 def _duration(seconds: float) -> str:

@@ -54,19 +54,16 @@ class GridOptimizationModule(DynamicPhase):
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def begin(self) -> None:
-        """Make a grid of the particles, trainable."""
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)
         self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
     def configure_optimizers(self) -> Any:
-        """Adam on the grid."""
         groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]
         return rising_adam(groups, self.steps, self.warm_up)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Log the rate of the first group."""
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
     def training_step(self, step: int, _: int) -> Tensor:
@@ -75,14 +72,7 @@ class GridOptimizationModule(DynamicPhase):
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
         driving = density if self.density_drives_mass else density.detach()
         velocity = self.state.velocity.mean(0)
-        trajectory = self.physics.rollout(
-            positions,
-            velocity.expand_as(positions),
-            self.state.massive(driving),
-            self._values,
-            self.state.spacings,
-            frames,
-        )
+        trajectory = self.rollout(velocity, self._values, frames, (positions, driving))
         seen, observer = self.watch(trajectory, velocity, self._values)
         loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
         self.log_test_psnr(step, seen, density, features, observer)
@@ -91,9 +81,7 @@ class GridOptimizationModule(DynamicPhase):
         return loss
 
     def particles(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Positions [m, (N, 3)], and density (N,) and features (N, 12), the latter two differentiable in the grid.
-        Raises UserInputError where the body has vanished.
-        """
+        """Positions [m, (N, 3)]; density (N,), features (N, 12), differentiable. UserInputError: the body is gone."""
         if not float(alpha(self.density.detach().max(), 1.0)) >= OBJECT_ALPHA:
             raise UserInputError("grid optimisation: the body has vanished; lower phases.correction.feature_rate")
         grid = FieldGrid(self.density, self.features, self.lower, self.state.spacing)

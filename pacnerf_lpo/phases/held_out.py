@@ -37,10 +37,8 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
     values = {name: torch.tensor(value) for name, value in known_values(physics, state).items()}
     observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
-    errors = [
-        cost.residual(
-            seen[observer.clock(video.view_ids[view]), frame], state.density, state.features, view, frame, observer
-        )
-        for view, frame in sorted(images)
-    ]
+    errors = []
+    for view, frame in sorted(images):
+        positions = seen[observer.clock(video.view_ids[view]), frame]
+        errors.append(cost.residual(positions, state.density, state.features, view, frame, observer))
     return torch.stack(errors).square().sum(-1).mean().item()

@@ -151,17 +151,13 @@ class DampedLeastSquares(IdentificationMethod):
         fits_velocity: refine the initial velocity too.
     """
 
-    group: dict[str, Any]
-    """State of the optimiser, which a checkpoint keeps."""
+    searches: bool
+    """Whether :meth:`prepare` looks at the whole parameter space."""
 
     def __init__(self, warm_up_iterations: int, main_iterations: int, scan_decades: float, fits_velocity: bool = True):
         super().__init__(warm_up_iterations, main_iterations)
         self.scan_decades, self.fits_velocity = scan_decades, fits_velocity
-
-    @property
-    @abstractmethod
-    def searches(self) -> bool:
-        """Whether :meth:`prepare` looks at the whole parameter space."""
+        self.group: dict[str, Any] = {}  # state of the optimiser, which a checkpoint keeps
 
     @abstractmethod
     def trial_loss(self, module: PhysicsIDModule) -> float:
@@ -211,25 +207,34 @@ class DampedLeastSquares(IdentificationMethod):
         return [point for point in points if low < float(parameter.transform.to_physical(torch.tensor(point))) < high]
 
 
-class PixelLeastSquares(DampedLeastSquares):
-    """Least squares of images. Arguments as of :class:`DampedLeastSquares`, and:
+class GaussNewton(DampedLeastSquares):
+    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
+
+    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
+    the local minimum before the first step, because moduli can be wrong by a factor of a thousand.
 
     Args:
-        coarse_pool, pool: block size [pixels] over which images are averaged before comparison, in the two stages.
+        coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
+            contact the minimum is wide, later it splits into several.
+        iterations: at most, on all frames; either stage ends when its steps have become small.
+        scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
+        coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
         views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
+        fits_velocity: refine the initial velocity too.
     """
 
     def __init__(
         self,
-        warm_up_iterations: int,
-        main_iterations: int,
-        scan_decades: float,
-        fits_velocity: bool = True,
-        coarse_pool: int = 1,
-        pool: int = 1,
+        coarse_iterations: int = 4,
+        iterations: int = 8,
+        scan_decades: float = 3.0,
+        coarse_pool: int = 4,
+        pool: int = 2,
         views_per_frame: int | None = None,
+        fits_velocity: bool = True,
     ):
-        super().__init__(warm_up_iterations, main_iterations, scan_decades, fits_velocity)
+        super().__init__(coarse_iterations, iterations, scan_decades, fits_velocity)
+        self.searches = scan_decades > 0
         if min(coarse_pool, pool) < 1:
             raise UserInputError(
                 f"GaussNewton: coarse_pool = {coarse_pool}, pool = {pool}; give blocks of at least 1 pixel"
@@ -256,19 +261,18 @@ class PixelLeastSquares(DampedLeastSquares):
             set_free(module.free[best], found[best][1])
             open_names.remove(best)
 
-    @property
-    def searches(self) -> bool:
-        return self.scan_decades > 0
-
     def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
         """Choose the frames, the views and the blocks of pixels of this stage."""
         module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
         self._views = module.fixed_views(self._frames, self.views_per_frame)
 
-    def pixel_loss(self, module: PhysicsIDModule) -> float:
-        """Mean squared error of the pixels; infinite where the motion is unstable."""
-        return finite_loss(lambda: module.loss(self._frames, self._views).item())
+    def prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
+        """What is added to the mean squared error of the pixels, its gradient and its Hessian."""
+        return 0.0, torch.zeros(()), torch.zeros(())
+
+    def trial_loss(self, module: PhysicsIDModule) -> float:
+        return finite_loss(lambda: module.loss(self._frames, self._views).item()) + self.prior_terms(module)[0]
 
     def _scan(self, module: PhysicsIDModule, name: str) -> tuple[float, float]:
         """Least cost over the lattice of one parameter, and the free coordinate where it is; changes nothing."""
@@ -285,8 +289,7 @@ class PixelLeastSquares(DampedLeastSquares):
         return losses[best], best
 
     @torch.no_grad()
-    def pixel_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        """Of the mean squared error of the pixels."""
+    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         watched, probes = self._watched(module)
         size = len(probes)
         loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
@@ -304,7 +307,9 @@ class PixelLeastSquares(DampedLeastSquares):
                 loss += weight * flat[0].square().sum().item()
                 gradient += weight * (jacobian @ flat[0])
                 hessian += weight * (jacobian @ jacobian.T)
-        return NormalEquations(loss, gradient, hessian)
+        self.group.setdefault("image_error", loss)
+        more = self.prior_terms(module)
+        return NormalEquations(loss + more[0], gradient + more[1], hessian + more[2])
 
     def _watched(self, module: PhysicsIDModule) -> tuple[list[tuple[Tensor, Observer]], Tensor]:
         """The motion as seen at the current parameters, then one for each unknown moved by its probe."""
@@ -320,41 +325,6 @@ class PixelLeastSquares(DampedLeastSquares):
             watched.append(module.watch(moved, module.velocity, module.values()))
             unknown.copy_(before)
         return watched, probes
-
-
-class GaussNewton(PixelLeastSquares):
-    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together.
-
-    The parameters are few, so one more rollout for each gives the Jacobian of every pixel. A scan over decades finds
-    the local minimum before the first step, because moduli can be wrong by a factor of a thousand.
-
-    Args:
-        coarse_iterations: at most, on the warm-up frames and on images averaged over ``coarse_pool`` pixels: soon after
-            contact the minimum is wide, later it splits into several.
-        iterations: at most, on all frames; either stage ends when its steps have become small.
-        scan_decades: parameters are first tried on a lattice, log10 ones so many decades to either side; 0: not.
-        coarse_pool, pool: block size [pixels] over which images are averaged before comparison.
-        views_per_frame: how many training views each frame is compared in, spread evenly; None: all.
-        fits_velocity: refine the initial velocity too.
-    """
-
-    def __init__(
-        self,
-        coarse_iterations: int = 4,
-        iterations: int = 8,
-        scan_decades: float = 3.0,
-        coarse_pool: int = 4,
-        pool: int = 2,
-        views_per_frame: int | None = None,
-        fits_velocity: bool = True,
-    ):
-        super().__init__(coarse_iterations, iterations, scan_decades, fits_velocity, coarse_pool, pool, views_per_frame)
-
-    def trial_loss(self, module: PhysicsIDModule) -> float:
-        return self.pixel_loss(module)
-
-    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        return self.pixel_equations(module)
 
 
 def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], frame: int) -> bool:

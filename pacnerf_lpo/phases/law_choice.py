@@ -86,11 +86,9 @@ class LawChoice(DynamicPhase):
         optimiser.step()
 
     def progress(self) -> dict[str, Any]:
-        """What every law has reached."""
         return self.competition.found()
 
     def take_up(self, progress: dict[str, Any]) -> None:
-        """Go on with the laws that were tried."""
         self.competition.restore(progress)
 
     def export_state(self) -> ParticleState:
@@ -105,7 +103,6 @@ class LawChoice(DynamicPhase):
         return self.competition.summary()
 
     def progress_metrics(self) -> dict[str, str]:
-        """The best law so far."""
         best = self.competition.ranked[0]
         return {"best": best.family} if best.coarse is not None else {}
 

@@ -64,7 +64,6 @@ class LPOModule(DynamicPhase):
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
 
     def begin(self) -> None:
-        """Make the particles trainable."""
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
         self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
         self.features = nn.Parameter(self.state.features.clone(), requires_grad=self.corrects_features)
@@ -83,7 +82,6 @@ class LPOModule(DynamicPhase):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Log the rate of the first group."""
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
     def training_step(self, step: int, _: int) -> Tensor:
@@ -112,7 +110,6 @@ class LPOModule(DynamicPhase):
         return self.state.with_(**found, corrected=True)
 
     def progress_metrics(self) -> dict[str, str]:
-        """How far the particles have moved."""
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean().item()
         return {"moved": f"{1000 * moved:.2f} mm"}
 
@@ -123,8 +120,6 @@ class LPOModule(DynamicPhase):
     def _seen(self, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
         """The motion of particles from frame 0 on as the cameras see it."""
         driving = density if self.density_drives_mass else density.detach()
-        state, massive = self.state, self.state.massive(driving)
-        trajectory = self.physics.rollout(
-            positions, state.velocity, massive, self._values, state.spacings, self.image_cost.frames
-        )
-        return self.watch(trajectory, state.velocity, self._values)
+        velocity = self.state.velocity
+        trajectory = self.rollout(velocity, self._values, self.image_cost.frames, (positions, driving))
+        return self.watch(trajectory, velocity, self._values)

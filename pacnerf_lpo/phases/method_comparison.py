@@ -30,8 +30,7 @@ from pacnerf_lpo.types import Video
 PARTICLES = 1500
 """Of the coarse body, as in the search of OutlineGaussNewton: a simulation takes a fraction of a second."""
 FRAMES = 12
-"""Frames from the contact on that are compared: an impact and the rebound after it. Later motion follows from these,
-and costs time."""
+"""Frames from the contact on that are compared: impact and rebound. Later motion follows from these, and costs time."""
 LONGEST = 32
 """Pixels along the longer side of the images that are compared: a displacement of a few of the body's cells is seen."""
 VIEWS = 4
@@ -44,7 +43,8 @@ NEIGHBOURS = 8
 
 
 def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
-    """What each method would have identified on a coarse body, starting from what was identified.
+    """What each method would have identified on a coarse body, starting from what was identified. Raises
+    SimulationError where the coarse body is unstable at the identified parameters.
 
     Moduli are tried around their values first, and each method goes on from its own best point.
 
@@ -54,9 +54,6 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
     Returns:
         ``particles``, ``seconds``, ``simulations``; ``images`` and ``outlines``: parameters by name [SI]; ``excess``:
         by how many per cent the cost of each method is higher at the other's answer than at its own.
-
-    Raises:
-        SimulationError: the coarse body is unstable at the identified parameters.
     """
     began, frames = time.monotonic(), min(module.hit_frame + FRAMES, module.frame_count)
     outlines = OutlineCost(module, PARTICLES, frames=frames)
@@ -81,8 +78,7 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
         found = [_continued(one, other, model) for one, other in (found, found[::-1])]
         excess = [_excess(one, other) for one, other in (found, found[::-1])]
         count = bar.n
-    names = [name for name in module.free]
-    answers = [{name: model.physical(one.free)[name] for name in names} for one in found]
+    answers = [{name: model.physical(one.free)[name] for name in module.free} for one in found]
     return {
         "particles": len(model.body.positions),
         "seconds": round(time.monotonic() - began, 1),
@@ -138,9 +134,8 @@ class _Images:
         self.model, self.prior_terms, self.state = outlines.model, outlines.prior_terms, module.state
         self.image_cost = ImageCost(reduced(module.data), module.state, module.silhouette_weight)
         self.views = module.fixed_views(frames, VIEWS)
-        distance, self._near = cKDTree(self.model.body.positions.numpy()).query(
-            self.state.positions.numpy(), NEIGHBOURS
-        )
+        tree = cKDTree(self.model.body.positions.numpy())
+        distance, self._near = tree.query(self.state.positions.numpy(), NEIGHBOURS)
         weight = torch.from_numpy(1 / np.maximum(distance, 1e-2 * self.model.body.spacing)).float()
         self._weight = weight / weight.sum(1, keepdim=True)
         self._unit = 1.0

@@ -21,13 +21,7 @@ from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.phases.identification_methods import (
-    TRIALS,
-    DampedLeastSquares,
-    IdentificationMethod,
-    PixelLeastSquares,
-    finite_loss,
-)
+from pacnerf_lpo.phases.identification_methods import TRIALS, DampedLeastSquares, GaussNewton, finite_loss
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
@@ -100,6 +94,7 @@ class OutlineGaussNewton(DampedLeastSquares):
                 "three numbers of particles from the largest to the smallest, which is at least 100"
             )
         check_jobs(jobs, "OutlineGaussNewton")
+        self.searches = samples > 0
         self.samples, self.starts, self.jobs = samples, starts, jobs
         self.particles, self.coarse_particles, self.scan_particles = particles, coarse_particles, scan_particles
         self._kept: OutlineCost | None = None
@@ -116,9 +111,11 @@ class OutlineGaussNewton(DampedLeastSquares):
         rollouts = (searched + finer) * (self.samples > 0) + (fine + coarse) * self.main_iterations * each / 2
         return Work(frames=rollouts * module.frame_count)
 
-    def suited_to(self, state: ParticleState) -> IdentificationMethod:
+    def suited_to(self, state: ParticleState) -> DampedLeastSquares:
         """Pixel by pixel for a corrected state."""
-        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades) if state.corrected else self
+        if not state.corrected:
+            return self
+        return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, coarse_pool=1, pool=1)
 
     def prepare(self, module: PhysicsIDModule) -> None:
         """Fit the velocity before contact, then search the parameter space."""
@@ -194,10 +191,6 @@ class OutlineGaussNewton(DampedLeastSquares):
             with torch.no_grad():
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 
-    @property
-    def searches(self) -> bool:
-        return self.samples > 0
-
     def _outline_cost(self, module: PhysicsIDModule) -> "OutlineCost":
         if self._kept is None:
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
@@ -232,22 +225,13 @@ class OutlineGaussNewton(DampedLeastSquares):
         module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
 
 
-class PixelsAfterOutlines(PixelLeastSquares):
+class PixelsAfterOutlines(GaussNewton):
     """Gauss-Newton on the pixels of a corrected body, for which the prior counts as much as one image: an image is
     known by as much as it differs from the model at the start. So a Poisson's ratio of which the images say little is
     not left to errors of the correction.
     """
 
-    def trial_loss(self, module: PhysicsIDModule) -> float:
-        return self.pixel_loss(module) + self._prior_terms(module)[0]
-
-    def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
-        pixels = self.pixel_equations(module)
-        self.group.setdefault("image_error", pixels.loss)
-        loss, gradient, hessian = self._prior_terms(module)
-        return NormalEquations(pixels.loss + loss, pixels.gradient + gradient, pixels.hessian + hessian)
-
-    def _prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
+    def prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
         weight = self.group["image_error"] / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
@@ -341,9 +325,7 @@ class OutlineCost:
         return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, **settings)
 
     def needs_shorter_step(self, free: np.ndarray) -> bool:
-        """Whether a body is unstable at free coordinates [(K,)] with the time step that fits start with. Raises
-        SimulationError where no step is short enough.
-        """
+        """Whether the time step that fits start with is too long at free coordinates [(K,)]. Raises SimulationError."""
         bodies = [found.model for found in (self, self._coarser) if found is not None]
         self.residual(free)
         return any(model.physics.halvings > 0 for model in bodies)

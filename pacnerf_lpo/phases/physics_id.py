@@ -104,9 +104,8 @@ class PhysicsIDModule(DynamicPhase):
     def loss(self, frames: int, views: list[list[int]], first: int = 0) -> Tensor:
         """Squared error summed over channels, averaged over pixels, the frames from ``first`` on, and their views."""
         seen, observer = self.watch(self.trajectory(frames), self.velocity, self.values())
-        return self.image_cost.loss(
-            seen[:, first:], self.state.density, self.state.features, views[first:], first, observer
-        )
+        density, features = self.state.density, self.state.features
+        return self.image_cost.loss(seen[:, first:], density, features, views[first:], first, observer)
 
     def residual(self, watched: tuple[Tensor, Observer], view: int, frame: int) -> Tensor:
         """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""
@@ -115,7 +114,6 @@ class PhysicsIDModule(DynamicPhase):
         return self.image_cost.residual(positions, self.state.density, self.state.features, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """The method's optimiser."""
         return self.method.optimiser(self)
 
     def on_train_start(self) -> None:
@@ -141,14 +139,9 @@ class PhysicsIDModule(DynamicPhase):
             self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
             self.log(f"physics/v_{axis} [m|s]", value)
-        if self.method.converged(self, optimiser):
-            self._end_stage(step)
-
-    def _end_stage(self, step: int) -> None:
-        """A stage that has converged is left: the warm-up for the main stage, the main stage for good."""
-        if step < self.warm_up_end:
+        if self.method.converged(self, optimiser) and step < self.warm_up_end:
             self.warm_up_end.fill_(step + 1)
-        else:
+        elif self.method.converged(self, optimiser):
             self._converged = self.trainer.should_stop = True
 
     def export_values(self) -> dict[str, float]:
@@ -156,7 +149,6 @@ class PhysicsIDModule(DynamicPhase):
         return {name: value.item() for name, value in self.values().items()}
 
     def export_state(self) -> ParticleState:
-        """The imported state with the parameters and the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         return self.state.with_(physics=self.export_values(), velocity=velocity)
 
@@ -174,14 +166,11 @@ class PhysicsIDModule(DynamicPhase):
         }
 
     def progress(self) -> dict[str, Any]:
-        """The course so far."""
         return self.course()
 
     def take_up(self, progress: dict[str, Any]) -> None:
-        """Go on with the course."""
         self._searched, self._costs, self._visited = progress["searched"], progress["costs"], progress["visited"]
 
     def progress_metrics(self) -> dict[str, str]:
-        """Identified parameters with their SI units."""
         values = self.export_values()
         return {name: self.physics.parameters[name].show(values[name]) for name in self.free}

@@ -1,6 +1,4 @@
-"""How weights and resolution of the static phase change over its steps: small objects, chosen by class_path in YAML.
-And how the rate of the corrections does.
-"""
+"""How weights and resolution of the static phase change over its steps, and the rates of corrections; set in YAML."""
 
 import math
 from abc import ABC, abstractmethod
@@ -24,7 +22,6 @@ class Constant(WeightSchedule):
     """The default weight throughout (PAC-NeRF's surface regulariser)."""
 
     def factor(self, step: int, scalings: int) -> float:
-        """Always one."""
         return 1.0
 
 
@@ -41,7 +38,6 @@ class Doubling(WeightSchedule):
         self.every, self.limit = every, limit
 
     def factor(self, step: int, scalings: int) -> float:
-        """min(limit, 2^(step // every))."""
         return min(self.limit, 2.0 ** (step // self.every))
 
 
@@ -60,12 +56,12 @@ class DoublingThenHalving(WeightSchedule):
         self.every, self.limit = every, limit
 
     def factor(self, step: int, scalings: int) -> float:
-        """max(1, min(limit, 2^(step // every)) / 2^scalings)."""
         return max(1.0, min(self.limit, 2.0 ** (step // self.every)) / 2.0**scalings)
 
 
 class TrainingLength:
-    """How long the static phase trains, and when its voxels are scaled.
+    """How long the static phase trains, and when its voxels are scaled. Raises UserInputError where the numbers do not
+    form a schedule.
 
     PAC-NeRF: 6000 steps, scaling after 1000, 2000 and 4000. The dagger baseline divides all by three.
 
@@ -75,9 +71,6 @@ class TrainingLength:
         halvings: how many of the scalings halve the voxels; fewer than all give a coarser, cheaper grid, while the
             weight schedules still see all of them. None: all.
         shorten: divides steps and scaling_steps, whatever the baseline says they are.
-
-    Raises:
-        UserInputError: the numbers do not form a schedule.
     """
 
     def __init__(self, steps: int, scaling_steps: list[int], halvings: int | None = None, shorten: int = 1):

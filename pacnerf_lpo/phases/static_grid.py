@@ -79,12 +79,8 @@ class StaticGridModule(AbstractPhase):
             raise UserInputError(f"phases.static.base_spacing = {base_spacing:g} m must be positive")
         if rays_per_step < 1:
             raise UserInputError(f"phases.static.rays_per_step = {rays_per_step}: give at least one ray")
-        self.base_spacing, self.rays_per_step, self.min_weight, self.seed = (
-            base_spacing,
-            rays_per_step,
-            min_weight,
-            seed,
-        )
+        self.base_spacing, self.rays_per_step = base_spacing, rays_per_step
+        self.min_weight, self.seed = min_weight, seed
         self.entropy_weight, self.entropy_schedule = entropy_weight, entropy_schedule
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
@@ -93,9 +89,7 @@ class StaticGridModule(AbstractPhase):
         self.last_psnr = float("nan")
 
     def check(self) -> None:
-        """Whole outlines must be seen where they decide what the body occupies. Raises UserInputError where every
-        training view cuts the outline at frame 0.
-        """
+        """Raise UserInputError where outlines decide what the body occupies, and every training view cuts them off."""
         video = self.data.video
         outlines = silhouette_moments(video.silhouettes[self.data.train, 0])
         if self.physics.mass_from == "outline" and not np.isfinite(outlines).any():
@@ -143,7 +137,6 @@ class StaticGridModule(AbstractPhase):
             optimiser.state.clear()
 
     def training_step(self, batch: int, batch_idx: int) -> Tensor:
-        """The loss of one step."""
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch)
         rays, measured, matte = self._draw_rays(generator)
         samples = march(self.field.grid(), rays, self.base_spacing, self.min_weight)
@@ -210,9 +203,7 @@ class StaticGridModule(AbstractPhase):
         return state.with_(surface_offset=self._surface_offset(state)) if self.physics.mass_from == "outline" else state
 
     def _surface_offset(self, state: ParticleState) -> float:
-        """Raw density above that of the visible surface where the body is as large as in the mattes of the training
-        views.
-        """
+        """Raw density above the visible surface's where the body is as large as in the training views' mattes."""
         from pacnerf_lpo.identification.problem import StateProblem  # it looks at states of phases
 
         video = self.data.video
@@ -221,7 +212,6 @@ class StaticGridModule(AbstractPhase):
         return StateProblem("", self.data, state, self.physics, first, bright=False).surface_offset
 
     def progress_metrics(self) -> dict[str, str]:
-        """Batch PSNR and voxel size."""
         return {"psnr": f"{self.last_psnr:.1f} dB", "dx": f"{self.field.dx:g} m"}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -65,9 +65,7 @@ class VelocityModule(DynamicPhase):
 
     def begin(self) -> None:
         """Fix the physical parameters to what is known; before contact they hardly count."""
-        self._parameters_now = {
-            name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()
-        }
+        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """L-BFGS; a Lightning step runs a few of its iterations, so that evaluations are not repeated."""
@@ -83,14 +81,14 @@ class VelocityModule(DynamicPhase):
         """
         halvings = self.physics.halvings
         try:
-            trajectory = self.rollout(self.velocity, self._parameters_now, self.frames)
+            trajectory = self.rollout(self.velocity, self._values, self.frames)
         except SimulationError:
             if self._highest is None:
                 raise
             self.physics.halvings = halvings
             return 0.0 * self.velocity.sum() + UNSTABLE * self._highest
         views = self.fixed_views(self.frames, self.views_per_frame)
-        seen, observer = self.watch(trajectory, self.velocity, self._parameters_now)
+        seen, observer = self.watch(trajectory, self.velocity, self._values)
         loss = self.image_cost.loss(seen, self.state.density, self.state.features, views, observer=observer)
         self.log("velocity/loss", loss)
         self._highest = max(self._highest or 0.0, LOSS_SCALE * loss.item())
@@ -116,7 +114,6 @@ class VelocityModule(DynamicPhase):
             self.trainer.should_stop = True
 
     def export_state(self) -> ParticleState:
-        """The imported state with the velocity found."""
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
         known = self.physics.known(known_values(self.physics, self.state))
         return self.state.with_(velocity=velocity, physics=known)
@@ -126,5 +123,4 @@ class VelocityModule(DynamicPhase):
         return {"frames": self.frames, "last_step": self.last_step}
 
     def progress_metrics(self) -> dict[str, str]:
-        """The velocity."""
         return {"v0": "({:+.3f}, {:+.3f}, {:+.3f}) m/s".format(*self.velocity.detach().tolist())}

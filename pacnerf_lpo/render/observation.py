@@ -55,9 +55,21 @@ class Observer:
             velocity: at frame 0 [m/s, (N, 3) or (3,)].
             times: stamps of these frames [s, (F,)].
         """
-        clocks = self.clocks
-        paths = [seen_positions(trajectory, velocity, times, clock, self.observations, self.values) for clock in clocks]
+        paths = [self.seen_by(clock, trajectory, velocity, times) for clock in self.clocks]
         return torch.stack(paths) if len(paths) > 1 else paths[0][None]
+
+    def seen_by(self, view_id: int | None, trajectory: Tensor, velocity: Tensor, times: Tensor) -> Tensor:
+        """The positions that one view (file id; None: one that no effect names) sees in each frame [m, (F, N, 3)],
+        differentiable; arguments as of :meth:`seen`, of which the times are evenly spaced.
+        """
+        acting = [effect for effect in self.changing("time") if effect.view in (None, view_id)]
+        if not acting:
+            return trajectory
+        wanted = (times - times[0]).to(trajectory)
+        step = wanted[-1] / (len(wanted) - 1)
+        for effect in acting:
+            wanted = effect.time(wanted, effect.coefficients(self.values))
+        return between_frames(trajectory, velocity, wanted / step, step)
 
     def rays(self, data: VideoData, view: int, frame: int) -> Rays:
         """The rays of all pixels of a view at a frame (indices into the video), row by row.
@@ -113,6 +125,20 @@ class Observer:
             colour = effect.colour(view_id, colour - white, t, coefficients) + white
         return colour
 
+    def project(self, points: Tensor, video: Video, view: int, frame: int) -> tuple[Tensor, Tensor]:
+        """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame
+        (indices), differentiable in the points and in the values. The points are where the view sees them: time offsets
+        are left to :meth:`seen`.
+        """
+        view_id, intrinsic = video.view_ids[view], video.intrinsics[view].to(points)
+        pose = self.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))
+        pixels, depth = cameras.project(points, intrinsic, pose)
+        if not self.changing("image_plane", view_id):
+            return pixels, depth
+        focal = torch.stack((intrinsic[0, 0], -intrinsic[1, 1]))
+        uv = (pixels - intrinsic[:2, 2]) / focal
+        return intrinsic[:2, 2] + focal * self.distorted(uv, view_id), depth
+
     def changing(self, aspect: str, view_id: int | None = None) -> list[Observation]:
         """The effects that override a method and, if a view is given, concern it."""
         return [
@@ -132,35 +158,6 @@ class Observer:
 
 
 AS_BELIEVED = Observer()
-
-
-def seen_positions(
-    trajectory: Tensor,
-    velocity: Tensor,
-    times: Tensor,
-    view_id: int | None,
-    observations: Sequence[Observation],
-    values: Mapping[str, Tensor],
-) -> Tensor:
-    """Positions at the time that a view sees in each frame [m, (F, N, 3)]; differentiable.
-
-    Args:
-        trajectory: positions at the frames' stamps, from frame 0 on [m, (F, N, 3)].
-        velocity: at frame 0 [m/s, (N, 3) or (3,)].
-        times: stamps of these frames, evenly spaced [s, (F,)].
-        view_id: file id; None: a view that no effect names.
-        observations, values: see :class:`Observer`.
-    """
-    acting = [
-        effect for effect in Observer(observations).changing("time") if effect.view is None or effect.view == view_id
-    ]
-    if not acting:
-        return trajectory
-    wanted = (times - times[0]).to(trajectory)
-    step = wanted[-1] / (len(wanted) - 1)
-    for effect in acting:
-        wanted = effect.time(wanted, effect.coefficients(values))
-    return between_frames(trajectory, velocity, wanted / step, step)
 
 
 def between_frames(trajectory: Tensor, velocity: Tensor, wanted: Tensor, step: Tensor) -> Tensor:
@@ -185,30 +182,6 @@ def between_frames(trajectory: Tensor, velocity: Tensor, wanted: Tensor, step: T
     moved = change[begin]
     cubic = (before + after - 2 * moved) * torch.where(s < 0, torch.zeros_like(s), s - 1)
     return trajectory[begin] + s * (before + s * (moved - before + cubic))
-
-
-def project(
-    points: Tensor,
-    video: Video,
-    view: int,
-    frame: int,
-    observations: Sequence[Observation] = (),
-    values: Mapping[str, Tensor] | None = None,
-) -> tuple[Tensor, Tensor]:
-    """Pixels [(N, 2), x right, y down] and depth [m, (N,)] of world points [m, (N, 3)] in a view at a frame (indices).
-
-    Differentiable in the points and in the values; pose and lens are corrected. The points are where the view sees
-    them: time offsets are left to :func:`seen_positions`.
-    """
-    observer, view_id = Observer(observations, values or {}), video.view_ids[view]
-    pose = observer.pose(video.camera_to_world[view].to(points), view_id, _since_start(video, frame))
-    intrinsic = video.intrinsics[view].to(points)
-    pixels, depth = cameras.project(points, intrinsic, pose)
-    if not observer.changing("image_plane", view_id):
-        return pixels, depth
-    focal = torch.stack((intrinsic[0, 0], -intrinsic[1, 1]))
-    uv = (pixels - intrinsic[:2, 2]) / focal
-    return intrinsic[:2, 2] + focal * observer.distorted(uv, view_id), depth
 
 
 def _since_start(video: Video, frame: int) -> float:

@@ -96,7 +96,7 @@ def test_lpips_is_its_definition(pair: Pair, torchvision):
 def test_lpips_of_equal_images_is_zero_and_goes_into_the_scores(pair: Pair, torchvision):
     torchvision(lambda weights: types.SimpleNamespace(features=alexnet_features()))
     scores = image_metrics.image_scores(pair[1], pair[1]).mean(torch.tensor([0, 1]))
-    assert scores.as_dict()["lpips"] == 0.0
+    assert scores["lpips"] == 0.0
 
 
 def test_without_its_weights_there_is_a_reason_and_no_number(pair: Pair, torchvision):
@@ -105,7 +105,7 @@ def test_without_its_weights_there_is_a_reason_and_no_number(pair: Pair, torchvi
         raise urllib.error.URLError("Temporary failure in name resolution")
 
     torchvision(alexnet)
-    said = image_metrics.image_scores(*pair).mean(torch.tensor([0])).as_dict()["lpips"]
+    said = image_metrics.image_scores(*pair).mean(torch.tensor([0]))["lpips"]
     assert isinstance(said, str)
     assert said.startswith("n/a (the AlexNet weights could not be downloaded") and "name resolution" in said
 

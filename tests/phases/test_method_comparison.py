@@ -39,7 +39,7 @@ def test_both_methods_lead_back_to_the_truth(module: PhysicsIDModule):
     print(found)
     assert all(abs(np.log10(answer / TRUTH["E"])) < 0.2 for answer in answers)  # a coarse grid errs, but not by 0.3
     assert all(excess > -1.0 for excess in found["excess"].values())  # nobody is better off at the other's answer
-    assert doubts_about_methods(found, module.physics) == []
+    assert list(doubts_about_methods(found, module.physics)) == []
 
 
 def test_small_images_are_means_of_blocks(data, monkeypatch: pytest.MonkeyPatch):

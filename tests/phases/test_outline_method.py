@@ -239,12 +239,12 @@ def test_what_is_usual_counts_as_much_as_one_image(data, state):
     assert resumed.method.group["image_error"] == pytest.approx(of_images, rel=1e-6)
 
     index, step = list(module.free).index("nu"), 1e-3
-    _, gradient, hessian = module.method._prior_terms(module)
+    _, gradient, hessian = module.method.prior_terms(module)
     losses = []
     for moved in (-step, step):
         with torch.no_grad():
             module.free["nu"] += moved
-            losses.append(module.method._prior_terms(module)[0])
+            losses.append(module.method.prior_terms(module)[0])
             module.free["nu"] -= moved
     assert float(gradient[index]) == pytest.approx((losses[1] - losses[0]) / (4 * step), rel=1e-3)
     assert int((gradient != 0).sum()) == int((hessian != 0).sum()) == 1

@@ -21,7 +21,7 @@ from pacnerf_lpo.render.camera_faults import (
     RadialDistortion,
     TimeOffset,
 )
-from pacnerf_lpo.render.observation import Observer, between_frames, project, seen_positions
+from pacnerf_lpo.render.observation import Observer, between_frames
 from pacnerf_lpo.types import Video
 
 FOCAL, SIZE, STEP = 200.0, 64, 1 / 24
@@ -61,7 +61,8 @@ def values_of(*effects: Observation) -> dict[str, torch.Tensor]:
 def displacement(effect: Observation, points: torch.Tensor, frame: int = 0) -> torch.Tensor:
     """By how many pixels points [m] move in view 3 through the effect [(N, 2)]."""
     video = filmed().video
-    return project(points, video, 0, frame, [effect], values_of(effect))[0] - project(points, video, 0, frame)[0]
+    seen, believed = Observer([effect], values_of(effect)), Observer()
+    return seen.project(points, video, 0, frame)[0] - believed.project(points, video, 0, frame)[0]
 
 
 @pytest.fixture
@@ -96,8 +97,8 @@ def test_a_turned_camera_shows_its_axis_at_f_tan():
 def test_a_rolled_camera_turns_the_image(points):
     video, effect = filmed().video, CameraRotation(roll=30)
     centre = SIZE / 2
-    before = project(points, video, 0, 0)[0] - centre
-    after = project(points, video, 0, 0, [effect], values_of(effect))[0] - centre
+    before = Observer().project(points, video, 0, 0)[0] - centre
+    after = Observer([effect], values_of(effect)).project(points, video, 0, 0)[0] - centre
     c, s = math.cos(math.radians(30)), math.sin(math.radians(30))
     # a camera rolled to the left (x towards y) sees the world turned to the right; rows count downwards
     torch.testing.assert_close(after, before @ double([[c, s], [-s, c]]))
@@ -118,7 +119,7 @@ def test_points_on_a_ray_project_into_its_pixel(k1):
     data, values = filmed(), values_of(*effects)
     rays = Observer(effects, values).rays(data, 1, 3)
     along = rays.origins + rays.directions * torch.linspace(0.5, 3, SIZE**2)[:, None]
-    pixels, depth = project(along.double(), data.video, 1, 3, effects, values)
+    pixels, depth = Observer(effects, values).project(along.double(), data.video, 1, 3)
     rows, columns = torch.meshgrid(torch.arange(SIZE) + 0.5, torch.arange(SIZE) + 0.5, indexing="ij")
     # rays are float32: 3 m / 0.5 m * 2^-24 * 200 pixels < 1e-4 pixels
     torch.testing.assert_close(pixels, torch.stack((columns, rows), -1).reshape(-1, 2).double(), rtol=0, atol=1e-4)
@@ -150,9 +151,10 @@ def test_a_wrong_clock_sees_a_free_fall_at_another_time(frames):
         return start + velocity * t[:, None, None] + 0.5 * gravity * t[:, None, None] ** 2
 
     path = fall(times - 5.0)
-    seen = seen_positions(path, velocity, times, 5, [effect], values_of(effect))
+    observer = Observer([effect], values_of(effect))
+    seen = observer.seen_by(5, path, velocity, times)
     torch.testing.assert_close(seen, fall(times - 5.0 + frames * STEP))
-    assert seen_positions(path, velocity, times, 3, [effect], values_of(effect)) is path
+    assert observer.seen_by(3, path, velocity, times) is path
 
 
 def test_frames_are_seen_as_they_are_and_only_wrong_clocks_are_computed():
@@ -164,7 +166,7 @@ def test_frames_are_seen_as_they_are_and_only_wrong_clocks_are_computed():
     seen = observer.seen(path, path[0], times)
     assert (observer.clock(3), observer.clock(5), observer.clock(7), len(seen)) == (0, 1, 0, 2)
     late = TimeOffset(0.03)
-    torch.testing.assert_close(seen[1], seen_positions(path, path[0], times, None, [late], values_of(late)))
+    torch.testing.assert_close(seen[1], Observer([late], values_of(late)).seen_by(None, path, path[0], times))
 
 
 def test_without_effects_nothing_is_computed():
@@ -182,7 +184,7 @@ def test_projection_is_differentiable(effect, points):
     video, values = filmed().video, values_of(effect)
 
     def pixels(points, *numbers):
-        return project(points, video, 1, 2, [effect], dict(zip(values, numbers, strict=True)))[0]
+        return Observer([effect], dict(zip(values, numbers, strict=True))).project(points, video, 1, 2)[0]
 
     numbers = [value.requires_grad_() for value in values.values()]
     assert torch.autograd.gradcheck(pixels, (points[:5].requires_grad_(), *numbers))
@@ -207,8 +209,8 @@ def test_time_and_colour_are_differentiable():
     for seconds in (-0.03, 0.03):
         offset = torch.tensor(seconds, dtype=torch.float64, requires_grad=True)
         assert torch.autograd.gradcheck(
-            lambda path, velocity, offset: seen_positions(
-                path, velocity, video.times, 3, [TimeOffset()], {"time_offset": offset}
+            lambda path, velocity, offset: Observer([TimeOffset()], {"time_offset": offset}).seen_by(
+                3, path, velocity, video.times
             ),
             (path, velocity, offset),
         )

@@ -25,16 +25,14 @@ ENOUGH = 4
 
 
 def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> float:
-    """Longest edge of the box around the body at frame 0, in the unit of the poses, once the views agree.
+    """Longest edge of the box around the body at frame 0, in the unit of the poses, once the views agree. Raises
+    UserInputError where the views contradict each other; names the camera if without it they do not.
 
     They are compared at the first, the middle and the last frame.
 
     Args:
         views: tangent planes of every frame, by camera.
         recording: its cameras, for messages.
-
-    Raises:
-        UserInputError: the views contradict each other; names the camera if without it they do not.
     """
     gap = largest_gap(views)
     if gap > GAP:

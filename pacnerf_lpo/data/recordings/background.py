@@ -192,10 +192,8 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
             pair = next((pair for pair in pairs if areas[pair] > max(enough, 1)), None)
             if pair is not None:
                 moving[t] |= changed[pair]
-        moving[t] = large_pieces(
-            ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach], 0.1
-        )
-        moving[t] = convex_hull_object(moving[t])
+        closed = ndimage.binary_closing(np.pad(moving[t], reach), disc)[reach:-reach, reach:-reach]
+        moving[t] = convex_hull_object(large_pieces(closed, 0.1))
     away = FAR * np.sqrt(np.median(moving.sum(axis=(1, 2))))
     return np.stack([(ndimage.distance_transform_edt(~one) > away) & one.any() for one in moving])
 

@@ -103,12 +103,8 @@ def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
     step = _step(sightings)
     pairs = _pairs(sightings)
     offsets, errors = _refined(pairs, sightings, step * _whole_frames(pairs, sightings, step), step)
-    fits = np.array(
-        [
-            np.median([_cost(pair, sightings, offsets, step)[1] for pair in _of(camera, pairs)] or [np.inf]) < 1.0
-            for camera in range(len(sightings))
-        ]
-    )
+    costs = ([_cost(pair, sightings, offsets, step)[1] for pair in _of(k, pairs)] for k in range(len(sightings)))
+    fits = np.array([np.median(own or [np.inf]) < 1.0 for own in costs])
     if not fits.any():
         return Clocks(np.zeros(len(sightings)), errors, step)
     middle = np.median(offsets[fits])

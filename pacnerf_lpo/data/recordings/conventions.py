@@ -14,9 +14,7 @@ ROTATION_TOLERANCE = 1e-3
 
 
 def check_rotation(where: str, rotation: np.ndarray) -> None:
-    """A rotation matrix (3, 3): orthonormal, determinant +1. Raises UserInputError where it is scaled, sheared or
-    mirrored.
-    """
+    """Raise UserInputError unless a matrix (3, 3) is a rotation: orthonormal, not scaled, sheared or mirrored."""
     error = np.abs(rotation.T @ rotation - np.eye(3)).max() if np.isfinite(rotation).all() else np.inf
     if error > ROTATION_TOLERANCE:
         raise UserInputError(

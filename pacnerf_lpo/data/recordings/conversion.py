@@ -96,11 +96,8 @@ def convert(recording: Recording, folder: Path) -> Scene:
     for name, overlap in zip(names, overlaps, strict=True):
         if overlap < DOUBTFUL:
             log.warning(
-                "camera %s: object and background are hard to tell apart (expected overlap with the truth %.2f); give "
-                "masks, or an image of the empty background as backgrounds/%s.png",
-                name,
-                overlap,
-                name,
+                f"camera {name}: object and background are hard to tell apart (expected overlap with the truth "
+                f"{overlap:.2f}); give masks, or an image of the empty background as backgrounds/{name}.png"
             )
     return Scene(
         folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended

@@ -53,12 +53,7 @@ def harmonics(normals: np.ndarray) -> np.ndarray:
     They span the harmonics up to that degree. The one of degree 1, a translation, goes to the place by :data:`RIDGE`.
     """
     x, y, z = normals.T
-    powers = [
-        (i, j, degree - i - j)
-        for degree in (DEGREE - 1, DEGREE)
-        for i in range(degree + 1)
-        for j in range(degree + 1 - i)
-    ]
+    powers = [(i, j, k) for i, j, k in np.ndindex((DEGREE + 1,) * 3) if i + j + k in (DEGREE - 1, DEGREE)]
     return np.stack([x**i * y**j * z**k for i, j, k in powers], axis=-1)
 
 

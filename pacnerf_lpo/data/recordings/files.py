@@ -13,14 +13,9 @@ from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.errors import UserInputError
 
 HARMLESS = {
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    ("numpy.core.multiarray", "_reconstruct"),
-    ("numpy._core.multiarray", "_reconstruct"),
-    ("numpy.core.multiarray", "scalar"),
-    ("numpy._core.multiarray", "scalar"),
-    ("numpy._core.numeric", "_frombuffer"),
-    ("numpy.core.numeric", "_frombuffer"),
+    *(("numpy", name) for name in ("ndarray", "dtype")),
+    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
+    *((f"numpy.{core}.numeric", "_frombuffer") for core in ("core", "_core")),
     ("_codecs", "encode"),
 }
 """What a pickle of arrays, lists and numbers calls; none of it does anything but make them."""
@@ -80,9 +75,7 @@ def read_arrays(path: Path) -> Any:
 
 
 def numbers(where: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
-    """Finite numbers of the first of the given shapes that they can be brought to. Raises UserInputError where they are
-    no numbers, or of another shape.
-    """
+    """Finite numbers of the first of these shapes that they can be brought to; UserInputError where that fails."""
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError):
@@ -97,9 +90,7 @@ def numbers(where: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
 
 
 def number_at(where: str, values: Any, name: str, default: float | None = None) -> float:
-    """The finite number under a key, or the default where there is one and no such key. Raises UserInputError where it
-    is missing, or no finite number.
-    """
+    """The finite number under a key, or the default where there is no such key. Raises UserInputError for any other."""
     if default is not None and name not in values:
         return default
     value = entry(where, values, name)

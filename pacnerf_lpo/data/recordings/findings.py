@@ -80,15 +80,13 @@ class Findings:
 
 
 def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
-    """Find out what the recording does not say.
+    """Find out what the recording does not say. Raises UserInputError where the views contradict each other, or
+    something can neither be read nor measured.
 
     Args:
         views: tangent planes of every frame, by camera, in the recording's world.
         times: of the frames [s, (F,)].
         recording: what is known already.
-
-    Raises:
-        UserInputError: the views contradict each other, or something can neither be read nor measured.
     """
     size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
@@ -116,19 +114,11 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     rotation = rotation_onto(normal, np.array([0.0, 1.0, 0.0]))
     lower, upper = bounds(frames[0].moved(rotation, scale))
     lower[1], upper[1] = max(0.0, lower[1] - scale * ground), upper[1] - scale * ground
-    return Findings(
-        rotation,
-        scale,
-        -recording.gravity * rotation @ up,
-        scale * rotation @ motion.velocity,
-        up_why if recording.normal is None else f"{up_why}; the ground is tilted by {_angle(up, normal):.1f} degrees",
-        scale_why,
-        Found(scale * ground, ground_why),
-        Found(hit, hit_why),
-        lower,
-        upper,
-        scale * (heights - ground),
-    )
+    if recording.normal is not None:
+        up_why += f"; the ground is tilted by {_angle(up, normal):.1f} degrees"
+    gravity, velocity = -recording.gravity * rotation @ up, scale * rotation @ motion.velocity
+    found, height = (Found(scale * ground, ground_why), Found(hit, hit_why)), scale * (heights - ground)
+    return Findings(rotation, scale, gravity, velocity, up_why, scale_why, *found, lower, upper, height)
 
 
 def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int:
@@ -149,9 +139,7 @@ def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int
 
 
 def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
-    """The unit vector against gravity (3,), and where it comes from. Raises UserInputError where it is not stated, and
-    the body does not fall freely for long enough.
-    """
+    """The unit vector against gravity (3,), and its source; UserInputError where it is neither stated nor seen."""
     size = float(np.linalg.norm(motion.acceleration))
     measured = -motion.acceleration / max(size, 1e-30)
     error = float(np.degrees(np.linalg.norm(motion.error) / max(size, 1e-30)))
@@ -220,10 +208,8 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
     """Warn where the body falls unlike a body under gravity, given the acceleration relative to it and its error."""
     if not LIKELY[0] - 3.0 * error < ratio < LIKELY[1] + 3.0 * error:
         log.warning(
-            "the body falls at %.3g m/s^2 instead of %.3g: unless drag or wind does that, check the focal lengths, "
-            "--unit and --fps",
-            ratio * gravity,
-            gravity,
+            f"the body falls at {ratio * gravity:.3g} m/s^2 instead of {gravity:.3g}: unless drag or wind does that, "
+            "check the focal lengths, --unit and --fps"
         )
 
 
@@ -266,10 +252,9 @@ def check_slope(heights: np.ndarray, hit: int, size: float, tilt: float) -> None
     after = heights[hit:][np.isfinite(heights[hit:])]
     if len(after) > 1 and after[0] - after[-1] > SINKS * size:
         log.warning(
-            "after contact the lowest point of the body sinks by %.0f %% of its size: the ground, tilted by %.0f "
-            "degrees here, may be a slope (give --ground_normal), or the contact later (cut the videos)",
-            100 * (after[0] - after[-1]) / size,
-            tilt,
+            f"after contact the lowest point of the body sinks by {100 * (after[0] - after[-1]) / size:.0f} % of its "
+            f"size: the ground, tilted by {tilt:.0f} degrees here, may be a slope (give --ground_normal), or the "
+            "contact later (cut the videos)"
         )
 
 

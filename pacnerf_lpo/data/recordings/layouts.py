@@ -19,32 +19,14 @@ from pacnerf_lpo.data.recordings.readers import (
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
-LAYOUTS = (
-    pac_nerf.LAYOUT,
-    gic.LAYOUT,
-    spring_gaus_synthetic.LAYOUT,
-    spring_gaus_real.LAYOUT,
-    nerfstudio.LAYOUT,
-    d_nerf.LAYOUT,
-    colmap.LAYOUT,
-    dynerf.LAYOUT,
-    phystwin.LAYOUT,
-    opencv_calibration.LAYOUT,
-    toml_calibration.LAYOUT,
-)
+LAYOUTS = tuple(reader.LAYOUT for reader in (
+    pac_nerf, gic, spring_gaus_synthetic, spring_gaus_real, nerfstudio, d_nerf, colmap, dynerf, phystwin,
+    opencv_calibration, toml_calibration,
+))  # fmt: skip
 Format = Literal[
-    "pac-nerf",
-    "gic",
-    "spring-gaus-synthetic",
-    "spring-gaus-real",
-    "nerfstudio",
-    "d-nerf",
-    "colmap",
-    "dynerf",
-    "phystwin",
-    "opencv",
-    "toml",
-]
+    "pac-nerf", "gic", "spring-gaus-synthetic", "spring-gaus-real", "nerfstudio", "d-nerf", "colmap", "dynerf",
+    "phystwin", "opencv", "toml",
+]  # fmt: skip
 SHOWN = 8
 """Entries of a folder that a message names."""
 

@@ -77,11 +77,7 @@ class Look:
 
 
 def examine(folder: Path) -> Look:
-    """Look at every image of a scene.
-
-    Raises:
-        UserInputError: a file is missing or damaged, or too little is seen.
-    """
+    """Look at every image of a scene; UserInputError for a missing or damaged file, or where too little is seen."""
     scene = read_written_scene(folder)
     appearances, mattes = _appearances(scene)
     planes = tuple(_planes(scene, *pair) for pair in zip(scene.views, appearances, strict=True))
@@ -94,20 +90,10 @@ def examine(folder: Path) -> Look:
     away = (place - motion.at(scene.times))[:flight]
     lower, upper = bounds(frames[0])
     views = {frame: _at_common_time(scene, place, frame) for frame in mattes}
-    return Look(
-        scene,
-        appearances,
-        planes,
-        views,
-        lower,
-        upper,
-        motion,
-        flight,
-        place[:, 1],
-        np.array([lowest_point(planes, UP) for planes in frames]),
-        float(np.sqrt(np.nanmean((away**2).sum(axis=1)))),
-        {frame: _hull(views[frame], frames[frame], seen) for frame, seen in mattes.items()},
-    )
+    hulls = {frame: _hull(views[frame], frames[frame], seen) for frame, seen in mattes.items()}
+    lowest = np.array([lowest_point(planes, UP) for planes in frames])
+    residual, centre = float(np.sqrt(np.nanmean((away**2).sum(axis=1)))), place[:, 1]
+    return Look(scene, appearances, planes, views, lower, upper, motion, flight, centre, lowest, residual, hulls)
 
 
 def _appearances(scene: WrittenScene) -> tuple[tuple[tuple[Appearance, ...], ...], dict[int, list[np.ndarray]]]:

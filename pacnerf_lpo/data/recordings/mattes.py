@@ -87,9 +87,10 @@ class Mattes:
         if camera.frames[0].mask is not None:
             self.way, self.cut = "masks", self._by_mask
         elif first.shape[-1] == 4:
-            self.way, self.cut = "transparency", self._by_alpha
+            self.way, self.cut = "transparency", lambda pixels, *_: self.lens.undistorted(pixels)
         elif camera.on_white or border.min() > WHITE:
-            self.way, self.cut = "white around the object", self._by_white
+            self.way = "white around the object"
+            self.cut = lambda pixels, *_: np.dstack(on_white(self.lens.undistorted(pixels[..., :3])))
         elif camera.plate is None:
             self.way, self.cut = "background of the video", self._by_video
             self.find_background()
@@ -105,14 +106,10 @@ class Mattes:
     @property
     def described(self) -> str:
         """How the mattes were made, in words."""
-        if self.still is None:
-            return self.way
-        return f"{self.way}{' and the other views' if self.compared else ''}"
+        return f"{self.way} and the other views" if self.still is not None and self.compared else self.way
 
     def find_background(self) -> None:
-        """Find the background in the video itself, for all mattes from now on. Raises UserInputError where nothing
-        moves.
-        """
+        """Find the background in the video, for all mattes from now on; UserInputError where nothing moves."""
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
         self.footage = Footage(self._pictures)
@@ -173,12 +170,6 @@ class Mattes:
             name = self.camera.frames[0].mask
             raise UserInputError(f"{name}: bright along the image border, so it marks the background; invert the masks")
         return self.lens.undistorted(np.dstack((pixels[..., :3], opacity)).astype(np.float32))
-
-    def _by_alpha(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
-        return self.lens.undistorted(pixels)
-
-    def _by_white(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
-        return np.dstack(on_white(self.lens.undistorted(pixels[..., :3])))
 
     def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
         assert self.still is not None

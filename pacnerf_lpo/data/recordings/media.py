@@ -1,7 +1,7 @@
 """Image folders and video files: what frames they hold, when they were taken, and their pixels."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -28,31 +28,26 @@ def library(name: str, what_for: str) -> ModuleType:
 
 def in_order(paths: list[Path]) -> list[Path]:
     """Sorted by name, numbers by their value: 2 before 10."""
-    return sorted(paths, key=lambda path: [int(part) if part.isdigit() else part for part in _parts(path.name)])
+
+    def parts(path: Path) -> list[int | str]:
+        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+
+    return sorted(paths, key=parts)
 
 
-def _parts(name: str) -> list[str]:
-    return re.split(r"(\d+)", name)
-
-
-def images_in(folder: Path) -> list[Path]:
-    """Image files of a folder, in order; none where there is no such folder."""
-    if not folder.is_dir():
-        return []
-    return in_order([path for path in folder.iterdir() if path.suffix.lower() in IMAGES])
+def images_in(folder: Path, endings: Sequence[str] = IMAGES) -> list[Path]:
+    """Files of a folder with these endings, in order; none where there is no such folder."""
+    inside = folder.iterdir() if folder.is_dir() else ()
+    return in_order([path for path in inside if path.suffix.lower() in endings])
 
 
 def videos_in(folder: Path) -> list[Path]:
     """Video files of a folder, in order; none where there is no such folder."""
-    if not folder.is_dir():
-        return []
-    return in_order([path for path in folder.iterdir() if path.suffix.lower() in VIDEOS])
+    return images_in(folder, VIDEOS)
 
 
 def frames_of(path: Path) -> tuple[Frame, ...]:
-    """The frames of a video file, with the times it states, or of a folder of images, without times. Raises
-    UserInputError where the video is damaged, or cut off.
-    """
+    """The frames of a video with its times, or of a folder of images; UserInputError where it is damaged or cut off."""
     if path.is_dir():
         return tuple(Frame(image, None) for image in images_in(path))
     cv2 = library("cv2", f"{path}: reading a video")

@@ -108,9 +108,8 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     for number, camera in enumerate(cameras):
         others, shape = [*cameras[:number], *cameras[number + 1 :]], camera.masks.shape[1:]
         rays = _rays(camera.view, shape, centre, half, others, wrong)
-        depths = np.array(
-            [_depths(*rays, [o.at(t, step) for o in others], shape, wrong) for t in camera.times], np.int8
-        )
+        masks = ([other.at(time, step) for other in others] for time in camera.times)
+        depths = np.array([_depths(*rays, shown, shape, wrong) for shown in masks], np.int8)
         found.append((depths[:, 0], depths[:, 1]) if _agrees(depths, camera.masks) else None)
     pairs = list(zip(found, cameras, strict=True))
     table = _table([(*one, camera.masks) for one, camera in pairs if one is not None])

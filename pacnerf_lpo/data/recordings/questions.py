@@ -23,9 +23,7 @@ class Question:
 
 
 def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recording, T]:
-    """Do ``work``; where it lacks a value and somebody sits at a terminal, ask for the value and do it again. Raises
-    UserInputError where nobody can be asked, or gives an answer.
-    """
+    """Do ``work``, and ask at a terminal for a value that it lacks. Raises UserInputError where nobody answers."""
     while True:
         try:
             return recording, work(recording)
@@ -57,15 +55,11 @@ def _usual_up(recording: Recording) -> str:
 
 
 QUESTIONS = {
-    "up": Question(
-        f"Which axis of the calibration points up: {', '.join(AXES)}?",
-        _usual_up,
-        lambda recording, answer: recording.with_up(answer),
-    ),
+    "up": Question(f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
     "unit": Question(
         f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
         lambda recording: "m",
-        lambda recording, answer: recording.with_unit(answer),
+        Recording.with_unit,
     ),
     "fps": Question(
         "How many frames per second have the videos?",

@@ -122,9 +122,7 @@ class Recording:
         return replace(self, unit=metres)
 
     def with_up(self, up: str) -> Recording:
-        """The same recording with an up direction: an axis, three numbers, or ``fall`` for the direction of free fall.
-        Raises UserInputError where it is none of these.
-        """
+        """The same with an up direction: an axis, three numbers, or ``fall`` for free fall; else UserInputError."""
         if up == "fall":
             return replace(self, up=None)
         try:

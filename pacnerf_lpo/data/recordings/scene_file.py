@@ -31,6 +31,7 @@ def write_scene_file(scene: Scene) -> Path:
     spacing = voxel_for(size)
     frame_rate = float(f"{1.0 / float(np.diff(scene.times).mean()):.6g}")
     substep_rate = steps_for(spacing, frame_rate)
+    clock = f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
     path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
@@ -51,7 +52,7 @@ data:
   material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; if you know the law, name it:
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
   #   init_args: {{E: 1.0e+5, nu: 0.3}} # where identification starts, SI units; a factor of ten off is fine
-  frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {_clock(scene)}
+  frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {clock}
   substep_rate: {substep_rate:.1f} # 1/s; {RATE:g} m/s divided by base_spacing, in whole steps per frame
 phases:
   static:
@@ -97,10 +98,6 @@ def _mattes(scene: Scene) -> str:
     sure = f"overlap (IoU) expected with the truth {np.mean(scene.overlaps):.2f}"
     sure += f", in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
     return f"{how}; {sure}, if their colours tell object and background apart; a common error of all views is not in it"
-
-
-def _clock(scene: Scene) -> str:
-    return f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
 
 
 def _velocity(scene: Scene) -> str:

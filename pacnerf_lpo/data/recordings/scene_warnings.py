@@ -70,19 +70,8 @@ class SceneWarning:
 def scene_warnings(look: Look) -> list[SceneWarning]:
     """Everything doubtful about a scene, the most important first."""
     parts = (
-        _disagreement,
-        _views,
-        _box,
-        _contact,
-        _flight,
-        _throws,
-        _gravity,
-        _border,
-        _mattes,
-        _blur,
-        _pixels,
-        _clocks,
-    )
+        _disagreement, _views, _box, _contact, _flight, _throws, _gravity, _border, _mattes, _blur, _pixels, _clocks,
+    )  # fmt: skip
     return [warning for part in parts for warning in part(look)]
 
 

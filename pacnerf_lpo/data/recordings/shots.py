@@ -57,14 +57,12 @@ class Shots:
 
 
 def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple[int, int]) -> Shots:
-    """Matte all frames of a camera, keep the images, and find repeated and missing ones.
+    """Matte all frames of a camera, keep the images, and find repeated and missing ones. Raises UserInputError where
+    there is no object in any frame.
 
     Args:
         folder: for the images. view: number of the camera. mattes: its images. times: as stamped [s, (F,)].
         size: width and height to which images are extended [pixels].
-
-    Raises:
-        UserInputError: there is no object in any frame.
     """
     camera, outlines, centres, areas, changes = mattes.camera, [], [], [], [0.0]
     images: list[Path] = []
@@ -84,23 +82,12 @@ def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple
         last = pixels
     if max(areas) < LEAST_OBJECT:
         raise no_object(mattes, 0)
-    mended = mend_dropouts(np.array(centres), np.array(changes), times)
-    kept = mended.kept
-    return Shots(
-        Sighting(
-            camera.pose,
-            float(camera.intrinsic[0, 0]),
-            mended.times,
-            [outlines[k][0] for k in kept],
-            [outlines[k][1] for k in kept],
-        ),
-        np.array([outline_tangents(*outlines[k]) for k in kept]),
-        np.array(centres)[kept],
-        np.array(areas)[kept],
-        tuple(images[k] for k in kept),
-        kept,
-        mended.said,
-    )
+    kept, mended, said = mend_dropouts(np.array(centres), np.array(changes), times)
+    shown, insides = zip(*(outlines[k] for k in kept), strict=True)
+    tangents = np.array([outline_tangents(*outlines[k]) for k in kept])
+    sighting = Sighting(camera.pose, float(camera.intrinsic[0, 0]), mended, shown, insides)
+    files = tuple(images[k] for k in kept)
+    return Shots(sighting, tangents, np.array(centres)[kept], np.array(areas)[kept], files, kept, said)
 
 
 def synchronised(shots: Sequence[Shots]) -> tuple[list[Shots], Clocks]:
@@ -126,9 +113,7 @@ def no_object(mattes: Mattes, frame: int) -> UserInputError:
 
 
 def image_at(shots: Shots, place: float) -> np.ndarray:
-    """The image at a fractional frame number [0..1, (H, W, 4)]: its two neighbours, each moved by how far the object
-    moves until then, and merged.
-    """
+    """The image at a fractional frame number [0..1, (H, W, 4)]: its neighbours, each moved as the object is, merged."""
     begin = int(np.floor(place))
     if place == begin:
         return read_png(shots.images[begin])

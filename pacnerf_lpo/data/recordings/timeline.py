@@ -47,16 +47,14 @@ def stated_times(recording: Recording) -> list[np.ndarray]:
 
 
 def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline:
-    """The times at which all cameras see, in steps of the slowest one, and what to show of each.
+    """The times at which all cameras see, in steps of the slowest one, and what to show of each. Raises UserInputError
+    where the cameras do not overlap, or several frames in a row are missing.
 
     A camera that is out of step by a constant keeps its images, and its offset is stated; missing frames, and all of a
     camera with another frame rate, are filled in between two images.
 
     Args:
         recording: for messages. stamps: when each camera's frames were taken, clocks corrected [s, (F,) each].
-
-    Raises:
-        UserInputError: the cameras do not overlap, or several frames in a row are missing.
     """
     steps = [float(np.median(np.diff(times))) for times in stamps]
     step = max(steps)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from pacnerf_lpo.config_layers import flat
 from pacnerf_lpo.data import checks
 from pacnerf_lpo.data.images import image_size, on_white, read_png
 from pacnerf_lpo.data.index import NAME as INDEX_NAME
@@ -92,13 +93,12 @@ class WrittenScene:
 
 
 def read_written_scene(folder: Path) -> WrittenScene:
-    """Read scene.yaml and the cameras. Raises UserInputError that names a file which is missing or damaged, or
-    a value of scene.yaml that is not possible.
-    """
+    """Read scene.yaml and the cameras. Raises UserInputError for a missing or damaged file, or an impossible value."""
     path = find_scene_file(folder)
     text = path.read_text()
     try:
-        config = yaml.safe_load(text)
+        content = yaml.safe_load(text)
+        config = flat(content) if isinstance(content, dict) else {}
         values = tuple(annotated(text))
     except yaml.YAMLError as error:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
@@ -120,21 +120,12 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(
             f"{path}: phases.velocity.init_args.hit_frame = {hit:g}; give a frame in 1..{len(frames) - 1}"
         )
-    return WrittenScene(
-        index.path.parent,
-        first[1] if first else "",
-        first[2] if first else "",
-        notes,
-        values,
-        tuple(views),
-        frames,
-        np.array(checks.check_times(index, numbers, frames)),
-        np.array(box.lower),
-        np.array(box.upper),
-        int(hit),
-        _number(path, "physics.ground_height", config, 0.0),
-        np.array(_corner(path, config, "physics.gravity", GRAVITY)),
-    )
+    source, layout = first.groups() if first else ("", "")
+    times = np.array(checks.check_times(index, numbers, frames))
+    ground = _number(path, "physics.ground_height", config, 0.0)
+    gravity = np.array(_corner(path, config, "physics.gravity", GRAVITY))
+    about = index.path.parent, source, layout, notes, values, tuple(views), frames, times
+    return WrittenScene(*about, np.array(box.lower), np.array(box.upper), int(hit), ground, gravity)
 
 
 def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
@@ -170,23 +161,21 @@ def _valid_and_plate(folder: Path, number: int, frame: int) -> tuple[np.ndarray,
     return valid, read_png(plate)[..., :3] if plate.exists() else None
 
 
-def _value(path: Path, config: Any, key: str, default: Any = None) -> Any:
-    found = config
-    for name in key.split("."):
-        found = found.get(name) if isinstance(found, dict) else None
+def _value(path: Path, config: Mapping[str, Any], key: str, default: Any = None) -> Any:
+    found = config.get(key)
     if found is None and default is None:
         raise UserInputError(f"{path}: {key} is missing; write it as pacnerf-lpo init does")
     return default if found is None else found
 
 
-def _number(path: Path, key: str, config: Any, default: float | None = None) -> float:
+def _number(path: Path, key: str, config: Mapping[str, Any], default: float | None = None) -> float:
     found = _value(path, config, key, default)
     if isinstance(found, bool) or not isinstance(found, int | float) or not np.isfinite(found):
         raise UserInputError(f"{path}: {key} = {found!r}; give one number")
     return float(found)
 
 
-def _corner(path: Path, config: Any, key: str, default: list[float] | None = None) -> list[float]:
+def _corner(path: Path, config: Mapping[str, Any], key: str, default: list[float] | None = None) -> list[float]:
     found = _value(path, config, key, default)
     if not (isinstance(found, list) and len(found) == 3 and all(isinstance(part, int | float) for part in found)):
         raise UserInputError(f"{path}: {key} = {found!r}; give three numbers in brackets, [x, y, z]")

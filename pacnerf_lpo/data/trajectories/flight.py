@@ -49,15 +49,13 @@ class Direction:
 
 
 def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str | None) -> Direction:
-    """Of all recordings of a source together.
+    """Of all recordings of a source together. Raises UserInputError where gravity shows no direction, another one than
+    the stated, or another unit.
 
     Args:
         recordings: as read.
         up: axis that points up; None: as it is measured, or the second one where that is a height.
         unit: of the lengths; None: as the file says, else metres.
-
-    Raises:
-        UserInputError: gravity shows no direction, another one than the stated, or another unit.
     """
     first = recordings[0]
     for option, value, known in (("--up", up, AXES), ("--unit", unit, UNITS)):
@@ -117,9 +115,7 @@ class _Fall:
 
 
 def _fall(recordings: Sequence[Trajectory], up: np.ndarray, scale: float) -> _Fall | None:
-    """Of all flights together, with a = -G up - k |v| v, G and k not negative, by least absolute values; None where all
-    are too short.
-    """
+    """Of all flights, with a = -G up - k |v| v, G and k >= 0, by least absolute values; None: all are too short."""
     parts = [part for one in recordings if (part := _accelerations(one, up, scale)) is not None]
     if not parts:
         return None
@@ -143,9 +139,8 @@ def _accelerations(one: Trajectory, up: np.ndarray, scale: float) -> tuple[np.nd
     measured; None where it is too short.
     """
     seen, positions = one.measured, scale * one.positions
-    end = min(
-        contact_of(one.times, positions @ up if seen.all() else positions[:, seen][:, 0]), hit_of(one.times, positions)
-    )
+    heights = positions @ up if seen.all() else positions[:, seen][:, 0]
+    end = min(contact_of(one.times, heights), hit_of(one.times, positions))
     inside = (np.arange(len(one.times)) <= end) & np.isfinite(positions[:, seen]).all(1)
     if inside.sum() < LEAST_SAMPLES:
         return None
@@ -157,6 +152,13 @@ def _accelerations(one: Trajectory, up: np.ndarray, scale: float) -> tuple[np.nd
     return speeds, pushes
 
 
+def _known(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers of the samples of which all that is ever measured is known [(n,)], their times and that [(n, K)]."""
+    seen = np.isfinite(positions).any(0)
+    known = np.flatnonzero(np.isfinite(positions[:, seen]).all(1))
+    return known, times[known], positions[known][:, seen]
+
+
 def hit_of(times: np.ndarray, positions: np.ndarray) -> int:
     """Number of the last sample before the velocity of a moving body jumps, in any direction; the last where it never
     does. A jump is what a path of second order around a sample needs besides.
@@ -165,9 +167,7 @@ def hit_of(times: np.ndarray, positions: np.ndarray) -> int:
         times: [s, (F,)]
         positions: in any unit [(F, 3)]; NaN where unknown
     """
-    seen = np.isfinite(positions).any(0)
-    known = np.flatnonzero(np.isfinite(positions[:, seen]).all(1))
-    t, x = times[known], positions[known][:, seen]
+    known, t, x = _known(times, positions)
     if len(t) < 2 * SIDE:
         return len(times) - 1
     fastest = float(np.median(np.linalg.norm(np.diff(x, axis=0), axis=1) / np.diff(t)))
@@ -211,9 +211,8 @@ def begins_at_rest(times: np.ndarray, positions: np.ndarray) -> tuple[bool, str]
         times: [s, (F,)]
         positions: [m, (F, 3)]; NaN where unknown
     """
-    seen = np.isfinite(positions).any(0)
-    inside = np.isfinite(positions[:, seen]).all(1)
-    t, x = times[inside] - times[inside][0], positions[inside][:, seen]
+    _, t, x = _known(times, positions)
+    t = t - t[0]
     half = max(len(t) // 2, LEAST_SAMPLES // 2)
     first = float(np.linalg.norm(polynomial.polyfit(t[:half], x[:half], 2)[1]))
     last = float(np.linalg.norm(polynomial.polyfit(t[-half:] - t[-1], x[-half:], 2)[1]))
@@ -224,10 +223,9 @@ def release_of(times: np.ndarray, positions: np.ndarray) -> float:
     """When a body that is at rest at first begins to move [s]: of resting until then and falling with a constant
     acceleration afterwards, what describes the first half best.
     """
-    seen = np.isfinite(positions).any(0)
-    inside = np.isfinite(positions[:, seen]).all(1)
-    half = max(int(inside.sum()) // 2, LEAST_SAMPLES // 2)
-    t, x = times[inside][:half], positions[inside][:half][:, seen]
+    _, t, x = _known(times, positions)
+    half = max(len(t) // 2, LEAST_SAMPLES // 2)
+    t, x = t[:half], x[:half]
 
     def left(release: float) -> float:
         design = np.stack((np.ones_like(t), np.clip(t - release, 0.0, None) ** 2), axis=1)
@@ -254,15 +252,13 @@ class Findings:
 
 
 def investigate(one: Trajectory, direction: Direction, start: str | None) -> Findings:
-    """Turn a recording to metres and y up, and find out where its flight begins and ends.
+    """Turn a recording to metres and y up, and find out where its flight begins and ends. Raises UserInputError where
+    too few samples are in flight.
 
     Args:
         one: as read.
         direction: of its source.
         start: ``held`` or ``flying``; None: whichever describes its first half better.
-
-    Raises:
-        UserInputError: too few samples are in flight.
     """
     turn = rotation_onto(direction.up, np.array([0.0, 1.0, 0.0]))
     turn = np.round(turn, 12)
@@ -277,12 +273,9 @@ def investigate(one: Trajectory, direction: Direction, start: str | None) -> Fin
             f"{one.source}, recording {one.name}: the body touches something after {last + 1} positions; a flight "
             f"needs at least {LEAST_SAMPLES}"
         )
-    event = "rises again" if last == rises else "changes its velocity at once"
-    why = (
-        "the last sample"
-        if last + 1 == len(times)
-        else f"the body {event} after {times[last]:.4g} s: it touches something"
-    )
+    event, why = "rises again" if last == rises else "changes its velocity at once", "the last sample"
+    if last + 1 < len(times):
+        why = f"the body {event} after {times[last]:.4g} s: it touches something"
     spin = None if one.spin is None else turn @ one.spin
     cut = replace(one, times=times[: last + 1], positions=positions[: last + 1], unit=1.0, upward=True, spin=spin)
     held, said = begins_at_rest(cut.times, cut.positions)
@@ -314,10 +307,9 @@ def outlying(flights: Sequence[Findings]) -> list[bool]:
         return [False] * len(flights)
     sizes = []
     for flight in flights:
-        t, x = flight.one.times, flight.one.positions[:, flight.one.measured]
-        inside = np.isfinite(x).all(1)
-        path = polynomial.polyfit(t[inside], x[inside], WHOLE)
-        rest = x[inside] - polynomial.polyval(t[inside], path).T
+        _, t, x = _known(flight.one.times, flight.one.positions)
+        path = polynomial.polyfit(t, x, WHOLE)
+        rest = x - polynomial.polyval(t, path).T
         sizes.append(float(np.sqrt((rest**2).sum() / max(rest.size - path.size, 1))))
     return (np.array(sizes) > OUTLYING * float(np.median(sizes))).tolist()
 

@@ -14,6 +14,7 @@ counts as error, so that noise is rather found too large than too small.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -93,19 +94,16 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
         size, logarithm = square(share, place)
         return free * float(np.log(max(size, 1e-300))) + logarithm
 
-    tried = [
-        (
-            place,
-            minimize_scalar(cost, bounds=(0.0, MOST_SHARE), args=(place,), method="bounded", options={"xatol": 3e-3}),
-        )
-        for place in np.linspace(0.0, 1.0, PLACES)
-    ]
-    least = min(found.fun for _, found in tried)
-    place, share = max((place, found.x) for place, found in tried if found.fun <= least + OPEN)
-    total = float(np.sqrt(square(share, place)[0] / free))
-    return Noise(
-        max(float(np.sqrt(1 - share)) * total, LEAST_SIGMA), float(np.sqrt(share)) * total, float(lasting(place))
+    places = np.linspace(0.0, 1.0, PLACES)
+    settings: Any = {"bounds": (0.0, MOST_SHARE), "method": "bounded", "options": {"xatol": 3e-3}}
+    tried = [minimize_scalar(cost, args=(place,), **settings) for place in places]
+    least = min(found.fun for found in tried)
+    place, share = max(
+        (place, found.x) for place, found in zip(places, tried, strict=True) if found.fun <= least + OPEN
     )
+    total = float(np.sqrt(square(share, place)[0] / free))
+    white, slow = (math.sqrt(part) * total for part in (1 - share, share))
+    return Noise(max(white, LEAST_SIGMA), slow, float(lasting(place)))
 
 
 @dataclass(frozen=True)

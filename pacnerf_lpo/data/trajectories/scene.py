@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,6 @@ class Solid:
         return Solid(str(shape), tuple(size or ()), float(mass or 0.0))
 
     def make(self) -> Shape:
-        """The shape."""
         return named_shape(self.shape, self.size)
 
 
@@ -77,8 +75,7 @@ class Scene:
 
 def is_scene(folder: Path) -> bool:
     """Whether a folder is the scene of a measured flight."""
-    path = folder / NAME
-    return path.is_file() and (folder / TRACK).is_file()
+    return (folder / NAME).is_file() and (folder / TRACK).is_file()
 
 
 def scenes_in(folder: Path) -> list[Path]:
@@ -101,6 +98,7 @@ def write_scene(
             writer.writerow([f"{time:.6f}", *("" if math.isnan(x) else f"{x:.6f}" for x in position)])
     seen = [axis for axis, known in zip(AXES, noise, strict=True) if known is not None]
     spin = "null" if one.spin is None else _list(one.spin.tolist())
+    guess = "\n".join(f"    {name}: {_number(value)}" for name, value in found.guess.items())
     path = folder / NAME
     path.write_text(
         f"""\
@@ -118,7 +116,7 @@ def write_scene(
   noise: # m, s: what is new in a sample, what lasts, and how long; estimated from all recordings of the source
 {_noise(noise)}
   guess: # m, m/s and s; where the fit starts, from the samples themselves
-{_lines(found.guess)}
+{guess}
 physics:
   gravity: [0.0, {-GRAVITY}, 0.0] # m/s^2; assumed
   effects: [] # forces that the model has from the beginning, such as {{class_path: QuadraticDrag}}
@@ -139,7 +137,9 @@ def read_scene(folder: Path) -> Scene:
     try:
         solid = Solid(str(section["shape"]), tuple(float(x) for x in section["size"]), float(section["mass"]))
         spin = None if section.get("spin") is None else np.array(section["spin"], float).reshape(3)
-        noise = tuple(_one_noise(section["noise"].get(axis)) for axis in AXES)
+        said = [section["noise"].get(axis) for axis in AXES]
+        names = ("white", "slow", "lasting")
+        noise = tuple(None if one is None else Noise(*(float(one[name]) for name in names)) for one in said)
         guess = {name: float(value) for name, value in section["guess"].items()}
         gravity = tuple(float(x) for x in content["physics"]["gravity"])
         held = bool(section["held"])
@@ -160,20 +160,12 @@ def check_solid(solid: Solid, where: str) -> None:
     solid.make()
 
 
-def _one_noise(entry: Any) -> Noise | None:
-    return None if entry is None else Noise(float(entry["white"]), float(entry["slow"]), float(entry["lasting"]))
-
-
 def _noise(noise: Sequence[Noise | None]) -> str:
     return "\n".join(
         f"    {axis}: {{white: {_number(one.white)}, slow: {_number(one.slow)}, lasting: {_number(one.lasting)}}}"
         for axis, one in zip(AXES, noise, strict=True)
         if one is not None
     )
-
-
-def _lines(values: dict[str, float]) -> str:
-    return "\n".join(f"    {name}: {_number(value)}" for name, value in values.items())
 
 
 def _number(value: float) -> str:

@@ -13,17 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
+from pacnerf_lpo.data.recordings.recording import UNITS
 from pacnerf_lpo.data.trajectories.trajectory import AXES, Trajectory
 from pacnerf_lpo.errors import UserInputError
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SECONDS = {"s": 1.0, "ms": 1e-3}
 NAMES = {
     "time": ("time", "t", "timestamp"),
     "frame": ("frame", "fnum"),
-    "x": ("x",),
-    "y": ("y",),
-    "z": ("z",),
+    **{axis: (axis,) for axis in AXES},
     "height": ("height", "h", "altitude"),
     "id": ("id", "point", "marker", "bodypart", "name"),
     "recording": ("recording", "drop", "trial", "throw", "flight", "take", "shot", "run"),
@@ -47,9 +45,7 @@ class Table:
     rows: list[list[str]]
 
     def numbers(self, column: int, called: str, needed: bool = False) -> np.ndarray:
-        """A column [(n,)]; NaN where a cell is empty. Raises UserInputError where a cell is no number, or is empty and
-        all are ``needed``.
-        """
+        """A column [(n,)], NaN for empty cells; UserInputError for what is no number, or empty and ``needed``."""
         found = []
         for line, row in zip(self.lines, self.rows, strict=True):
             cell = row[column].strip() if column < len(row) else ""
@@ -76,14 +72,12 @@ def _empty(path: Path, line: int, what: str) -> str:
 
 
 def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
-    """The recordings in a CSV file; the delimiter is a comma, a semicolon or a tab.
+    """The recordings in a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it
+    cannot be read, or its columns are not understood.
 
     Args:
         path: the file.
         fps: samples a second, where the file counts frames and has no times.
-
-    Raises:
-        UserInputError: it cannot be read, or its columns are not understood.
     """
     table = read_cells(path)
     if len(table.header) == 3 or (len(table.header) == 4 and table.header[1][0] == "individuals"):
@@ -95,14 +89,12 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
 
 
 def read_cells(path: Path, example: str = EXAMPLE) -> Table:
-    """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab.
+    """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it cannot be
+    read, or holds no row.
 
     Args:
         path: the file.
         example: of a header, for messages.
-
-    Raises:
-        UserInputError: it cannot be read, or holds no row.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -152,8 +144,7 @@ def _unit(name: str, units: dict[str, float]) -> float | None:
 
 
 def _long(table: Table, names: Sequence[str], fps: float | None) -> list[Trajectory]:
-    plain = [_plain(name) for name in names]
-    at = {what: next((plain.index(n) for n in called if n in plain), None) for what, called in NAMES.items()}
+    at = {what: _place(names, what) for what in NAMES}
     places = [at[axis] for axis in AXES] if at["height"] is None else [at["x"], at["height"], at["z"]]
     if all(place is None for place in places):
         raise UserInputError(_unknown(table.path, names, "coordinate", EXAMPLE))
@@ -162,19 +153,25 @@ def _long(table: Table, names: Sequence[str], fps: float | None) -> list[Traject
         raise UserInputError(f"{table.path}: the coordinates have different units; write all in metres")
     none = np.full(len(table.rows), np.nan)
     positions = np.stack([none if p is None else table.numbers(p, names[p]) for p in places], axis=1)
-    times = _times(table, names, at["time"], at["frame"], fps)
-    several = table.words(at["recording"]) if at["recording"] is not None else [""] * len(times)
-    points = table.words(at["id"]) if at["id"] is not None else [""] * len(times)
+    times = _times(table, names, fps)
+    several, points = (
+        [""] * len(times) if place is None else table.words(place) for place in (at["recording"], at["id"])
+    )
     found = []
     for name in dict.fromkeys(several):
         rows = np.array([other == name for other in several])
         called = f"{table.path.stem}_{name}" if name else table.path.stem
         own = [point for point, inside in zip(points, rows, strict=True) if inside]
         joined, where, how = _joined(times[rows], positions[rows], own)
-        found.append(
-            Trajectory(called, joined, where, str(table.path), next(iter(units)), at["height"] is not None, how=how)
-        )
+        upward = at["height"] is not None
+        found.append(Trajectory(called, joined, where, str(table.path), next(iter(units)), upward, how=how))
     return found
+
+
+def _place(names: Sequence[str], what: str) -> int | None:
+    """Number of the column with one of the names of something; None where there is none."""
+    plain = [_plain(name) for name in names]
+    return next((plain.index(name) for name in NAMES[what] if name in plain), None)
 
 
 def _joined(times: np.ndarray, positions: np.ndarray, points: Sequence[str]) -> tuple[np.ndarray, np.ndarray, str]:
@@ -190,8 +187,9 @@ def _joined(times: np.ndarray, positions: np.ndarray, points: Sequence[str]) -> 
     return moments[seen], whole[:, seen].mean(0), f"the mean of {len(names)} tracked points that move with the body"
 
 
-def _times(table: Table, names: Sequence[str], time: int | None, frame: int | None, fps: float | None) -> np.ndarray:
+def _times(table: Table, names: Sequence[str], fps: float | None) -> np.ndarray:
     """[s, (n,)]"""
+    time, frame = _place(names, "time"), _place(names, "frame")
     if time is not None:
         return table.numbers(time, "the time", needed=True) * (_unit(names[time], SECONDS) or 1.0)
     if fps is not None:
@@ -233,9 +231,7 @@ def _anipose(table: Table, names: Sequence[str], fps: float | None) -> Trajector
     if missing:
         raise UserInputError(f"{table.path}: the column {missing[0]} is missing; every point needs x, y and z")
     positions = [[table.numbers(names.index(f"{p}_{axis}"), f"{p}_{axis}") for axis in AXES] for p in points]
-    plain = [_plain(name) for name in names]
-    at = {what: next((plain.index(n) for n in NAMES[what] if n in plain), None) for what in ("time", "frame")}
-    return _wide(table.path, points, positions, _times(table, names, at["time"], at["frame"], fps))
+    return _wide(table.path, points, positions, _times(table, names, fps))
 
 
 def _wide(path: Path, names: Sequence[str], positions: Sequence[Sequence[np.ndarray]], times: np.ndarray) -> Trajectory:

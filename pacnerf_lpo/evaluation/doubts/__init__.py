@@ -1,33 +1,20 @@
 """What a careful colleague would say about a fit: every doubt in one place, from states, courses and images."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.evaluation.doubts import identification, recording
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
-from pacnerf_lpo.evaluation.doubts.identification import (
-    doubts_about_identification,
-    doubts_about_intervals,
-    doubts_about_parameters,
-    doubts_about_velocity,
-)
 from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
 from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
-from pacnerf_lpo.evaluation.doubts.recording import (
-    doubts_about_contact,
-    doubts_about_ground,
-    doubts_about_pixels,
-    doubts_about_views,
-    measure_fall,
-    pixel_size,
-)
 from pacnerf_lpo.evaluation.run_directory import Stage
 from pacnerf_lpo.mpm.physics import Physics
 
 __all__ = ["Doubt", "doubts_of_phase", "doubts_of_run"]
 
 
-def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> list[Doubt]:
+def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator[Doubt]:
     """The doubts that a finished phase raises.
 
     Args:
@@ -37,22 +24,21 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> list[Dou
     """
     state, course = stage.state, stage.record.course
     if stage.record.phase == "static":
-        return [*doubts_about_views(data), *doubts_about_pixels(data, state)]
-    if stage.record.phase == "velocity":
-        fall, hit_frame = measure_fall(data), course.get("frames")
-        found = [] if fall is None else doubts_about_ground(fall, physics.ground_height, state.spacing)
-        if hit_frame is None:
-            return found
-        found += [] if fall is None else doubts_about_contact(fall, hit_frame)
-        seconds = float(data.video.times[hit_frame - 1] - data.video.times[0])
-        return [*found, *doubts_about_velocity(course, state, pixel_size(data, state), seconds)]
-    if stage.record.phase == "physics":
-        return [
-            *doubts_about_parameters(physics, state, course.get("searched", {})),
-            *doubts_about_identification(course, physics),
-            *doubts_about_methods(stage.record.methods, physics),
-        ]
-    return []
+        yield from recording.doubts_about_views(data)
+        yield from recording.doubts_about_pixels(data, state)
+    elif stage.record.phase == "velocity":
+        fall, hit_frame = recording.measure_fall(data), course.get("frames")
+        if fall is not None:
+            yield from recording.doubts_about_ground(fall, physics.ground_height, state.spacing)
+        if fall is not None and hit_frame is not None:
+            yield from recording.doubts_about_contact(fall, hit_frame)
+        if hit_frame is not None:
+            seconds = float(data.video.times[hit_frame - 1] - data.video.times[0])
+            yield from identification.doubts_about_velocity(course, state, recording.pixel_size(data, state), seconds)
+    elif stage.record.phase == "physics":
+        yield from identification.doubts_about_parameters(physics, state, course.get("searched", {}))
+        yield from identification.doubts_about_identification(course, physics)
+        yield from doubts_about_methods(stage.record.methods, physics)
 
 
 def doubts_of_run(
@@ -71,7 +57,7 @@ def doubts_of_run(
     intervals = results.get("intervals")
     for stage in stages:
         if intervals is not None and stage.stem == intervals["phase"]:
-            found += doubts_about_intervals(physics, stage.state.physics, intervals["parameters"])
+            found += identification.doubts_about_intervals(physics, stage.state.physics, intervals["parameters"])
     seen = [phase for phase in results["phases"] if "images" in phase and phase["stem"] in {s.stem for s in stages}]
     moving = [phase for phase in seen if phase["phase"] != "static"]
     return [*found, *doubts_about_images(results, (moving or seen)[-1])] if seen else found

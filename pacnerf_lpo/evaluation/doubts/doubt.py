@@ -21,5 +21,4 @@ class Doubt:
     remedy: str
 
     def __str__(self) -> str:
-        """All of it in one line."""
         return f"doubt: {self.where}: {self.what}. Likely cause: {self.cause}. Remedy: {self.remedy}."

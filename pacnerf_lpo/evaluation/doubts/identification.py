@@ -1,6 +1,6 @@
 """Doubts about what was identified: velocity, physical parameters, and how the search for them ended."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,7 @@ NEAR_BOUND = 0.02
 """Of the width of an interval: a Poisson's ratio so close to the end of its transform hardly moves with the coordinate
 in which it is optimised, so that nothing stopped it but the bound. For other parameters it is a noticeable change."""
 HALF_LATTICE = 0.25
-"""Decades, half the distance of two points of the search: an optimum nearer to the end of the search was not
-enclosed."""
+"""Decades, half the distance of two points of the search: an optimum nearer to its end was not enclosed."""
 FAR = 3.0
 """Standard deviations from the prior mean, or from the guess where there is no prior: one value in 370 by chance."""
 SEEN_STEP = 1.0
@@ -25,14 +24,15 @@ WINDOW = 0.1
 CHANCE = 3.0
 """Standard errors by which two such means differ by chance, once in 370 runs."""
 VISIBLE_RISE = 0.1
-"""Part of the cost: an end that is so much above the best iteration has left an explanation that a person would
-see."""
+"""Part of the cost: an end that is so much above the best iteration has left an explanation that is seen."""
 QUARTER = 4
 """The parameters still move if their mean over the last quarter of the iterations is a noticeable change
 (``Parameter.scale``) away from that over the quarter before: as many iterations more would change the answer."""
 
 
-def doubts_about_velocity(course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float) -> list[Doubt]:
+def doubts_about_velocity(
+    course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float
+) -> Iterator[Doubt]:
     """The initial velocity still moved when its iterations ended.
 
     Args:
@@ -42,24 +42,20 @@ def doubts_about_velocity(course: Mapping[str, Any], state: ParticleState, pixel
         seconds: from frame 0 to the contact [s].
     """
     moved = course.get("last_step", 0.0)
-    if moved * seconds <= SEEN_STEP * pixel:
-        return []
-    speed = float(state.velocity.mean(0).norm())
-    return [
-        Doubt(
+    if moved * seconds > SEEN_STEP * pixel:
+        yield Doubt(
             "velocity_moving",
             "phases.velocity",
-            f"the velocity, {speed:.3g} m/s, still moved by {moved:.2g} m/s in its last iteration, "
-            f"{1000 * moved * seconds:.0f} mm at the contact",
+            f"the velocity, {state.velocity.mean(0).norm():.3g} m/s, still moved by {moved:.2g} m/s in its last "
+            f"iteration, {1000 * moved * seconds:.0f} mm at the contact",
             "too few iterations, a hit_frame after the contact, or frames at another rate than physics.frame_rate",
             "raise phases.velocity.init_args.max_iterations, or check hit_frame and frame rate",
         )
-    ]
 
 
 def doubts_about_parameters(
     physics: Physics, state: ParticleState, searched: Mapping[str, Sequence[float]]
-) -> list[Doubt]:
+) -> Iterator[Doubt]:
     """Identified parameters at a bound, far from the prior mean, or physically odd.
 
     Args:
@@ -67,28 +63,28 @@ def doubts_about_parameters(
         state: what the identification exported.
         searched: between which free coordinates parameters were searched, by name.
     """
-    found: list[Doubt] = []
     nulls = {name: null for effect in physics.effects for name, null in effect.null.items()}
     for name in physics.free_names:
         parameter, value = physics.parameters[name], state.physics.get(name)
         if value is None:
             continue
-        one = _at_material_bound(parameter, value, nulls.get(name)) or _at_search_bound(
-            parameter, value, searched.get(name)
-        )
         if name == "nu" and value < 0:
-            one = _negative_poisson(value)
-        if name == GROUND_HEIGHT.name:
+            one: Doubt | None = _negative_poisson(value)
+        elif name == GROUND_HEIGHT.name:
             one = _far_ground(value, physics.ground_height, state.spacing)
-        if one is None and name != GROUND_HEIGHT.name:
-            one = _far_from_prior(parameter, value, physics.guess[name])
-        found += [] if one is None else [one]
-    return found
+        else:
+            one = (
+                _at_material_bound(parameter, value, nulls.get(name))
+                or _at_search_bound(parameter, value, searched.get(name))
+                or _far_from_prior(parameter, value, physics.guess[name])
+            )
+        if one is not None:
+            yield one
 
 
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
-) -> list[Doubt]:
+) -> Iterator[Doubt]:
     """An identified value lies outside its own interval, which belongs to a fit of its own.
 
     Args:
@@ -96,16 +92,13 @@ def doubts_about_intervals(
         identified: value of each parameter [SI].
         intervals: ``low`` and ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
     """
-    found = []
     for name in physics.free_names:
         parameter, interval = physics.parameters[name], intervals.get(name)
         if interval is None or not interval["determined"] or name not in identified:
             continue
         low, high, value = interval["low"], interval["high"], identified[name]
-        if low <= value <= high:
-            continue
-        found.append(
-            Doubt(
+        if not low <= value <= high:
+            yield Doubt(
                 "outside_interval",
                 f"physics, {name}",
                 f"{parameter.label} = {parameter.show(value)} is outside of its own interval, {parameter.show(low)} to "
@@ -115,18 +108,17 @@ def doubts_about_intervals(
                 "trust no digit in which the two differ, and repeat at a finer resolution (--preset cpu, or a smaller "
                 "phases.static.init_args.base_spacing)",
             )
-        )
-    return found
 
 
-def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
+def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
     """The cost rose, or the iterations ended while parameters were still moving.
 
     Args:
         course: of the identification.
         physics: the model.
     """
-    return [*_risen(course), *_still_moving(course, physics)]
+    yield from _risen(course)
+    yield from _still_moving(course, physics)
 
 
 def _at_material_bound(parameter: Parameter, value: float, null: float | None) -> Doubt | None:
@@ -164,7 +156,7 @@ def _at_search_bound(parameter: Parameter, value: float, searched: Sequence[floa
         f"{parameter.label} = {parameter.show(value)} is at the end of the search, {ends[0]} to {ends[1]}",
         "the guess is too far off, or the video does not determine it: a body that does not deform may be any stiffer",
         f"repeat with {parameter.show(value)} as the guess, or a larger scan_decades; if it runs on, it is not "
-        f"determined",
+        "determined",
     )
 
 
@@ -188,8 +180,7 @@ def _far_ground(value: float, configured: float, spacing: float) -> Doubt | None
         "ground_moved",
         "physics, ground_height",
         f"the identified ground, {value:.3f} m, is {1000 * abs(value - configured):.0f} mm from where it was said to "
-        f"be, "
-        f"more than half a cell ({500 * spacing:.0f} mm)",
+        f"be, more than half a cell ({500 * spacing:.0f} mm)",
         "the ground lies elsewhere, or the height makes up for a wrong velocity",
         "measure the ground, set physics.ground_height, and repeat the fit",
     )
@@ -200,73 +191,60 @@ def _far_from_prior(parameter: Parameter, value: float, guess: float) -> Doubt |
     away = abs(parameter.transform.to_free(value) - mean) / deviation
     if not np.isfinite(away) or away <= FAR:
         return None
-    known = parameter.prior_value is not None
+    known = parameter.prior_value
+    start = f"the prior mean {known[0]:g}" if known else f"the guess, {parameter.show(guess)}"
     return Doubt(
         "far_from_prior",
         f"physics, {parameter.name}",
-        f"{parameter.label} = {parameter.show(value)} is {away:.1f} standard deviations from "
-        + (
-            f"the prior mean {parameter.prior_value[0]:g}"
-            if parameter.prior_value
-            else f"the guess, {parameter.show(guess)}"
-        ),
+        f"{parameter.label} = {parameter.show(value)} is {away:.1f} standard deviations from {start}",
         "the video hardly determines it, or the law is another one" if known else "the guess, or the unit of a length",
         "hold it at a known value (physics.material.known)" if known else "check the guess and the scale of the scene",
     )
 
 
-def _risen(course: Mapping[str, Any]) -> list[Doubt]:
+def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
     costs = np.array(course.get("costs", ()))
     if len(costs) < 2:
-        return []
+        return
     width = max(1, round(WINDOW * len(costs))) if course["draws_views"] else 1
     means = np.convolve(costs, np.full(width, 1 / width), "valid")
     error = CHANCE * _scatter(costs) * (2 / width) ** 0.5 if course["draws_views"] else 0.0
     first, last, best = means[0], means[-1], int(means.argmin())
-    rose = last > first + max(error, 1e-9)
-    if not rose and last <= means[best] * (1 + VISIBLE_RISE) + error:
-        return []
-    seen = (
-        f"the cost rose from {first:.4g} to {last:.4g}"
-        if rose
-        else f"the cost ended at {last:.4g}, after {means[best]:.4g} in iteration {best + 1} of {len(costs)}"
+    if last > first + max(error, 1e-9):
+        seen = f"the cost rose from {first:.4g} to {last:.4g}"
+    elif last > means[best] * (1 + VISIBLE_RISE) + error:
+        seen = f"the cost ended at {last:.4g}, after {means[best]:.4g} in iteration {best + 1} of {len(costs)}"
+    else:
+        return
+    yield Doubt(
+        "cost_rose",
+        "phases.physics",
+        seen,
+        "steps that are too long, or a guess in another local minimum",
+        "lower the learning rates, or use the method GaussNewton or OutlineGaussNewton",
     )
-    return [
-        Doubt(
-            "cost_rose",
-            "phases.physics",
-            seen,
-            "steps that are too long, or a guess in another local minimum",
-            "lower the learning rates, or use the method GaussNewton or OutlineGaussNewton",
-        )
-    ]
 
 
 def _scatter(costs: np.ndarray) -> float:
-    """Standard deviation of a cost from one iteration to the next, by second differences, which a trend leaves
-    out."""
+    """Standard deviation of a cost from one iteration to the next, by second differences, without a trend."""
     if len(costs) < 3:
         return 0.0
     return float(np.sqrt(np.mean(np.diff(costs, 2) ** 2) / 6))
 
 
-def _still_moving(course: Mapping[str, Any], physics: Physics) -> list[Doubt]:
+def _still_moving(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
     if course.get("converged", True):
-        return []
-    found = []
+        return
     for name, visited in course["visited"].items():
         width = -(-len(visited) // QUARTER)
         moved = abs(np.mean(visited[-width:]) - np.mean(visited[-2 * width : -width])) if len(visited) > 1 else 0.0
         parameter = physics.parameters[name]
         if moved > parameter.scale:
             factor = f"a factor of {10**moved:.2g}" if isinstance(parameter.transform, Log10) else f"{moved:.2g}"
-            found.append(
-                Doubt(
-                    "still_moving",
-                    f"physics, {name}",
-                    f"{parameter.label} still moved by {factor} in the last of {len(visited) - 1} iterations",
-                    "too few iterations",
-                    "raise the iterations of phases.physics.init_args.method, or start from this value",
-                )
+            yield Doubt(
+                "still_moving",
+                f"physics, {name}",
+                f"{parameter.label} still moved by {factor} in the last of {len(visited) - 1} iterations",
+                "too few iterations",
+                "raise the iterations of phases.physics.init_args.method, or start from this value",
             )
-    return found

@@ -1,6 +1,6 @@
 """Doubts that the images of a model raise: where its residuals stand out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -8,14 +8,12 @@ import numpy as np
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 
 LAG = 2.0
-"""Of two root mean squares: three quarters of the squared error of the larger one have another cause than the noise
-that both share."""
+"""Of two root mean squares: three quarters of the larger squared error have another cause than the noise in both."""
 CONTACT_GROWTH = 1.8
-"""The same after the contact; below :data:`LAG`, since every deformation makes colours harder to predict, but by
-less."""
+"""The same after the contact; below :data:`LAG`, since every deformation makes colours harder to predict, but less."""
 
 
-def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) -> list[Doubt]:
+def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Iterator[Doubt]:
     """Views or frames in which the images of a phase are far worse than in the others.
 
     Args:
@@ -26,54 +24,34 @@ def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) ->
     order = sorted([*results["views"]["train"], *results["views"]["test"]])
     train = [order.index(view) for view in results["views"]["train"]]
     test = [order.index(view) for view in results["views"]["test"]]
-    return [*_unseen(rms, train, test), *_after_contact(rms, results["contact"]), *_one_view(rms, train, order)]
-
-
-def _unseen(rms: np.ndarray, train: list[int], test: list[int]) -> list[Doubt]:
-    if not test or _mean(rms[test]) <= LAG * _mean(rms[train]):
-        return []
-    times = _mean(rms[test]) / _mean(rms[train])
-    return [
-        Doubt(
+    contact, worst = results["contact"], int(rms.mean(1).argmax())
+    if test and _mean(rms[test]) > LAG * _mean(rms[train]):
+        times = _mean(rms[test]) / _mean(rms[train])
+        yield Doubt(
             "held_out_views",
             "images",
             f"residuals in held-out views are {times:.1f} times those in training views",
             "the shape is a guess where no camera looked",
             "train with more views, or with others",
         )
-    ]
-
-
-def _after_contact(rms: np.ndarray, contact: int | None) -> list[Doubt]:
-    if contact is None or not 0 < contact < rms.shape[1]:
-        return []
-    before, after = _mean(rms[:, :contact]), _mean(rms[:, contact:])
-    if after <= CONTACT_GROWTH * before:
-        return []
-    return [
-        Doubt(
-            "after_contact",
-            "images",
-            f"from contact on (frame {contact}) residuals are {after / before:.1f} times those in free fall",
-            "the law, its parameters or the ground are not those of the video",
-            "look at material and ground, or let `pacnerf-lpo diagnose` name what is missing",
-        )
-    ]
-
-
-def _one_view(rms: np.ndarray, train: list[int], order: list[int]) -> list[Doubt]:
-    worst = int(rms.mean(1).argmax())
-    if len(rms) <= 2 or worst not in train or _mean(rms[worst]) <= LAG * _mean(np.delete(rms, worst, axis=0)):
-        return []
-    return [
-        Doubt(
+    if contact is not None and 0 < contact < rms.shape[1]:
+        before, after = _mean(rms[:, :contact]), _mean(rms[:, contact:])
+        if after > CONTACT_GROWTH * before:
+            yield Doubt(
+                "after_contact",
+                "images",
+                f"from contact on (frame {contact}) residuals are {after / before:.1f} times those in free fall",
+                "the law, its parameters or the ground are not those of the video",
+                "look at material and ground, or let `pacnerf-lpo diagnose` name what is missing",
+            )
+    if len(rms) > 2 and worst in train and _mean(rms[worst]) > LAG * _mean(np.delete(rms, worst, axis=0)):
+        yield Doubt(
             "one_view",
             f"view {order[worst]}",
             "this training view stands out from all others",
             "its calibration, its clock or its exposure is wrong",
             "check its camera, or leave it out of data.train_views",
         )
-    ]
 
 
 def _mean(rms: np.ndarray) -> float:

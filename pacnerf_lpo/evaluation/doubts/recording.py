@@ -1,5 +1,6 @@
 """Doubts about a video as a measurement of the fit: too few views or pixels, no contact, another ground."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,7 @@ from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.types import ParticleState
 
 FEWEST_VIEWS = 3
-"""Two outlines leave the depth of a body open where their lines of sight meet at a small angle, and no third
-contradicts a wrong shape."""
+"""Where two lines of sight meet at a small angle, they leave the depth open, and no third contradicts a wrong shape."""
 LARGEST_RIM = 0.1
 """An outline is known to half a pixel. Where that is more than this part of the area, the volume is uncertain by more
 than a seventh, and with it the mass that a stiffness is measured against."""
@@ -50,20 +50,13 @@ class Fall:
 def measure_fall(data: VideoData) -> Fall | None:
     """The fall of the body by its outlines in the training views; None where too little of them is seen."""
     video = data.video
-    frames = [
-        Planes.of(
-            [
-                outline_planes(
-                    video.silhouettes[view, frame].double().numpy(),
-                    video.intrinsics[view].double().numpy(),
-                    video.camera_to_world[view].double().numpy(),
-                )
-                for view in data.train
-            ]
-        )
-        for frame in range(len(video.times))
-    ]
     times = video.times.double().numpy()
+
+    def planes_of(view: int, frame: int) -> Planes:
+        parts = video.silhouettes[view, frame], video.intrinsics[view], video.camera_to_world[view]
+        return outline_planes(*(part.double().numpy() for part in parts))
+
+    frames = [Planes.of([planes_of(view, frame) for view in data.train]) for frame in range(len(times))]
     heights = np.array([lowest_point(planes, ALONG) for planes in frames])
     if len(times) <= FEWEST_CONTACT_FRAMES or not np.isfinite(heights).all():
         return None
@@ -78,23 +71,20 @@ def measure_fall(data: VideoData) -> Fall | None:
     return Fall(ground, error, find_contact(heights, ground, motion, ALONG, times, flight), len(times))
 
 
-def doubts_about_views(data: VideoData) -> list[Doubt]:
+def doubts_about_views(data: VideoData) -> Iterator[Doubt]:
     """Too few training views."""
     count = len(data.train)
-    if count >= FEWEST_VIEWS:
-        return []
-    return [
-        Doubt(
+    if count < FEWEST_VIEWS:
+        yield Doubt(
             "few_views",
             "data.train_views",
             f"{count} view{'s' * (count > 1)} for the shape",
             "the body may be deeper than it is wide where no camera looks, and its mass wrong by as much",
             f"train with {FEWEST_VIEWS} views or more, from different sides",
         )
-    ]
 
 
-def doubts_about_pixels(data: VideoData, state: ParticleState) -> list[Doubt]:
+def doubts_about_pixels(data: VideoData, state: ParticleState) -> Iterator[Doubt]:
     """Too few pixels on the object, or too fine or too coarse voxels for it.
 
     Args:
@@ -104,87 +94,70 @@ def doubts_about_pixels(data: VideoData, state: ParticleState) -> list[Doubt]:
     areas = data.video.silhouettes[data.train, 0].sum((-1, -2))
     across = 2.0 * float(areas.median() / np.pi) ** 0.5
     pixel = pixel_size(data, state)
-    cells = _full_volume(state) ** (1 / 3) / state.spacing
-    found = []
+    cells = (len(state.positions) / 8) ** (1 / 3)  # along an edge of a cube of as many: there are 8 particles in a cell
     if 2.0 / max(across, 1e-9) > LARGEST_RIM:
-        found.append(
-            Doubt(
-                "few_pixels",
-                "data",
-                f"the object is {across:.0f} pixels across at frame 0; half a pixel at its outline is "
-                f"{min(200 / max(across, 2), 100):.0f} % of its area",
-                "the images are small, or made smaller by data.image_scale",
-                f"use at least {2 / LARGEST_RIM:.0f} pixels: a larger data.image_scale, or cameras nearer to the "
-                f"object",
-            )
+        yield Doubt(
+            "few_pixels",
+            "data",
+            f"the object is {across:.0f} pixels across at frame 0; half a pixel at its outline is "
+            f"{min(200 / max(across, 2), 100):.0f} % of its area",
+            "the images are small, or made smaller by data.image_scale",
+            f"use at least {2 / LARGEST_RIM:.0f} pixels: a larger data.image_scale, or cameras nearer to the object",
         )
     if state.spacing < pixel:
-        found.append(
-            Doubt(
-                "fine_voxels",
-                "phases.static",
-                f"voxels of {1000 * state.spacing:.3g} mm are smaller than a pixel at the object, {1000 * pixel:.3g} "
-                f"mm",
-                "base_spacing is halved more often than the images can show",
-                "fewer scaling steps or a larger base_spacing, or larger images",
-            )
+        yield Doubt(
+            "fine_voxels",
+            "phases.static",
+            f"voxels of {1000 * state.spacing:.3g} mm are smaller than a pixel at the object, {1000 * pixel:.3g} mm",
+            "base_spacing is halved more often than the images can show",
+            "fewer scaling steps or a larger base_spacing, or larger images",
         )
     if cells < FEWEST_CELLS:
-        found.append(
-            Doubt(
-                "coarse_voxels",
-                "phases.static",
-                f"the body is {cells:.1f} voxels across, of {1000 * state.spacing:.3g} mm",
-                "base_spacing is too large for it; a coarse grid makes a body too stiff",
-                f"a base_spacing smaller by a factor of {FEWEST_CELLS / cells:.1f} or more",
-            )
+        yield Doubt(
+            "coarse_voxels",
+            "phases.static",
+            f"the body is {cells:.1f} voxels across, of {1000 * state.spacing:.3g} mm",
+            "base_spacing is too large for it; a coarse grid makes a body too stiff",
+            f"a base_spacing smaller by a factor of {FEWEST_CELLS / cells:.1f} or more",
         )
-    return found
 
 
-def doubts_about_contact(fall: Fall, hit_frame: int) -> list[Doubt]:
+def doubts_about_contact(fall: Fall, hit_frame: int) -> Iterator[Doubt]:
     """The contact is missing, too short, or elsewhere than the configuration says.
 
     Args:
         fall: as the outlines show it.
         hit_frame: first frame of contact by the configuration.
     """
-    where = "phases.velocity.init_args.hit_frame"
     if fall.contact is None:
-        return [
-            Doubt(
-                "no_contact",
-                "video",
-                f"the outlines do not show that the body reaches the ground within {fall.frames} frames",
-                "the video ends before the impact",
-                "use a longer video; free fall shows forces, not the material",
-            )
-        ]
-    left, found = fall.frames - fall.contact, []
+        yield Doubt(
+            "no_contact",
+            "video",
+            f"the outlines do not show that the body reaches the ground within {fall.frames} frames",
+            "the video ends before the impact",
+            "use a longer video; free fall shows forces, not the material",
+        )
+        return
+    left = fall.frames - fall.contact
     if left < FEWEST_CONTACT_FRAMES:
-        found.append(
-            Doubt(
-                "short_contact",
-                "video",
-                f"it shows {left} frame{'s' * (left > 1)} from the contact on",
-                "the video, or data.frames, ends during the impact",
-                f"use at least {FEWEST_CONTACT_FRAMES} frames from the contact on; fewer do not show a stiffness",
-            )
+        yield Doubt(
+            "short_contact",
+            "video",
+            f"it shows {left} frame{'s' * (left > 1)} from the contact on",
+            "the video, or data.frames, ends during the impact",
+            f"use at least {FEWEST_CONTACT_FRAMES} frames from the contact on; fewer do not show a stiffness",
         )
     if abs(fall.contact - hit_frame) > CONTACT_ERROR:
-        found.append(
-            Doubt(
-                "contact_frame",
-                where,
-                f"hit_frame is {hit_frame}, but the outlines reach the ground in frame {fall.contact}",
-                "frames were counted from another start, or the ground lies elsewhere",
-                f"set hit_frame to {fall.contact}, or check the ground",
-            )
+        yield Doubt(
+            "contact_frame",
+            "phases.velocity.init_args.hit_frame",
+            f"hit_frame is {hit_frame}, but the outlines reach the ground in frame {fall.contact}",
+            "frames were counted from another start, or the ground lies elsewhere",
+            f"set hit_frame to {fall.contact}, or check the ground",
         )
-    return found
 
 
-def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> list[Doubt]:
+def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> Iterator[Doubt]:
     """The outlines come to rest at another height than that of the ground.
 
     Args:
@@ -192,19 +165,16 @@ def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> list[Doubt
         ground: height that the configuration gives [m].
         spacing: node spacing [m]; a grid itself shifts the contact by half of it.
     """
-    if fall.ground is None or abs(fall.ground - ground) <= fall.error + spacing / 2:
-        return []
-    return [
-        Doubt(
+    error = fall.error + spacing / 2
+    if fall.ground is not None and abs(fall.ground - ground) > error:
+        yield Doubt(
             "ground",
             "physics.ground_height",
             f"the ground is at {ground:.3f} m, but the lowest points of the outlines come to rest at "
-            f"{fall.ground:.3f} m "
-            f"(uncertain by {fall.error + spacing / 2:.3f} m)",
+            f"{fall.ground:.3f} m (uncertain by {error:.3f} m)",
             "the world's origin is not on the ground, or cameras are wrong",
             f"set physics.ground_height to {fall.ground:.3f}, or check the calibration",
         )
-    ]
 
 
 def pixel_size(data: VideoData, state: ParticleState) -> float:
@@ -215,8 +185,3 @@ def pixel_size(data: VideoData, state: ParticleState) -> float:
         _, depth = project(centre, video.intrinsics[view], video.camera_to_world[view])
         sizes.append(depth[0] / video.intrinsics[view, 0, 0])
     return float(torch.stack(sizes).median())
-
-
-def _full_volume(state: ParticleState) -> float:
-    """Volume of the particles, 8 to a cell [m^3]."""
-    return len(state.positions) * (state.spacing / 2) ** 3

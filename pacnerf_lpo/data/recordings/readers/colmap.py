@@ -3,7 +3,6 @@
 import shutil
 import struct
 import tempfile
-from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -15,14 +14,7 @@ from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens, Recording
 from pacnerf_lpo.errors import UserInputError
 
 MODELS = ("sparse/0", "sparse", ".")
-DISTORTION = {
-    "SIMPLE_PINHOLE": 0,
-    "PINHOLE": 0,
-    "SIMPLE_RADIAL": 1,
-    "RADIAL": 2,
-    "OPENCV": 4,
-    "OPENCV_FISHEYE": 4,
-}
+DISTORTION = {"SIMPLE_PINHOLE": 0, "PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 4, "OPENCV_FISHEYE": 4}
 """How many parameters of a lens model, the last ones, are distortion; OpenCV has the same two radial ones first."""
 
 
@@ -40,9 +32,7 @@ def read(folder: Path) -> Recording:
 
 
 def open_model(folder: Path) -> Any:
-    """pycolmap's reconstruction in a folder; the points may be missing. Raises UserInputError where the model is
-    missing or damaged.
-    """
+    """pycolmap's reconstruction in a folder, perhaps without points; UserInputError where it is missing or damaged."""
     pycolmap = library("pycolmap", f"{folder}: reading a COLMAP model")
     if not _is_model(folder):
         raise UserInputError(f"{folder}: no COLMAP model; expected cameras.bin and images.bin, or .txt")
@@ -71,15 +61,14 @@ def _shot(folder: Path, model: Any, image: Any) -> Camera:
     coefficients = tuple(float(value) for value in lens.params[len(lens.params) - DISTORTION[kind] :])
     if "FISHEYE" not in kind:
         coefficients += (0.0,) * (4 - len(coefficients))
-    camera = Camera(
+    return Camera(
         name.parent.name or name.stem,
         intrinsic_matrix(lens.focal_length_x, lens.focal_length_y, lens.principal_point_x, lens.principal_point_y),
         pose_from_opencv(world_to_camera.rotation.matrix(), world_to_camera.translation),
-        (),
+        _frames(folder, name),
         Lens("fisheye" if "FISHEYE" in kind else "opencv", coefficients),
         size=(lens.width, lens.height),
     )
-    return replace(camera, frames=_frames(folder, name))
 
 
 def _frames(folder: Path, name: PurePosixPath) -> tuple[Frame, ...]:

@@ -8,7 +8,7 @@ from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.index import NAME as PAC_NERF
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 
@@ -24,10 +24,8 @@ def read(folder: Path) -> Recording:
             angle = number_at(str(path), values, "camera_angle_x")
             frames = entry(str(path), values, "frames")
             shots += [_shot(path, number, frame, angle) for number, frame in enumerate(frames)]
-    cameras = (
-        replace(camera, frames=tuple(replace(frame, time=None) for frame in camera.frames))
-        for camera in still_cameras(folder, shots)
-    )
+    found = still_cameras(folder, shots)
+    cameras = (replace(one, frames=tuple(replace(frame, time=None) for frame in one.frames)) for one in found)
     return Recording(LAYOUT.name, folder, tuple(cameras))
 
 
@@ -40,9 +38,4 @@ def _shot(path: Path, number: int, values: dict[str, Any], angle: float) -> Came
     return Camera(file.parent.name, centred_intrinsic(angle, width, height), pose, (frame,), size=(width, height))
 
 
-LAYOUT = Layout(
-    "d-nerf",
-    "transforms_train.json",
-    lambda folder: (folder / "transforms_train.json").is_file() and not (folder / PAC_NERF).is_file(),
-    read,
-)
+LAYOUT = Layout("d-nerf", "transforms_train.json", has("transforms_train.json", without=PAC_NERF), read)

@@ -7,7 +7,7 @@ import numpy as np
 from pacnerf_lpo.data.recordings.conventions import intrinsic_matrix, pose_from_llff
 from pacnerf_lpo.data.recordings.files import numbers
 from pacnerf_lpo.data.recordings.media import frames_of, videos_in
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -35,4 +35,4 @@ def read(folder: Path) -> Recording:
     return Recording(LAYOUT.name, folder, tuple(cameras))
 
 
-LAYOUT = Layout("dynerf", NAME, lambda folder: (folder / NAME).is_file(), read)
+LAYOUT = Layout("dynerf", NAME, has(NAME), read)

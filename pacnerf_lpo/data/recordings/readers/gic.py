@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pacnerf_lpo.data.index import NAME
 from pacnerf_lpo.data.recordings.readers import pac_nerf
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Recording
 
 
@@ -23,9 +23,4 @@ def _transparent(camera: Camera) -> Camera:
     return replace(camera, frames=frames, plate=None, on_white=False)
 
 
-LAYOUT = Layout(
-    "gic",
-    f"{NAME} and transforms_train.json",
-    lambda folder: (folder / NAME).is_file() and (folder / "transforms_train.json").is_file(),
-    read,
-)
+LAYOUT = Layout("gic", f"{NAME} and transforms_train.json", has(NAME, "transforms_train.json"), read)

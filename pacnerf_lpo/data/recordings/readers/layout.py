@@ -21,3 +21,10 @@ class Layout:
     looks_for: str
     fits: Callable[[Path], bool]
     read: Callable[[Path], Recording]
+
+
+def has(*files: str, without: str | None = None) -> Callable[[Path], bool]:
+    """Whether a folder has these files, and lacks another one."""
+    return lambda folder: (
+        all((folder / file).is_file() for file in files) and (without is None or not (folder / without).is_file())
+    )

@@ -25,14 +25,12 @@ PLACES = (".", "videos", "images", "recordings")
 
 
 def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Camera:
-    """A camera of OpenCV's kind with its frames, its masks and its background.
+    """A camera of OpenCV's kind with its frames, its masks and its background. Raises UserInputError where a value is
+    missing or wrong, or frames and masks do not go together.
 
     folder: of the recording. Frames: the video, or the folder of images, of the camera's name; masks:
     ``masks/<camera>/``, one image for each frame, in order; background: ``backgrounds/<camera>.png`` (or .jpg).
     values: K, distortion, R or a rotation vector, t, perhaps a size, by any of their usual names.
-
-    Raises:
-        UserInputError: a value is missing or wrong, or frames and masks do not go together.
     """
     name = name.removesuffix(Path(name).suffix) if Path(name).suffix.lower() in VIDEOS else name
     intrinsic = numbers(f"{where}, K", entry(where, values, "K", "camera_matrix", "matrix", "mtx", "intrinsic"), (3, 3))
@@ -51,17 +49,16 @@ def camera_of(folder: Path, name: str, where: str, values: dict[str, Any]) -> Ca
         size = [values["image_width"], values["image_height"]]
     size = None if size is None else numbers(f"{where}, size", size, (2,))
     fisheye = bool(values.get("fisheye")) or values.get("model") == "fisheye"
-    coefficients = () if lens is None else tuple(_flat(f"{where}, distortion", lens))
-    camera = Camera(
+    coefficients = () if lens is None else numbers(f"{where}, distortion", lens, (np.size(lens),)).tolist()
+    return Camera(
         name,
         half_pixel_centres(intrinsic),
         pose_from_opencv(rotation, translation),
-        (),
-        Lens("fisheye" if fisheye else "opencv", coefficients),
+        _with_masks(folder, name, _frames(folder, name)),
+        Lens("fisheye" if fisheye else "opencv", tuple(coefficients)),
         plate=next((path for path in images_in(folder / PLATES) if path.stem == name), None),
         size=None if size is None else (round(size[0]), round(size[1])),
     )
-    return replace(camera, frames=_with_masks(folder, name, _frames(folder, name)))
 
 
 def say_what_is_not_read(folder: Path, cameras: Sequence[Camera]) -> None:
@@ -73,13 +70,9 @@ def say_what_is_not_read(folder: Path, cameras: Sequence[Camera]) -> None:
         left += [path for path in (sorted(part.iterdir()) if part.is_dir() else ()) if path.stem not in names]
     if left:
         log.warning(
-            "%s: not read: %s; masks are looked for in %s/CAMERA/, one image for each frame, and images of the empty "
-            "background in %s/CAMERA.png, with the names of the calibration: %s",
-            folder,
-            ", ".join(str(path.relative_to(folder)) for path in left),
-            MASKS,
-            PLATES,
-            ", ".join(sorted(names)),
+            f"{folder}: not read: {', '.join(str(path.relative_to(folder)) for path in left)}; masks are looked for in "
+            f"{MASKS}/CAMERA/, one image for each frame, and images of the empty background in {PLATES}/CAMERA.png, "
+            f"with the names of the calibration: {', '.join(sorted(names))}"
         )
 
 
@@ -88,11 +81,6 @@ def _holds_images(path: Path) -> bool:
     if not path.is_dir() or (path / SCENE_FILE).exists():
         return False
     return any(images_in(place) for place in (path, *path.iterdir()))
-
-
-def _flat(where: str, values: Any) -> list[float]:
-    """As many finite numbers as there are, in whatever shape."""
-    return numbers(where, values, (np.size(values),)).tolist()
 
 
 def _first(values: dict[str, Any], *names: str) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic, intrinsic_matrix
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.readers.poses import still_cameras, with_suffix
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Lens, Recording
 from pacnerf_lpo.errors import UserInputError
@@ -39,12 +39,10 @@ def _shot(path: Path, number: int, values: dict[str, Any]) -> Camera:
     file = with_suffix(path.parent / str(entry(where, values, "file_path")))
     pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4), (3, 4))[:3]
     frame = Frame(file, None if values.get("time") is None else number_at(where, values, "time"))
-    stated = "w" in values and "h" in values
-    size = (
-        (round(number_at(where, values, "w")), round(number_at(where, values, "h")))
-        if stated
-        else image_size(file)[::-1]
-    )
+    if "w" in values and "h" in values:
+        size = round(number_at(where, values, "w")), round(number_at(where, values, "h"))
+    else:
+        size = image_size(file)[::-1]
     return Camera(file.parent.name, _intrinsic(where, values, size), pose, (frame,), _lens(where, values), size=size)
 
 
@@ -66,4 +64,4 @@ def _lens(where: str, values: dict[str, Any]) -> Lens:
     return Lens("opencv", tuple(number_at(where, values, key, 0.0) for key in OPENCV_KEYS))
 
 
-LAYOUT = Layout("nerfstudio", NAME, lambda folder: (folder / NAME).is_file(), read)
+LAYOUT = Layout("nerfstudio", NAME, has(NAME), read)

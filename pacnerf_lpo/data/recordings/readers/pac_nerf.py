@@ -5,7 +5,7 @@ from pathlib import Path
 from pacnerf_lpo.data.checks import check_cameras, image_folder
 from pacnerf_lpo.data.index import NAME, read_index
 from pacnerf_lpo.data.pac_nerf import Files
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 
 
@@ -22,15 +22,9 @@ def read(folder: Path) -> Recording:
         taken = [index.shots[view, frame].time + index.shots[view, frame].offset for frame in frames]
         shots = tuple(Frame(files.image(view, frame), time) for frame, time in zip(frames, taken, strict=True))
         plate = files.plate(view) if not matted and files.plate(view).exists() else None
-        cameras.append(
-            Camera(str(view), shot.intrinsic, shot.camera_to_world, shots, plate=plate, on_white=matted),
-        )
+        cameras.append(Camera(str(view), shot.intrinsic, shot.camera_to_world, shots, plate=plate, on_white=matted))
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 1.0, 0.0), ground=0.0)
 
 
-LAYOUT = Layout(
-    "pac-nerf",
-    f"{NAME} without transforms_train.json",
-    lambda folder: (folder / NAME).is_file() and not (folder / "transforms_train.json").is_file(),
-    read,
-)
+GIC = "transforms_train.json"
+LAYOUT = Layout("pac-nerf", f"{NAME} without {GIC}", has(NAME, without=GIC), read)

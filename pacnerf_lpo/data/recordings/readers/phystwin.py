@@ -4,8 +4,8 @@ from pathlib import Path
 
 from pacnerf_lpo.data.recordings.conventions import half_pixel_centres, opengl_axes
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_arrays, read_values
-from pacnerf_lpo.data.recordings.media import frames_of
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.media import images_in
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -23,17 +23,12 @@ def read(folder: Path) -> Recording:
         raise UserInputError(f"{path}: {len(poses)} poses, but metadata.json has {len(intrinsics)} intrinsics")
     cameras = []
     for number, (pose, intrinsic) in enumerate(zip(poses, intrinsics, strict=True)):
-        shots = frames_of(folder / "color" / str(number)) if (folder / "color" / str(number)).is_dir() else ()
-        cameras.append(
-            Camera(
-                str(number),
-                half_pixel_centres(numbers(f"{where}, intrinsics {number}", intrinsic, (3, 3))),
-                opengl_axes(numbers(f"{path}, pose {number}", pose, (4, 4), (3, 4))),
-                tuple(Frame(shot.file, place / fps) for place, shot in enumerate(shots)),
-                size=(width, height),
-            )
-        )
+        images = images_in(folder / "color" / str(number))
+        matrix = half_pixel_centres(numbers(f"{where}, intrinsics {number}", intrinsic, (3, 3)))
+        turned = opengl_axes(numbers(f"{path}, pose {number}", pose, (4, 4), (3, 4)))
+        frames = tuple(Frame(image, place / fps) for place, image in enumerate(images))
+        cameras.append(Camera(str(number), matrix, turned, frames, size=(width, height)))
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 0.0, -1.0))
 
 
-LAYOUT = Layout("phystwin", "calibrate.pkl and metadata.json", lambda f: (f / "calibrate.pkl").is_file(), read)
+LAYOUT = Layout("phystwin", "calibrate.pkl and metadata.json", has("calibrate.pkl"), read)

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -13,18 +12,17 @@ from pacnerf_lpo.errors import UserInputError
 
 SAME_POSE = 6
 """Digits to which the poses of one camera agree."""
-Shot: TypeAlias = Camera
-"""A camera with a single frame."""
 
 
-def still_cameras(source: Path, shots: Iterable[Shot]) -> tuple[Camera, ...]:
-    """Shots of one pose are the frames of one camera, in the order of time where it is known, else of file names.
+def still_cameras(source: Path, shots: Iterable[Camera]) -> tuple[Camera, ...]:
+    """Shots (each a camera with one frame) of one pose are the frames of one camera, in the order of time where it is
+    known, else of file names.
 
     Cameras are named after what the files of each have in common and others have not: their folder, or the beginning of
     their names; and numbered where that is the same for several. Raises UserInputError where the camera moves, so that
     every pose has one image.
     """
-    groups: dict[bytes, list[Shot]] = {}
+    groups: dict[bytes, list[Camera]] = {}
     for shot in shots:
         key = np.concatenate((shot.pose.ravel(), shot.intrinsic.ravel())).round(SAME_POSE) + 0.0
         groups.setdefault(key.tobytes(), []).append(shot)
@@ -39,7 +37,7 @@ def still_cameras(source: Path, shots: Iterable[Shot]) -> tuple[Camera, ...]:
     return tuple(_joined(name, group) for name, group in zip(names, groups.values(), strict=True))
 
 
-def _name(group: list[Shot]) -> str:
+def _name(group: list[Camera]) -> str:
     files = [shot.frames[0].file for shot in group]
     stem = files[0].stem
     for file in files:
@@ -49,7 +47,7 @@ def _name(group: list[Shot]) -> str:
     return shared if shared and len(files) > 1 and shared not in ("r", "frame", "image") else files[0].parent.name
 
 
-def _joined(name: str, group: list[Shot]) -> Camera:
+def _joined(name: str, group: list[Camera]) -> Camera:
     frames = {shot.frames[0].file: shot.frames[0] for shot in group}
     ordered: list[Frame] = [frames[file] for file in in_order(list(frames))]
     if all(frame.time is not None for frame in ordered):

@@ -9,7 +9,7 @@ from pacnerf_lpo.data.images import image_size
 from pacnerf_lpo.data.recordings.conventions import intrinsic_matrix, pose_from_opencv, rotation_from_vector
 from pacnerf_lpo.data.recordings.files import entry, numbers, read_values
 from pacnerf_lpo.data.recordings.readers.colmap import open_model
-from pacnerf_lpo.data.recordings.readers.layout import Layout
+from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 from pacnerf_lpo.errors import UserInputError
 
@@ -58,9 +58,5 @@ def _only_sequence(folder: Path) -> Path:
     return found[0]
 
 
-LAYOUT = Layout(
-    "spring-gaus-real",
-    "dynamic/cameras_calib.json",
-    lambda folder: (folder / "dynamic" / "cameras_calib.json").is_file(),
-    read,
-)
+NAME = "dynamic/cameras_calib.json"
+LAYOUT = Layout("spring-gaus-real", NAME, has(NAME), read)

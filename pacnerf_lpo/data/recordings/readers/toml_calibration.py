@@ -12,12 +12,11 @@ from pacnerf_lpo.errors import UserInputError
 
 def read(folder: Path) -> Recording:
     """OpenCV's world-to-camera poses in the unit of the calibration board; rotations as vectors or matrices."""
-    path = _file(folder)
-    cameras = [
-        camera_of(folder, _name(key, values), f"{path}, {key}", values)
-        for key, values in _cameras(path).items()
-        if not values.get("ignore", False)
-    ]
+    found = _files(folder)
+    if len(found) != 1:
+        raise UserInputError(f"{folder}: {' and '.join(p.name for p in found) or 'no TOML'}: one calibration is needed")
+    used = {key: values for key, values in _cameras(found[0]).items() if not values.get("ignore", False)}
+    cameras = [camera_of(folder, _name(key, own), f"{found[0]}, {key}", own) for key, own in used.items()]
     say_what_is_not_read(folder, cameras)
     return Recording(LAYOUT.name, folder, tuple(cameras), metric=True)
 
@@ -35,13 +34,6 @@ def _cameras(path: Path) -> dict[str, dict[str, Any]]:
 def _name(key: str, values: dict[str, Any]) -> str:
     """Anipose names its cameras; caliscope counts ports, whose videos are ``port_1.mp4`` or ``cam_1.mp4``."""
     return str(values.get("name", values.get("port", values.get("cam_id", key.removeprefix("cam_")))))
-
-
-def _file(folder: Path) -> Path:
-    found = _files(folder)
-    if len(found) != 1:
-        raise UserInputError(f"{folder}: {' and '.join(p.name for p in found) or 'no TOML'}: one calibration is needed")
-    return found[0]
 
 
 def _files(folder: Path) -> list[Path]:
