@@ -94,7 +94,8 @@ class Competition:
     Attributes:
         trials: by the name of their law, in the order of the laws.
         reference: name of the law that explains most on the coarse body.
-        arrays: of the noise, by name.
+        arrays: of the noise, by name; with the ``force``, if the laws were compared beside one.
+        alone: the least error of what was held out, in units of its noise, if no law explains that; else None.
 
     Raises:
         UserInputError: no law suits the effects and the ground.
@@ -114,6 +115,7 @@ class Competition:
             except UserInputError as error:
                 self._leave_out(name, str(error))
         self.reference, self.arrays = "", dict[str, np.ndarray]()
+        self.alone: float | None = None
         trials = self.trials.items()
         self._tasks: list[tuple[str, Callable[[Watch], None]]] = [
             *((f"{trial.family}: search", partial(self._search, name)) for name, trial in trials),
@@ -160,12 +162,11 @@ class Competition:
 
     def summary(self) -> dict[str, Any]:
         """The table, best law first, the law that is used, and what is to be said of it, as JSON."""
-        alone = self.arrays.get("alone")
         return {
             "laws": [{**asdict(trial), "parameters": self._parameters(trial)} for trial in self.ranked],
             "chosen": self.chosen.law,
             "indistinguishable": [trial.law for trial in self.indistinguishable],
-            "sentences": sentences(self.indistinguishable, self.chosen, None if alone is None else float(alone)),
+            "sentences": sentences(self.indistinguishable, self.chosen, self.alone, "force" in self.arrays),
         }
 
     def _parameters(self, trial: Trial) -> dict[str, dict[str, Any]]:
@@ -178,12 +179,12 @@ class Competition:
         """All that the steps so far have found, as plain data and tensors."""
         arrays = {name: torch.from_numpy(values) for name, values in self.arrays.items()}
         trials = [asdict(trial) for trial in self.trials.values()]
-        return {"trials": trials, "reference": self.reference, "arrays": arrays}
+        return {"trials": trials, "reference": self.reference, "arrays": arrays, "alone": self.alone}
 
     def restore(self, found: dict[str, Any]) -> None:
         """Take over what :meth:`found` gave."""
         self.trials = {entry["law"]: Trial(**entry) for entry in found["trials"]}
-        self.reference = found["reference"]
+        self.reference, self.alone = found["reference"], found["alone"]
         self.arrays = {name: values.numpy() for name, values in found["arrays"].items()}
 
     def _search(self, name: str, watch: Watch) -> None:
@@ -312,14 +313,15 @@ class Competition:
         """Where no law explains what was held out, something else acts, and a law that dissipates energy stands in for
         it. So the laws are compared once more, beside a smooth force of which nothing is known.
         """
-        if not doubtful(self.ranked[0]):
+        leader = self.ranked[0]
+        if leader.held_out is None or leader.held_out <= POOR:
             return
-        self.arrays["alone"] = np.array(self.ranked[0].held_out)
+        self.alone = leader.held_out
         for _ in range(LINEARISATIONS):
             problem, known = self._at(self.ranked[0].law)
             try:
                 changes = force_changes(problem, problem.physics.effects, known, lambda _: None)
-            except SimulationError:  # on the coarse body; what was found so far stays
+            except SimulationError:  # of the coarse body; what was found so far stays
                 return
             self.arrays["force"] = FORCE * changes
             for name in self.trials:
@@ -340,18 +342,13 @@ class Competition:
         self.trials[name] = replace(self.trials[name], left_out=why)
 
 
-def doubtful(trial: Trial) -> bool:
-    """Whether what was held out shows an error that is not the noise's."""
-    return trial.held_out is not None and trial.held_out > POOR
-
-
-def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None) -> list[str]:
+def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None, forced: bool = False) -> list[str]:
     """What a person should know of the choice.
 
     Args:
         left: laws that are not separated, the most probable first;  chosen: of them.
-        alone: the least error of what was held out, in units of the noise, if that made the laws be compared beside an
-            unknown force.
+        alone: as of :class:`Competition`.
+        forced: whether the laws were compared beside an unknown force.
     """
     leader = left[0]
     if len(left) > 1:
@@ -360,10 +357,10 @@ def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None) 
     else:
         found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
     if alone is not None:
+        beside = f", and {leader.held_out:.1f} times beside an unknown smooth force" if forced else ""
         found.append(
-            f"Doubtful: the best law alone predicts what was held out with {alone:.1f} times the error of the noise, "
-            f"and {leader.held_out:.1f} times beside an unknown smooth force. Something else may be missing: run "
-            "pacnerf-lpo diagnose, and check masks and ground"
+            f"Doubtful: the best law alone predicts what was held out with {alone:.1f} times the error of the noise"
+            f"{beside}. Something else may be missing: run pacnerf-lpo diagnose, and check masks and ground"
         )
     return found
 

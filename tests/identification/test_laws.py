@@ -148,10 +148,22 @@ def test_laws_are_compared_beside_an_unknown_force_where_none_explains_the_recor
     assert found.chosen.law == type(true).__name__
     *_, doubt = found.summary()["sentences"]
     assert "beside an unknown smooth force" in doubt
-    assert found.arrays["alone"] > laws.POOR > found.ranked[0].held_out
+    assert found.alone > laws.POOR > found.ranked[0].held_out
     again = Competition(found.problem)
     again.restore(found.found())
     assert again.summary() == found.summary()
+
+
+def test_what_was_found_alone_stays_where_a_force_cannot_be_tried(unstable, monkeypatch):
+    def changes(*_):
+        raise SimulationError(3, 1, "made unstable by a test")
+
+    monkeypatch.setattr(laws, "force_changes", changes)
+    found = Competition(Dropped(NeoHookean(E=6e4)))
+    found.trials = {"NeoHookean": laws.Trial("NeoHookean", "elastic", {}, 1.0, 1e3, 0.0, 1.0, held_out=6.3)}
+    found.step(found.steps - 1)
+    *_, doubt = found.summary()["sentences"]
+    assert "with 6.3 times the error of the noise. Something else may be missing" in doubt
 
 
 def test_an_unstable_law_is_left_out_with_a_line(unstable):
