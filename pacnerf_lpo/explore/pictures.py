@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import contourpy
 import numpy as np
 import torch
 from matplotlib import colormaps
 from PIL import Image, ImageDraw
 
+from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.data.images import contours
 from pacnerf_lpo.evaluation.prediction import to_bytes
 from pacnerf_lpo.explore.records import Camera, Outlines
 from pacnerf_lpo.report.residual_colours import NEGATIVE, POSITIVE, residual_colours
@@ -49,7 +50,7 @@ def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) 
         [0..255, (side, W', 3), uint8]
     """
     window = around(seen) if close else (0.0, 0.0, seen.measured.shape[1], seen.measured.shape[0])
-    lines = contours(seen.measured), contours(seen.model)
+    lines = contours(seen.measured), contours(np.nan_to_num(seen.model))
     residual = residual_colours(torch.as_tensor(np.nan_to_num(seen.residual)), 1.0).numpy()
     half = (side - GAP) // 2
     large = enlarged(seen.image, lines, window, side)
@@ -59,13 +60,6 @@ def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) 
     for row, image in enumerate(small):
         sheet.paste(image, (large.width + GAP, row * (half + GAP)))
     return np.asarray(sheet)
-
-
-def contours(opacity: np.ndarray) -> list[np.ndarray]:
-    """Closed lines [pixels, (K, 2)] around what is more than half opaque [0..1, (H, W)]."""
-    padded = np.pad(np.nan_to_num(opacity), 1)
-    found = contourpy.contour_generator(z=padded, line_type="Separate").lines(0.5)
-    return [np.asarray(line) - 1.0 for line in found]
 
 
 def around(seen: Outlines) -> Window:
@@ -93,7 +87,7 @@ def enlarged(
     pencil = ImageDraw.Draw(sheet)
     for some, colour in zip(lines, (MEASURED, MODEL), strict=True):
         for line in some:
-            pencil.line([tuple(point) for point in (line + 0.5 - corner) * factor], fill=colour, width=2)
+            pencil.line([tuple(point) for point in (line - corner) * factor], fill=colour, width=2)
     return sheet
 
 
@@ -112,13 +106,12 @@ def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np
     """
     height, width = opacity.shape
     pose, matrix = camera.camera_to_world, camera.intrinsics
-    local = (positions - pose[:3, 3]) @ pose[:3, :3]
-    front = np.isfinite(local).all(-1) & (local[:, 2] < 0)
-    local, colours = local[front], colours[front]
-    order = np.argsort(local[:, 2])  # far to near: the nearest is painted last
-    depth = -local[order, 2]
-    u = matrix[0, 2] + matrix[0, 0] * local[order, 0] / depth
-    v = matrix[1, 2] - matrix[1, 1] * local[order, 1] / depth
+    pixels, depth = (
+        part.numpy() for part in project(*(torch.as_tensor(a).double() for a in (positions, matrix, pose)))
+    )
+    order = np.argsort(-depth)  # far to near: the nearest is painted last
+    order = order[np.isfinite(pixels[order]).all(-1) & (depth[order] > 0)]
+    (u, v), depth = pixels[order].T, depth[order]
     body = np.full((height, width, 3), SHADE)
     reach = max(1, round(0.8 * size * matrix[0, 0] / float(np.median(depth)))) if len(depth) else 1
     steps = [

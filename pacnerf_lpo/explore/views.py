@@ -9,6 +9,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from pacnerf_lpo.data.recordings.tangents import Planes, bounds, outline_planes
 from pacnerf_lpo.data.recordings.voxel_hull import visual_hull
 from pacnerf_lpo.data.recordings.written_scene import View
 from pacnerf_lpo.errors import UserInputError
@@ -25,8 +26,6 @@ NEIGHBOURS = 12
 """Of a particle, by which its stretch is measured: those that share a face or an edge with its cell, about."""
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 """Of the body along x, y and z."""
-WIDER = 1.3
-"""The box in which a hull is looked for, relative to what the outlines say of its size."""
 
 
 class Views:
@@ -195,28 +194,17 @@ class Views:
 
 def hull_at(video: Video, frame: int) -> tuple[np.ndarray, float]:
     """Points of the visual hull of all mattes at a frame [m, (M, 3)], and how far they are apart [m]; none where fewer
-    than two cameras see the body.
+    than two cameras see the body, or their outlines leave it open or contradict each other.
     """
-    mattes = (video.silhouettes[:, frame] > 0.5).numpy()
-    seeing = [view for view in range(len(mattes)) if mattes[view].any()]
-    if len(seeing) < 2:
-        return np.zeros((0, 3)), 0.0
     poses, intrinsics = video.camera_to_world.double().numpy(), video.intrinsics.double().numpy()
-    lines, eyes, sizes = [], [], []
-    for view in seeing:
-        rows, columns = np.nonzero(mattes[view])
-        K, pose = intrinsics[view], poses[view]
-        middle = np.array([columns.mean() + 0.5 - K[0, 2], -(rows.mean() + 0.5 - K[1, 2]), -K[0, 0]])
-        direction = pose[:, :3] @ (middle / [K[0, 0], abs(K[1, 1]), K[0, 0]])
-        lines.append(direction / np.linalg.norm(direction))
-        eyes.append(pose[:, 3])
-        sizes.append(max(np.ptp(rows), np.ptp(columns)) / K[0, 0])
-    across = [np.eye(3) - np.outer(line, line) for line in lines]
-    system, side = sum(across), sum(a @ eye for a, eye in zip(across, eyes, strict=True))
-    centre = np.linalg.lstsq(system, side, rcond=None)[0]
-    reach = WIDER * max(s * np.linalg.norm(centre - eye) for s, eye in zip(sizes, eyes, strict=True)) / 2
-    views = [View(v, "", intrinsics[v], poses[v], video.valid[v].numpy(), None) for v in seeing]
-    return visual_hull(views, [mattes[v] for v in seeing], centre - reach, centre + reach)
+    seen = [(v, matte) for v, matte in enumerate(video.silhouettes[:, frame].double().numpy()) if (matte > 0.5).any()]
+    if len(seen) < 2:
+        return np.zeros((0, 3)), 0.0
+    lower, upper = bounds(Planes.of([outline_planes(matte, intrinsics[v], poses[v]) for v, matte in seen]))
+    if not np.isfinite((lower, upper)).all():
+        return np.zeros((0, 3)), 0.0
+    views = [View(v, "", intrinsics[v], poses[v], video.valid[v].numpy(), None) for v, _ in seen]
+    return visual_hull(views, [matte > 0.5 for _, matte in seen], lower, upper)
 
 
 @torch.no_grad()
