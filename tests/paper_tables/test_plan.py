@@ -11,13 +11,12 @@ import pytest
 import yaml
 from PIL import Image
 
-from pacnerf_lpo.data import digest
+from pacnerf_lpo.data import pac_nerf
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.parameter_errors import read_truth
-from pacnerf_lpo.paper_tables import keys
+from pacnerf_lpo.paper_tables import plan
 from pacnerf_lpo.paper_tables.cells import RunName
-from pacnerf_lpo.paper_tables.keys import beginning_key, run_key
-from pacnerf_lpo.paper_tables.plan import _files, _rounds_needed, plan_runs
+from pacnerf_lpo.paper_tables.plan import _files, _rounds_needed, beginning_key, plan_runs, run_key
 from pacnerf_lpo.paper_tables.scenes import Scene, find_scenes
 from pacnerf_lpo.paper_tables.suites import NINE, SHARED, SUITES
 
@@ -39,7 +38,7 @@ def write_scene(folder: Path, views: int = 4, frames: int = 14) -> Path:
 
 @pytest.fixture
 def config(tmp_path: Path) -> dict:
-    digest.file_digest.cache_clear()
+    pac_nerf.file_digest.cache_clear()
     root = str(write_scene(tmp_path / "scene"))
     return {
         "seed_everything": 0,
@@ -78,7 +77,7 @@ def test_key_and_contents_of_the_data(config: dict, tmp_path: Path):
         times = path.stat()
         path.write_bytes(content)
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-        digest.file_digest.cache_clear()
+        pac_nerf.file_digest.cache_clear()
         return run_key(config)
 
     unused = [folder / "m_3_0.png", folder / "m_0_13.png"]  # a view and a frame that are not used
@@ -92,7 +91,7 @@ def test_key_does_not_depend_on_where_the_data_lies(config: dict, tmp_path: Path
     before = run_key(config)
     moved = tmp_path / "moved"
     (tmp_path / "scene").rename(moved)
-    digest.file_digest.cache_clear()
+    pac_nerf.file_digest.cache_clear()
     config["data"]["root"] = str(moved)
     config["truth"] = str(moved / "truth.json")
     assert run_key(config) == before
@@ -100,7 +99,7 @@ def test_key_does_not_depend_on_where_the_data_lies(config: dict, tmp_path: Path
 
 def test_key_and_version(config: dict, monkeypatch: pytest.MonkeyPatch):
     before = run_key(config)
-    monkeypatch.setattr(keys, "__version__", "9.9.9")
+    monkeypatch.setattr(plan, "__version__", "9.9.9")
     assert run_key(config) != before
 
 
@@ -152,7 +151,7 @@ def test_no_scenes(tmp_path: Path, folder: str):
 @pytest.mark.slow
 def test_plan_of_real_configurations(tmp_path: Path):
     """One beginning for all corrections, which an overlay cannot switch on again, and none where it would differ."""
-    digest.file_digest.cache_clear()
+    pac_nerf.file_digest.cache_clear()
     root = str(write_scene(tmp_path / "torus", views=11))
     scene = Scene("torus", root, (CONFIGS / "scenes" / "torus.yaml",), "", original=True)
     runs = plan_runs(SUITES["table15"], [scene], CONFIGS, [CONFIGS / "cpu.yaml"], tmp_path)
