@@ -13,7 +13,7 @@ from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report import sections
 from pacnerf_lpo.report.page import page
 from pacnerf_lpo.report.payload import build_payload
-from pacnerf_lpo.report.verdict import FAIR, GOOD, judge
+from pacnerf_lpo.report.sections import FAIR, GOOD, judge
 
 REPORT_FILE = "report.html"
 SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves.js")

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 
-import contourpy
 import numpy as np
 
+from pacnerf_lpo.data.images import contours
 from pacnerf_lpo.data.recordings.voxel_hull import projected
 from pacnerf_lpo.data.recordings.written_scene import View
 
@@ -103,9 +103,8 @@ def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
     """
     if min(mask.shape) < LEAST_PICTURE:
         return ""
-    found = contourpy.contour_generator(z=np.pad(mask, 1).astype(float), line_type="Separate").lines(0.5)
     parts = []
-    for line in found:
-        points = (np.asarray(line)[:: 1 + len(line) // MOST_POINTS] - 0.5) / scale + corner
+    for line in contours(mask.astype(float)):
+        points = line[:: 1 + len(line) // MOST_POINTS] / scale + corner
         parts.append("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "Z")
     return "".join(parts)

@@ -16,11 +16,11 @@ from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
 from pacnerf_lpo.evaluation.doubts.identification import (
     doubts_about_identification,
     doubts_about_intervals,
+    doubts_about_methods,
     doubts_about_parameters,
     doubts_about_velocity,
 )
 from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
-from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
 from pacnerf_lpo.evaluation.doubts.recording import measure_fall
 from pacnerf_lpo.manifest import PhaseRecord
 from pacnerf_lpo.mpm.effects import GroundFriction

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
+from pacnerf_lpo.evaluation.doubts.identification import doubts_about_methods
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import method_comparison

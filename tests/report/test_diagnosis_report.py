@@ -20,7 +20,7 @@ from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis import RESULT, render_page, write_page
-from pacnerf_lpo.report.diagnosis_tensorboard import excess_picture, log_diagnosis
+from pacnerf_lpo.report.tensorboard_images import excess_picture, log_diagnosis
 from tests.report import diagnosis_example as example
 
 KINDS = ("missing", "camera", "nothing", "unknown", "unfinished")

@@ -6,8 +6,8 @@ from typing import Any
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.evaluation.doubts import identification, recording
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
+from pacnerf_lpo.evaluation.doubts.identification import doubts_about_methods
 from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
-from pacnerf_lpo.evaluation.doubts.methods import doubts_about_methods
 from pacnerf_lpo.evaluation.run_directory import Stage
 from pacnerf_lpo.mpm.physics import Physics
 
