@@ -21,7 +21,7 @@ from pacnerf_lpo.named_configs import find_config
 from pacnerf_lpo.report.diagnosis import write_page
 from pacnerf_lpo.report.diagnosis_result import RESULT, write
 from pacnerf_lpo.report.diagnosis_stages import write_pictures
-from pacnerf_lpo.report.diagnosis_tensorboard import log_diagnosis
+from pacnerf_lpo.report.tensorboard_images import log_diagnosis
 from pacnerf_lpo.scene_folder import RUN, is_scene
 
 

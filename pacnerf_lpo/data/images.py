@@ -1,10 +1,13 @@
 """PNG files to arrays, area-averaged scaling, and silhouettes of images that are already on white."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import contourpy
 import numpy as np
 import torch
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from scipy import ndimage
 from torch import Tensor
 
@@ -20,20 +23,11 @@ def read_png(path: Path) -> np.ndarray:
 
     Raises UserInputError where the file is missing, truncated or no image.
     """
-    try:
-        with Image.open(path) as image:
-            if image.mode not in MODES:
-                raise UserInputError(
-                    f"{path}: pixels of kind {image.mode} are not supported; save it as 8-bit RGB or RGBA"
-                )
-            transparent = "A" in image.getbands() or "transparency" in image.info
-            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
-    except FileNotFoundError:
-        raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
-    except (OSError, SyntaxError, UnidentifiedImageError) as error:
-        reason = str(error).splitlines()[0].replace(str(path), "").strip(" '")
-        raise UserInputError(f"{path}: the image cannot be read ({reason}); copy or export it again") from None
-    return pixels.astype(np.float32) / 255.0
+    with _opened(path) as image:
+        if image.mode not in MODES:
+            raise UserInputError(f"{path}: pixels of kind {image.mode} are not supported; save it as 8-bit RGB or RGBA")
+        transparent = "A" in image.getbands() or "transparency" in image.info
+        return np.asarray(image.convert("RGBA" if transparent else "RGB")).astype(np.float32) / 255.0
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -41,13 +35,20 @@ def image_size(path: Path) -> tuple[int, int]:
 
     Raises UserInputError where the file is missing or no image.
     """
+    with _opened(path) as image:
+        return image.height, image.width
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
     try:
         with Image.open(path) as image:
-            return image.height, image.width
+            yield image
     except FileNotFoundError:
         raise UserInputError(f"{path}: the image is missing; copy it there or leave its view or frame out") from None
-    except (OSError, SyntaxError, UnidentifiedImageError):
-        raise UserInputError(f"{path}: this is no readable image (empty or damaged); copy or export it again") from None
+    except (OSError, SyntaxError) as error:
+        reason = str(error).splitlines()[0].replace(str(path), "").strip(" '")
+        raise UserInputError(f"{path}: the image cannot be read ({reason}); copy or export it again") from None
 
 
 def on_white(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,6 +83,14 @@ def large_pieces(solid: np.ndarray, share: float) -> np.ndarray:
     areas = np.bincount(labels.ravel())
     areas[0] = 0
     return (areas >= share * areas.max())[labels] & solid if count else solid
+
+
+def contours(opacity: np.ndarray) -> list[np.ndarray]:
+    """Closed lines around what is more than half opaque [0..1, (H, W)], x right and y down, to a fraction of a pixel;
+    centres of pixels are at +0.5 [pixels, (K, 2) each].
+    """
+    lines = contourpy.contour_generator(z=np.pad(opacity, 1), line_type="Separate").lines(0.5)
+    return [np.asarray(line) - 0.5 for line in lines]
 
 
 def area_weights(size: int, scaled: int) -> Tensor:

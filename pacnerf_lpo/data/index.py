@@ -1,7 +1,6 @@
 """``all_data.json`` of PAC-NeRF's layout: one pose, intrinsic matrix and time per image."""
 
 import difflib
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from pacnerf_lpo.data.recordings.files import number_at, numbers, read_values
 from pacnerf_lpo.errors import UserInputError
 
 NAME = "all_data.json"
-SHAPES: dict[str, tuple[int, ...]] = {"c2w": (3, 4), "intrinsic": (3, 3), "time": ()}
-KEYS = ("file_path", *SHAPES)
+SHAPES = {"c2w": (3, 4), "intrinsic": (3, 3)}
+KEYS = ("file_path", *SHAPES, "time")
 IMAGE_NAME = re.compile(r"[rm]_(\d+)_(-?\d+)\.png$")
 
 
@@ -91,12 +91,9 @@ def _load_json(root: Path, path: Path) -> Any:
         )
     if not any(root.iterdir()):
         raise UserInputError(f"data.root: the folder {root} is empty; expected {NAME} and data/ with the images")
-    try:
-        return json.loads(path.read_text())
-    except FileNotFoundError:
-        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, next to data/") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise UserInputError(f"{path}: no valid JSON ({error}); write the file again") from None
+    if not path.is_file():
+        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, next to data/")
+    return read_values(path)
 
 
 def _nearest_sibling(root: Path) -> str:
@@ -119,21 +116,6 @@ def _read_entry(path: Path, number: int, entry: Any) -> tuple[tuple[int, int], S
         raise UserInputError(
             f"{where}: file_path '{entry['file_path']}' does not read ./data/r_<camera>_<frame>.png; rename the image"
         )
-    values = {key: _number_array(where, key, entry[key]) for key in SHAPES}
-    offset = float(_number_array(where, "time_offset", entry.get("time_offset", 0.0)))
-    shot = Shot(number, values["c2w"], values["intrinsic"], float(values["time"]), offset)
-    return (int(match[1]), int(match[2])), shot
-
-
-def _number_array(where: str, key: str, value: Any) -> np.ndarray:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    expected = SHAPES.get(key, ())
-    if array.shape != expected:
-        kind = f"{' x '.join(map(str, expected))} numbers" if expected else "one number"
-        raise UserInputError(f"{where}: '{key}' must hold {kind}; write it again")
-    if not np.isfinite(array).all():
-        raise UserInputError(f"{where}: '{key}' holds NaN or infinity; calibrate again or remove this image's view")
-    return array
+    pose, intrinsic = (numbers(f"{where}, '{key}'", entry[key], shape) for key, shape in SHAPES.items())
+    times = (number_at(where, entry, "time"), number_at(where, entry, "time_offset", 0.0))
+    return (int(match[1]), int(match[2])), Shot(number, pose, intrinsic, *times)

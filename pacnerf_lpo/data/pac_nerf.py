@@ -4,11 +4,13 @@
 Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of 255 carry no information.
 """
 
-from collections.abc import Iterable, Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -16,6 +18,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from pacnerf_lpo.data import checks
+from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.images import area_average, on_white, read_png
 from pacnerf_lpo.data.index import Index, read_index
 from pacnerf_lpo.data.matting import matte
@@ -143,3 +146,28 @@ def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -
     checks.check_occluder(occluder, pixels, size)
     hidden = torch.from_numpy(pixels[..., 3:] > OCCLUDER_ALPHA).float()
     return area_average(hidden, *scaled)[..., 0] == 0
+
+
+def data_digest(section: Mapping[str, Any]) -> str:
+    """Hash of the contents of all files that a section ``data`` reads; UserInputError where it cannot be read."""
+    root = resolve_root(section["root"])
+    index = read_index(root)
+    views = index.views()
+    if section["train_views"] is not None and section["test_views"] is not None:
+        views = sorted({*section["train_views"], *section["test_views"]})
+    chosen = choose_files(root, index, views, section["frames"], section["background"])
+    occluders = [path for view in views if (path := chosen.occluder(view)).exists()]
+    digest = hashlib.sha256(file_digest(index.path))
+    for path in (*chosen.needed(), *occluders):
+        digest.update(path.name.encode())
+        digest.update(file_digest(path))
+    return digest.hexdigest()
+
+
+@cache
+def file_digest(path: Path) -> bytes:
+    """SHA-256 of a file's contents; each file is read once per process."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError as error:
+        raise UserInputError(f"{path}: {error.strerror}") from None

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.errors import UserInputError
 
 VOXELS = 40
@@ -84,10 +85,7 @@ class Mesh(Shape):
     """
 
     def __init__(self, path: str, longest: float | None = None):
-        try:
-            import trimesh
-        except ImportError:
-            raise UserInputError("a mesh needs trimesh: pip install 'pacnerf-lpo[export]'") from None
+        trimesh = library("trimesh", "a mesh", "export")
         if not Path(path).is_file():
             raise UserInputError(f"{path}: there is no such mesh; give a file, or Ball, Block or Torus")
         try:
@@ -100,22 +98,11 @@ class Mesh(Shape):
         if longest is not None:
             surface.apply_scale(_positive("Mesh.longest", longest) / float(surface.extents.max()))
         self.reach = float(abs(surface.bounds).max())
-        pitch = 2 * self.reach / VOXELS
-        filled = surface.voxelized(pitch).fill()
-        self._cells = torch.as_tensor(filled.points, dtype=torch.float64)
-        self._pitch = pitch
+        self._filled = surface.voxelized(2 * self.reach / VOXELS).fill()
 
     def contains(self, points: Tensor) -> Tensor:
         """See :meth:`Shape.contains`; to a voxel of a fortieth of its size."""
-        lower = self._cells.amin(0)
-        counts = ((self._cells.amax(0) - lower) / self._pitch).round().long() + 1
-        inside = torch.zeros(*counts.tolist(), dtype=torch.bool)
-        inside[tuple(((self._cells - lower) / self._pitch).round().long().T)] = True
-        cells = ((points.double() - lower) / self._pitch).round().long()
-        near = ((cells >= 0) & (cells < counts)).all(-1)
-        found = near.clone()
-        found[near] = inside[tuple(cells[near].T)]
-        return found
+        return torch.from_numpy(self._filled.is_filled(points.double().numpy()))
 
 
 def named_shape(name: str, size: Sequence[float]) -> Shape:

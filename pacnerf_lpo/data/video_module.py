@@ -10,11 +10,10 @@ from torch.utils.data import DataLoader
 from pacnerf_lpo.data import checks, coverage
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
-from pacnerf_lpo.data.digest import data_digest
 from pacnerf_lpo.data.hull import hull_box
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints, read_point_clouds, read_tracked_points
-from pacnerf_lpo.data.pac_nerf import Background, read_pac_nerf
+from pacnerf_lpo.data.pac_nerf import Background, data_digest, read_pac_nerf
 from pacnerf_lpo.types import Box, Rays, Video
 
 

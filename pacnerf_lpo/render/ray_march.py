@@ -3,12 +3,15 @@
 C(r) = sum_i T_i alpha_i c_i + T_end * background,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd import Function
+from torch.nn.functional import embedding_bag
 
-from pacnerf_lpo.render.segments import segment_copy, segment_sum
 from pacnerf_lpo.scene.activation import optical_depth, sample_length
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.occupancy import occupied_cells
@@ -20,6 +23,7 @@ MIN_ALPHA = 1e-7
 MIN_WEIGHT = 1e-7
 BLOCK = 2048
 """Samples that are coloured at a time on a CPU."""
+Map = Callable[[Tensor, Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -165,3 +169,36 @@ def _compose(density: Tensor, lengths: Tensor, delta: float) -> tuple[Tensor, Te
     before = total[:-1] - segment_copy(begin[:, None], lengths).squeeze(1)
     transmittance = (begin - total.index_select(0, end)).exp().to(density.dtype)
     return torch.where(visible, opacity, 0) * (-before).exp().to(density.dtype), transmittance
+
+
+def segment_sum(values: Tensor, lengths: Tensor) -> Tensor:
+    """Sum the sample values (M, C) of each ray: (R, C). Differentiable."""
+    return _Linear.apply(values, lengths, _sum, _copy)
+
+
+def segment_copy(values: Tensor, lengths: Tensor) -> Tensor:
+    """Copy each ray's values (R, C) to its samples: (M, C). Differentiable."""
+    return _Linear.apply(values, lengths, _copy, _sum)
+
+
+def _sum(values: Tensor, lengths: Tensor) -> Tensor:
+    begin = lengths.cumsum(0) - lengths
+    return embedding_bag(torch.arange(len(values), device=values.device), values.contiguous(), begin, mode="sum")
+
+
+def _copy(values: Tensor, lengths: Tensor) -> Tensor:
+    return values.repeat_interleave(lengths, dim=0)
+
+
+class _Linear(Function):
+    """A linear map of the values and its adjoint: sum and copy are each the other's."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, lengths: Tensor, mapping: Map, adjoint: Map) -> Tensor:
+        ctx.save_for_backward(lengths)
+        ctx.mapping, ctx.adjoint = mapping, adjoint
+        return mapping(values, lengths)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Any:
+        return ctx.adjoint(gradients[0], ctx.saved_tensors[0]), None, None, None

@@ -47,7 +47,7 @@ def test_missing_index(scene):
 @pytest.mark.parametrize("text", ['[{"file_path": ', "\x00\x01", ""])
 def test_invalid_json(scene, text):
     (scene / "all_data.json").write_text(text)
-    refused(scene, "all_data.json", "no valid JSON")
+    refused(scene, "all_data.json", "cannot be read")
 
 
 @pytest.mark.parametrize("content", [{}, [], {"frames": []}, "text"])
@@ -79,7 +79,7 @@ def test_file_path_of_another_form(scene, edit):
 
 @pytest.mark.parametrize(
     ("key", "value", "part"),
-    [("c2w", [[1, 2, 3]], "3 x 4"), ("intrinsic", [[1, 0], [2]], "3 x 3"), ("time", "soon", "one number")],
+    [("c2w", [[1, 2, 3]], "3 x 4"), ("intrinsic", [[1, 0], [2]], "3 x 3"), ("time", "soon", "one finite number")],
 )
 def test_wrong_shape(scene, edit, key, value, part):
     edit(lambda shots: shots[0, 0].update({key: value}))
@@ -164,7 +164,7 @@ def test_truncated_png(scene):
 
 def test_file_that_is_no_png(scene):
     (scene / "data" / "m_1_2.png").write_bytes(b"")
-    refused(scene, "m_1_2.png", "no readable image")
+    refused(scene, "m_1_2.png", "cannot be read")
 
 
 def test_size_that_differs(scene):

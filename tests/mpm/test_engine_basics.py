@@ -12,7 +12,7 @@ from pacnerf_lpo.mpm import simulator as simulator_module
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.ground import Separate, Sticky
 from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
-from pacnerf_lpo.mpm.materials.hencky import kept_share
+from pacnerf_lpo.mpm.materials.common import kept_share
 from pacnerf_lpo.mpm.principal import symmetric_eigen
 from pacnerf_lpo.mpm.simulator import Simulator
 

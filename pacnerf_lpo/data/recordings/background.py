@@ -6,6 +6,8 @@ the object has everywhere the colours that it has where it is sure. Otherwise a 
 become background where it rests, as in a median of the video.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +16,9 @@ from scipy import ndimage
 from pacnerf_lpo.data.images import large_pieces
 from pacnerf_lpo.data.matting import SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
-from pacnerf_lpo.data.recordings.footage import Footage
+from pacnerf_lpo.data.recordings.footage import Footage, factor_of
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.recordings.other_views import Expectation
-from pacnerf_lpo.data.recordings.resolution import factor_of
-from pacnerf_lpo.data.recordings.total_variation import denoised
 
 ROUNDS = 2
 """How often background, object and its colours are found from each other."""
@@ -50,6 +50,8 @@ PIECE = 0.02
 """Pieces smaller than this part of the largest one are no part of the object."""
 AROUND = 0.06
 """Standard deviation of the window from which never seen background is continued, relative to the image's width."""
+STEPS = 30
+"""Of the dual; then no sign changes any more, even where the odds of a pixel are half noise."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class Background:
     shows: np.ndarray
     brightest: float = SHADE_RANGE[1]
 
-    def at_full_size(self, footage: Footage) -> "Background":
+    def at_full_size(self, footage: Footage) -> Background:
         """The same at all pixels of the frames."""
         return _composed(footage.full_size(), self.shows, self.colours)
 
@@ -260,3 +262,39 @@ def _continued(values: np.ndarray, known: np.ndarray, width: float) -> np.ndarra
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     averaged = smoothed(np.where(known[..., None], values, 0.0), width) / np.maximum(weight, 1e-9)
     return np.where(weight > 1e-3, averaged, values[tuple(nearest)]) if known.any() else values
+
+
+def denoised(values: np.ndarray, weight: float) -> np.ndarray:
+    """The u that minimises |u - values|^2 / 2 + weight * total variation of u [(H, W)].
+
+    By accelerated gradient projection of the dual (Beck and Teboulle 2009). Where u is positive, the sum of ``values``
+    inside less ``weight`` times the length of the outline is largest (Chan, Esedoglu, Nikolova 2006).
+
+    Args:
+        values: log odds (H, W). weight: log odds for each pixel of outline.
+    """
+    values = values.astype(np.float32)
+    dual = before = np.zeros((2, *values.shape), np.float32)
+    momentum = 1.0
+    for _ in range(STEPS):
+        moved = dual + _slopes(values + weight * _divergence(dual)) / np.float32(8.0 * weight)
+        moved /= np.maximum(1.0, np.hypot(moved[0], moved[1]))
+        following = 0.5 + np.sqrt(0.25 + momentum**2)
+        dual = moved + np.float32((momentum - 1.0) / following) * (moved - before)
+        before, momentum = moved, following
+    return np.asarray(values + weight * _divergence(before))
+
+
+def _slopes(values: np.ndarray) -> np.ndarray:
+    """Differences to the next pixel along rows and columns, none beyond the border [(2, H, W)]."""
+    found = np.zeros((2, *values.shape), np.float32)
+    found[0, :-1], found[1, :, :-1] = np.diff(values, axis=0), np.diff(values, axis=1)
+    return found
+
+
+def _divergence(dual: np.ndarray) -> np.ndarray:
+    """The negative adjoint of :func:`_slopes` [(H, W)]."""
+    found = dual[0] + dual[1]
+    found[1:] -= dual[0, :-1]
+    found[:, 1:] -= dual[1, :, :-1]
+    return np.asarray(found)

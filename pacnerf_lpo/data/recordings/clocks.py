@@ -179,8 +179,7 @@ def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.n
     shape = (-1, *(1,) * (values.ndim - 1))
     h = np.diff(stamps).reshape(shape)
     rise = np.diff(values, axis=0) / h
-    slopes = (h[1:] * rise[:-1] + h[:-1] * rise[1:]) / (h[1:] + h[:-1])
-    slopes = np.concatenate((2 * rise[:1] - slopes[:1], slopes, 2 * rise[-1:] - slopes[-1:]))
+    slopes = np.gradient(values, stamps, axis=0, edge_order=2)
     begin = np.clip(np.searchsorted(stamps, times, side="right") - 1, 0, len(stamps) - 2)
     width = h[begin]
     s = (times - stamps[begin]).reshape(shape) / width

@@ -52,16 +52,7 @@ def rotation_onto(source: np.ndarray, target: np.ndarray) -> np.ndarray:
 
     Between opposite vectors it is a half turn about an axis at a right angle to them.
     """
-    axis, cosine = np.cross(source, target), float(np.dot(source, target))
-    if cosine > -1.0 + 1e-12:
-        return np.eye(3) + _cross(axis) + _cross(axis) @ _cross(axis) / (1.0 + cosine)
-    helper = np.cross(source, np.eye(3)[np.argmin(np.abs(source))])
-    return rotation_from_vector(np.pi * helper / np.linalg.norm(helper))
-
-
-def _cross(vector: np.ndarray) -> np.ndarray:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return Rotation.align_vectors(target, source)[0].as_matrix()
 
 
 def half_pixel_centres(intrinsic: np.ndarray) -> np.ndarray:

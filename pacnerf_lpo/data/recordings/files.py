@@ -99,7 +99,7 @@ def number_at(where: str, values: Any, name: str, default: float | None = None) 
     except (TypeError, ValueError):
         found = float("nan")
     if not np.isfinite(found):
-        raise UserInputError(f"{where}: '{name}' is {value!r}; give a finite number")
+        raise UserInputError(f"{where}: '{name}' is {value!r}; give one finite number")
     return found
 
 

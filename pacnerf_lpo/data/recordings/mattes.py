@@ -14,11 +14,10 @@ from pacnerf_lpo.data.recordings.background import (
     still_background,
 )
 from pacnerf_lpo.data.recordings.colours import Colours
-from pacnerf_lpo.data.recordings.footage import Footage
+from pacnerf_lpo.data.recordings.footage import Footage, reduced
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
-from pacnerf_lpo.data.recordings.resolution import reduced
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.heartbeat import doing
 

@@ -18,12 +18,12 @@ LOST = 0.1
 """Part of the announced frames of a video that may be missing: containers count a few too many."""
 
 
-def library(name: str, what_for: str) -> ModuleType:
+def library(name: str, what_for: str, extra: str = "recordings") -> ModuleType:
     """An optional library. Raises UserInputError that says how to install it."""
     try:
         return import_module(name)
     except ImportError:
-        raise UserInputError(f"{what_for} needs {name}; pip install 'pacnerf-lpo[recordings]'") from None
+        raise UserInputError(f"{what_for} needs {name}; pip install 'pacnerf-lpo[{extra}]'") from None
 
 
 def in_order(paths: list[Path]) -> list[Path]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from pacnerf_lpo.data.recordings.resolution import enlarged
+from pacnerf_lpo.data.recordings.footage import enlarged
 from pacnerf_lpo.data.recordings.voxel_hull import projected
 from pacnerf_lpo.data.recordings.written_scene import View
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from pacnerf_lpo.data.recordings.background import colours_by_views
 from pacnerf_lpo.data.recordings.clocks import Clocks, nearest_point
+from pacnerf_lpo.data.recordings.footage import factor_of, reduced
 from pacnerf_lpo.data.recordings.mattes import Mattes
 from pacnerf_lpo.data.recordings.other_views import Expectation, Silhouettes, expectations
-from pacnerf_lpo.data.recordings.resolution import factor_of, reduced
 from pacnerf_lpo.data.recordings.shots import Shots, look, synchronised
 from pacnerf_lpo.data.recordings.written_scene import View
 from pacnerf_lpo.heartbeat import doing

@@ -1,5 +1,6 @@
 """``scene.yaml``: what is special about a scene, every value with where it comes from and how sure it is."""
 
+import json
 import math
 from collections import Counter
 from pathlib import Path
@@ -44,7 +45,7 @@ def write_scene_file(scene: Scene) -> Path:
 # scale: 1 unit of the calibration = {found.scale:.6g} m: {found.scale_why}
 # ground: {found.ground.why}
 data:
-  root: {_quoted(str(scene.folder.resolve()))} # this folder; change it when the folder is moved
+  root: {json.dumps(str(scene.folder.resolve()), ensure_ascii=False)} # this folder; change it when the folder is moved
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
 {_velocity(scene)}physics:
@@ -110,7 +111,3 @@ def _velocity(scene: Scene) -> str:
 
 def _corner(corner: np.ndarray) -> str:
     return "[" + ", ".join(f"{value + 0.0:.4g}" for value in corner.round(6).tolist()) + "]"
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"

@@ -9,10 +9,11 @@ the planes of the rest. The planes of all views together enclose the convex hull
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import contourpy
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import linprog
+
+from pacnerf_lpo.data.images import contours
 
 DIRECTIONS = 72
 """Lines around an outline."""
@@ -54,8 +55,7 @@ def outline_points(
     """
     if np.count_nonzero(silhouette > 0.5) < SMALLEST:
         return np.empty((0, 2)), np.empty(0, bool)
-    lines = contourpy.contour_generator(z=np.pad(silhouette, 1), line_type="Separate").lines(0.5)
-    pixels = np.concatenate([np.asarray(line) for line in lines]) - 0.5  # the pad is one pixel, centres are at +0.5
+    pixels = np.concatenate(contours(silhouette))
     height, width = silhouette.shape
     inside = np.all((pixels > BORDER) & (pixels < (width - BORDER, height - BORDER)), axis=1)
     if valid is not None and not valid.all():

@@ -1,7 +1,7 @@
 """A scene that ``init`` wrote, read again as it is now: what a person changed in ``scene.yaml`` counts."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from pacnerf_lpo.data.index import NAME as INDEX_NAME
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.matting import matte
 from pacnerf_lpo.data.pac_nerf import OCCLUDER, OCCLUDER_ALPHA, PLATE
-from pacnerf_lpo.data.recordings.scene_values import Value, annotated, header
+from pacnerf_lpo.data.recordings.files import entry, number_at, numbers
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.scene_folder import find_scene_file
 
@@ -26,6 +26,19 @@ HIDDEN = 0.1
 """Where an image is transparent and fewer pixels than this part differ from the others, they are filling."""
 DIFFER = 3.0 / 255.0
 """Difference of colours that rounding cannot make."""
+HEADER = re.compile(r"# ([a-z]+): (.+)")
+"""A line at the top of the file about something that is no value, such as the cameras."""
+MORE = "#   "
+"""A line that goes on with the one before."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of the file: its dotted key, as it is written, and the comment on it ("" where there is none)."""
+
+    key: str
+    text: str
+    why: str
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
     except yaml.YAMLError as error:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
     first = re.match(r"# Written by pacnerf-lpo init from (.*), layout (\S+)\.", text)
-    index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(_value(path, config, "data.root"))))
+    index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(entry(str(path), config, "data.root"))))
     numbers, frames = index.views(), checks.check_frames(index, None)
     checks.check_cameras(index, numbers, frames)
     notes = header(text)
@@ -114,18 +127,19 @@ def read_written_scene(folder: Path) -> WrittenScene:
         valid, plate = _valid_and_plate(index.path.parent, number, frames[0])
         name = names.get(number, str(number))
         views.append(View(number, name, shot.intrinsic, shot.camera_to_world, valid, plate, shot.offset))
-    box = checks.check_box(*(_corner(path, config, f"data.box_{side}") for side in ("lower", "upper")))
-    hit = _number(path, "phases.velocity.init_args.hit_frame", config)
+    lower, upper = (_corner(path, config, f"data.box_{side}") for side in ("lower", "upper"))
+    checks.check_box(lower.tolist(), upper.tolist())
+    hit = number_at(str(path), config, "phases.velocity.init_args.hit_frame")
     if not (hit == int(hit) and 1 <= hit < len(frames)):
         raise UserInputError(
             f"{path}: phases.velocity.init_args.hit_frame = {hit:g}; give a frame in 1..{len(frames) - 1}"
         )
     source, layout = first.groups() if first else ("", "")
     times = np.array(checks.check_times(index, numbers, frames))
-    ground = _number(path, "physics.ground_height", config, 0.0)
-    gravity = np.array(_corner(path, config, "physics.gravity", GRAVITY))
+    ground = number_at(str(path), config, "physics.ground_height", 0.0)
+    gravity = _corner(path, {"physics.gravity": GRAVITY, **config}, "physics.gravity")
     about = index.path.parent, source, layout, notes, values, tuple(views), frames, times
-    return WrittenScene(*about, np.array(box.lower), np.array(box.upper), int(hit), ground, gravity)
+    return WrittenScene(*about, lower, upper, int(hit), ground, gravity)
 
 
 def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
@@ -161,22 +175,57 @@ def _valid_and_plate(folder: Path, number: int, frame: int) -> tuple[np.ndarray,
     return valid, read_png(plate)[..., :3] if plate.exists() else None
 
 
-def _value(path: Path, config: Mapping[str, Any], key: str, default: Any = None) -> Any:
-    found = config.get(key)
-    if found is None and default is None:
-        raise UserInputError(f"{path}: {key} is missing; write it as pacnerf-lpo init does")
-    return default if found is None else found
+def _corner(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
+    return numbers(f"{path}, {key}, [x, y, z]", entry(str(path), config, key), (3,))
 
 
-def _number(path: Path, key: str, config: Mapping[str, Any], default: float | None = None) -> float:
-    found = _value(path, config, key, default)
-    if isinstance(found, bool) or not isinstance(found, int | float) or not np.isfinite(found):
-        raise UserInputError(f"{path}: {key} = {found!r}; give one number")
-    return float(found)
+def header(text: str) -> dict[str, str]:
+    """What the comments at the top of the file say, by their first words."""
+    found: dict[str, str] = {}
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        if match := HEADER.fullmatch(line):
+            found[match[1]] = match[2]
+        elif line.startswith(MORE) and found:
+            found[list(found)[-1]] += f"; {line.removeprefix(MORE)}"
+    return found
 
 
-def _corner(path: Path, config: Mapping[str, Any], key: str, default: list[float] | None = None) -> list[float]:
-    found = _value(path, config, key, default)
-    if not (isinstance(found, list) and len(found) == 3 and all(isinstance(part, int | float) for part in found)):
-        raise UserInputError(f"{path}: {key} = {found!r}; give three numbers in brackets, [x, y, z]")
-    return [float(part) for part in found]
+def annotated(text: str) -> list[Value]:
+    """Every value in the order of the file.
+
+    A value without a comment has that of the value before it in its section, else that of the section.
+    """
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    return [] if root is None else list(_walk(root, text, text.splitlines(), "", ""))
+
+
+def _walk(node: yaml.Node, text: str, lines: list[str], key: str, why: str) -> Iterator[Value]:
+    if isinstance(node, yaml.ScalarNode) or getattr(node, "flow_style", False):
+        yield Value(key, text[node.start_mark.index : node.end_mark.index].strip(), why)
+    elif isinstance(node, yaml.SequenceNode):
+        for number, item in enumerate(node.value):
+            yield from _walk(item, text, lines, f"{key}[{number}]", why)
+    elif isinstance(node, yaml.MappingNode):
+        before = why
+        for name, value in node.value:
+            leaf = isinstance(value, yaml.ScalarNode) or value.flow_style
+            own = _comment(lines, value.end_mark if leaf else name.end_mark) or _comment_above(lines, name.start_mark)
+            yield from _walk(value, text, lines, f"{key}.{name.value}" if key else name.value, own or before)
+            before = own if own and leaf else before
+
+
+def _comment(lines: list[str], mark: yaml.Mark) -> str:
+    """What follows a # behind a place in the file."""
+    return lines[mark.line][mark.column :].partition("#")[2].strip() if mark.line < len(lines) else ""
+
+
+def _comment_above(lines: list[str], mark: yaml.Mark) -> str:
+    """Lines of comment directly above an indented key."""
+    found: list[str] = []
+    for line in reversed(lines[: mark.line] if mark.column else []):
+        if not line.strip().startswith("#"):
+            break
+        found.insert(0, line.strip().lstrip("# "))
+    return " ".join(found)

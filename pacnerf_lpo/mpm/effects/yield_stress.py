@@ -9,7 +9,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import maximum, where
 from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.materials.hencky import kept_share
+from pacnerf_lpo.mpm.materials.common import kept_share
 from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
 from pacnerf_lpo.mpm.parameters import Identity, Log10, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point

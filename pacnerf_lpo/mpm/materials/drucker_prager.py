@@ -10,8 +10,7 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import maximum, where
 from pacnerf_lpo.mpm.materials.base import Material, lame
-from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
-from pacnerf_lpo.mpm.materials.hencky import kept_share
+from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG, kept_share
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped

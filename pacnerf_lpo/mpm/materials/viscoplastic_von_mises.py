@@ -9,8 +9,7 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import exp, maximum
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.materials.common import BULK, SHEAR, YIELD
-from pacnerf_lpo.mpm.materials.hencky import kept_share
+from pacnerf_lpo.mpm.materials.common import BULK, SHEAR, YIELD, kept_share
 from pacnerf_lpo.mpm.parameters import Log10, Parameter, named
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.principal import return_mapped

@@ -172,9 +172,9 @@ def test_words_in_place_of_numbers(spoil, capsys, change, expected):
 @pytest.mark.parametrize(
     ("layout", "file", "key", "value", "expected"),
     [
-        ("nerfstudio", "transforms.json", "fl_x", "long", "'fl_x' is 'long'; give a finite number"),
-        ("nerfstudio", "transforms.json", "k1", [0.1], "'k1' is [0.1]; give a finite number"),
-        ("d_nerf", "transforms_train.json", "camera_angle_x", None, "'camera_angle_x' is None; give a finite number"),
+        ("nerfstudio", "transforms.json", "fl_x", "long", "'fl_x' is 'long'; give one finite number"),
+        ("nerfstudio", "transforms.json", "k1", [0.1], "'k1' is [0.1]; give one finite number"),
+        ("d_nerf", "transforms_train.json", "camera_angle_x", None, "'camera_angle_x' is None; give one finite number"),
         ("phystwin", "metadata.json", "fps", 0, "'fps' is 0; give the frames per second, a positive number"),
     ],
 )

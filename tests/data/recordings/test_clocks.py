@@ -11,7 +11,7 @@ import yaml
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.clocks import Sighting, find_clocks, resampled
-from pacnerf_lpo.data.recordings.dropouts import mend_dropouts
+from pacnerf_lpo.data.recordings.shots import mend_dropouts
 from pacnerf_lpo.data.recordings.tangents import outline_points
 from pacnerf_lpo.data.video_module import VideoData
 from tests.data.recordings.layouts import write_json

@@ -14,10 +14,9 @@ from scipy import ndimage
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.recordings.conversion import frame_ranges
 from pacnerf_lpo.data.recordings.look import examine
-from pacnerf_lpo.data.recordings.scene_values import annotated, header
 from pacnerf_lpo.data.recordings.scene_warnings import LEAST_BLUR, SceneWarning, scene_warnings
 from pacnerf_lpo.data.recordings.sharpness import blur, edge_widths
-from pacnerf_lpo.data.recordings.written_scene import read_written_scene
+from pacnerf_lpo.data.recordings.written_scene import annotated, header, read_written_scene
 from pacnerf_lpo.errors import UserInputError
 from tests.data.recordings.studio import CONTACT, FRAMES, RADIUS, SIZE, VIEWS, body
 from tests.data.recordings.test_clocks import LATE, record
@@ -220,9 +219,9 @@ def test_a_wrong_frame_rate_shows_as_another_gravity(scene):
     ("change", "said"),
     [
         (lambda text: text.replace(f"hit_frame: {CONTACT}", "hit_frame: 40"), "hit_frame = 40; give a frame in 1..10"),
-        (lambda text: text.replace(f"hit_frame: {CONTACT}", "hit_frame: soon"), "hit_frame = 'soon'; give one number"),
-        (lambda text: re.sub(r"box_upper: .*", "box_upper: 3", text), "box_upper = 3; give three numbers"),
-        (lambda text: text.replace("box_upper", "box_top"), "data.box_upper is missing"),
+        (lambda text: text.replace(f"hit_frame: {CONTACT}", "hit_frame: soon"), "hit_frame' is 'soon'; give one"),
+        (lambda text: re.sub(r"box_upper: .*", "box_upper: 3", text), "box_upper, [x, y, z]: expected 3 numbers"),
+        (lambda text: text.replace("box_upper", "box_top"), "'data.box_upper' is missing"),
         (lambda text: text.replace("data:", "data: ]"), "no valid YAML"),
     ],
 )

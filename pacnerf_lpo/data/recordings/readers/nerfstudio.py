@@ -23,7 +23,7 @@ def read(folder: Path) -> Recording:
     """OpenGL cameras in a world with z up, of any scale. Its masks mark pixels to ignore, so they are no mattes."""
     path = folder / NAME
     values = read_values(path)
-    shots = [_shot(path, number, {**values, **frame}) for number, frame in enumerate(_frames(path, values))]
+    shots = [shot_of(path, number, {**values, **frame}) for number, frame in enumerate(_frames(path, values))]
     return Recording(LAYOUT.name, folder, still_cameras(path, shots), up=(0.0, 0.0, 1.0))
 
 
@@ -34,7 +34,8 @@ def _frames(path: Path, values: Any) -> list[dict[str, Any]]:
     return frames
 
 
-def _shot(path: Path, number: int, values: dict[str, Any]) -> Camera:
+def shot_of(path: Path, number: int, values: dict[str, Any]) -> Camera:
+    """A camera with one frame, from the values of that and of the whole file."""
     where = f"{path}, frame {number}"
     file = with_suffix(path.parent / str(entry(where, values, "file_path")))
     pose = numbers(f"{where}, transform_matrix", entry(where, values, "transform_matrix"), (4, 4), (3, 4))[:3]

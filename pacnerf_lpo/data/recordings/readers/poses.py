@@ -1,5 +1,6 @@
 """Lists of images with a pose each, gathered into cameras that stand still."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -39,11 +40,7 @@ def still_cameras(source: Path, shots: Iterable[Camera]) -> tuple[Camera, ...]:
 
 def _name(group: list[Camera]) -> str:
     files = [shot.frames[0].file for shot in group]
-    stem = files[0].stem
-    for file in files:
-        while not file.stem.startswith(stem):
-            stem = stem[:-1]
-    shared = stem.rstrip("_-. ")
+    shared = os.path.commonprefix([file.stem for file in files]).rstrip("_-. ")  # noqa: RUF071  (letters count)
     return shared if shared and len(files) > 1 and shared not in ("r", "frame", "image") else files[0].parent.name
 
 
@@ -59,8 +56,5 @@ def with_suffix(path: Path) -> Path:
     """The image of this name, whose extension the file may leave out."""
     if path.suffix.lower() in IMAGES:
         return path
-    for suffix in IMAGES:
-        candidate = path.with_name(path.name + suffix)
-        if candidate.is_file():
-            return candidate
-    return path.with_name(path.name + IMAGES[0])
+    possible = [path.with_name(path.name + suffix) for suffix in IMAGES]
+    return next((image for image in possible if image.is_file()), possible[0])
