@@ -1,6 +1,7 @@
 """``fit SCENE``: which configurations are stacked for a scene folder, by a preset and by what the scene is like."""
 
 import json
+from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,13 +129,7 @@ def _method(files: Sequence[Path], file: Path, values: Mapping[str, Any]) -> tup
 
 def take_option(words: Sequence[str], option: str) -> tuple[str | None, list[str]]:
     """The last value of an option, and the command line without it."""
-    value, rest, split = None, [], list(words)
-    while split:
-        word = split.pop(0)
-        if word == option and split:
-            value = split.pop(0)
-        elif word.startswith(f"{option}="):
-            value = word.partition("=")[2]
-        else:
-            rest.append(word)
-    return value, rest
+    parser = ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument(option, dest="value", nargs="?")
+    found, rest = parser.parse_known_args(words)
+    return found.value, rest

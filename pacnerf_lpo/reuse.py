@@ -61,9 +61,8 @@ class Reusable:
 
 def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusable:
     """Which phases of a run another one, with this complete configuration and fingerprint of its video, can begin with.
-
-    Raises:
-        UserInputError: the source has no finished reconstruction, or was made with another video or other settings.
+    Raises UserInputError where the source has no finished reconstruction, or was made with another video or other
+    settings.
     """
     source = Path(source)
     manifest, path = Manifest.load(source), source / CONFIG_FILE

@@ -4,12 +4,12 @@ from pathlib import Path
 
 from pacnerf_lpo.errors import Interrupted, RunError, UserInputError
 from pacnerf_lpo.named_configs import configs_folder, find_config
-from pacnerf_lpo.paper_tables.formats import markdown, write_table
 from pacnerf_lpo.paper_tables.plan import PlannedRun, plan_runs
 from pacnerf_lpo.paper_tables.runner import Backend, Resources, run_all
 from pacnerf_lpo.paper_tables.scenes import asset_scene, find_scenes
 from pacnerf_lpo.paper_tables.scores import Book
 from pacnerf_lpo.paper_tables.suites import SUITES
+from pacnerf_lpo.paper_tables.tables import markdown, write_table
 
 
 def run(

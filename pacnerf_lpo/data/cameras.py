@@ -1,5 +1,6 @@
 """Pinhole cameras: from pixels to rays and from points to pixels. OpenGL axes, pixel centres at +0.5."""
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -32,6 +33,17 @@ def rays_through(image_coordinates: Tensor, camera_to_world: Tensor) -> Rays:
     in_camera = torch.cat((image_coordinates, -torch.ones_like(image_coordinates[:, :1])), dim=-1)
     directions = torch.nn.functional.normalize(in_camera @ pose[:, :3].T, dim=-1).float()
     return Rays(origins=pose[:, 3].float().expand_as(directions), directions=directions)
+
+
+def poses_around(target: np.ndarray, distance: float, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+    """Poses [rotation and metres, (..., 3, 4)] of cameras that look at a point [m, (3,)] from a distance [m].
+
+    azimuth: [rad, (...)], 0 looks along -z, a quarter turn along -x. elevation: over the horizon [rad, (...)].
+    """
+    across, none = np.cos(elevation), np.zeros_like(azimuth)
+    back = np.stack((across * np.sin(azimuth), np.sin(elevation), across * np.cos(azimuth)), axis=-1)
+    right = np.stack((np.cos(azimuth), none, -np.sin(azimuth)), axis=-1)
+    return np.stack((right, np.cross(back, right), back, target + distance * back), axis=-1)
 
 
 def project(points: Tensor, intrinsic: Tensor, camera_to_world: Tensor) -> tuple[Tensor, Tensor]:

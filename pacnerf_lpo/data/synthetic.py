@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.data.cameras import poses_around, project
 from pacnerf_lpo.data.index import NAME, check_unused, entry_of
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 
@@ -46,13 +46,7 @@ def hemisphere_rig(
     turn = np.arange(views)
     azimuth = 2.0 * np.pi * turn / views
     elevation = np.radians(12.0 + 60.0 * (turn * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0))
-    back = np.stack(
-        (np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)), axis=-1
-    )
-    right = np.cross([0.0, 1.0, 0.0], back)
-    right /= np.linalg.norm(right, axis=-1, keepdims=True)
-    up = np.cross(back, right)
-    poses = np.stack((right, up, back, np.asarray(target) + distance * back), axis=-1)
+    poses = poses_around(np.array(target), distance, azimuth, elevation)
     intrinsic = centred_intrinsic(np.radians(field_of_view), image_size, image_size)
     return Rig(poses, np.repeat(intrinsic[None], views, axis=0))
 

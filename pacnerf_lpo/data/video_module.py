@@ -7,7 +7,7 @@ from typing import Any
 from pytorch_lightning import LightningDataModule, Trainer
 from torch.utils.data import DataLoader
 
-from pacnerf_lpo.data import checks, coverage
+from pacnerf_lpo.data import checks
 from pacnerf_lpo.data.assets import resolve_root
 from pacnerf_lpo.data.cameras import pixel_rays
 from pacnerf_lpo.data.hull import hull_box
@@ -80,9 +80,9 @@ class VideoData(LightningDataModule):
         views = sorted({*train, *test})
         video = read_pac_nerf(root, views, self.frames, self.image_scale, self.background)
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
-        coverage.check_visible(video, self.train)
+        checks.check_visible(video, self.train)
         first = at_start(video, self.velocity)
-        coverage.check_box_seen(first, box, self.train)
+        checks.check_box_seen(first, box, self.train)
         self.box = hull_box(first, box, self.train) if self.fit_box else box
         self.measure(video, self.tracks, self.clouds)
         self.video = video
@@ -100,7 +100,7 @@ class VideoData(LightningDataModule):
         self.tracked_points = None if tracks is None else read_tracked_points(tracks, times)
         self.point_clouds = None if clouds is None else read_point_clouds(clouds, times)
         if self.tracked_points is not None:
-            coverage.check_points_in_box(self.tracked_points, video, self.box)
+            checks.check_points_in_box(self.tracked_points, video, self.box)
 
     def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         wanted = available if self.train_views is None else self.train_views

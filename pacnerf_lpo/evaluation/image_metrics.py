@@ -46,13 +46,8 @@ class ImageScores:
 
 
 def psnr(predicted: Tensor, measured: Tensor) -> Tensor:
-    """Peak signal-to-noise ratio of each image, -10 log10(mean squared error), for values in 0..1.
-
-    Args:
-        predicted, measured: (B, H, W, 3).
-
-    Returns:
-        [dB, (B,)]; infinite where the two images are equal.
+    """Peak signal-to-noise ratio of each image, -10 log10(mean squared error), for values in 0..1 (B, H, W, 3) [dB,
+    (B,)]; infinite where the two images are equal.
     """
     return -10.0 * torch.log10(mean_squared_error(predicted, measured))
 
@@ -63,15 +58,13 @@ def mean_squared_error(predicted: Tensor, measured: Tensor) -> Tensor:
 
 
 def ssim(predicted: Tensor, measured: Tensor) -> Tensor:
-    """Structural similarity of each image with the usual 11 x 11 Gaussian window, sigma 1.5 (Wang et al. 2004, eq. 13).
+    """Structural similarity of each image with the usual 11 x 11 Gaussian window, sigma 1.5 (Wang et al. 2004, eq. 13)
+    [(B,)], 1 where the two images are equal.
 
     The mean runs over every pixel; the images are mirrored at their border (torchmetrics).
 
     Args:
         predicted, measured: (B, H, W, 3) in 0..1, at least 11 pixels wide and high.
-
-    Returns:
-        (B,), 1 where the two images are equal.
     """
     values = structural_similarity_index_measure(
         _channels_first(predicted), _channels_first(measured), data_range=1.0, reduction="none"
@@ -80,13 +73,8 @@ def ssim(predicted: Tensor, measured: Tensor) -> Tensor:
 
 
 def lpips(predicted: Tensor, measured: Tensor) -> Tensor | Missing:
-    """Learned perceptual distance of each image (Zhang et al. 2018, AlexNet), or why it cannot be had.
-
-    Args:
-        predicted, measured: (B, H, W, 3) in 0..1.
-
-    Returns:
-        (B,), or :class:`Missing` where torchvision or the network's weights are not there, or the images are too small.
+    """Learned perceptual distance of each image (Zhang et al. 2018, AlexNet) [(B,)], or why it cannot be had: no
+    torchvision, or no weights of the network, or the images, (B, H, W, 3) in 0..1, are too small.
     """
     network = _lpips_network()
     if isinstance(network, Missing):

@@ -3,29 +3,46 @@
 from collections.abc import Mapping
 from typing import Any
 
+ALL_FRAMES, FRAME_0 = "all frames", "frame 0"
+
 
 def markdown_table(results: Mapping[str, Any]) -> str:
     """The results as Markdown: image metrics by phase and view set, then parameters, then what is missing and why."""
     lines = ["| phase | views | PSNR [dB] | SSIM | LPIPS |", "|---|---|---|---|---|"]
-    notes: list[str] = []
+    rows, notes = quality_rows(results)
+    for label, views, scope, metrics in rows:
+        where = views if scope == ALL_FRAMES else f"{views}, {scope}"
+        lines.append(f"| {label} | {where} | {_psnr_cell(metrics)} | {metrics['ssim']:.3f} | {lpips_cell(metrics)} |")
+    lines += ["", *_parameter_lines(results)]
+    if rounds := round_rows(results):
+        cells = [f"| {' | '.join(row)} |" for row in rounds]
+        lines += ["", cells[0], "|---" * len(rounds[0]) + "|", *cells[1:]]
+    return "\n".join([*lines, *(["", *notes] if notes else [])])
+
+
+def quality_rows(results: Mapping[str, Any]) -> tuple[list[tuple[str, str, str, Mapping[str, Any]]], list[str]]:
+    """Image metrics by phase and view set: the phase's label, ``train`` or ``test``, of which frames they are, and the
+    metrics; and what is missing and why, each once.
+    """
+    rows, notes = [], []
     for phase in results["phases"]:
         if "error" in phase:
             notes.append(f"{phase['label']}: {phase['error']}")
             continue
         for views in ("train", "test"):
-            metrics, scope = phase["image_metrics"][views], ""
-            if metrics is None:
-                metrics, scope = phase["first_frame_metrics"][views], ", frame 0"
-            if metrics is None:
-                continue
-            if isinstance(metrics["lpips"], str):
-                notes.append(f"LPIPS: {metrics['lpips']}")
-            lines.append(f"| {phase['label']} | {views}{scope} | {_metric_cells(metrics)} |")
-    lines += ["", *_parameter_lines(results)]
-    if rows := round_rows(results):
-        cells = [f"| {' | '.join(row)} |" for row in rows]
-        lines += ["", cells[0], "|---" * len(rows[0]) + "|", *cells[1:]]
-    return "\n".join([*lines, *(["", *dict.fromkeys(notes)] if notes else [])])
+            scope = FRAME_0 if phase["image_metrics"][views] is None else ALL_FRAMES
+            metrics = phase["image_metrics"][views] or phase["first_frame_metrics"][views]
+            if metrics is not None:
+                rows.append((phase["label"], views, scope, metrics))
+                notes += [f"LPIPS: {metrics['lpips']}"] if isinstance(metrics["lpips"], str) else []
+    return rows, list(dict.fromkeys(notes))
+
+
+def view_rows(results: Mapping[str, Any]) -> tuple[list[int], list[int], list[int]]:
+    """File ids of the views in the order of the rows of image metrics; the rows of training and of test views."""
+    sets = results["views"]
+    order = sorted([*sets["train"], *sets["test"]])
+    return order, [order.index(view) for view in sets["train"]], [order.index(view) for view in sets["test"]]
 
 
 def phases_to_result(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -57,7 +74,7 @@ def round_rows(results: Mapping[str, Any]) -> list[list[str]]:
     rows = [["round", "PSNR, training views [dB]", "PSNR, test views [dB]", *names, "held-out error"]]
     for phase in rounds:
         mark = " (chosen)" if phase["round"] == results["chosen_round"] else ""
-        quality = [_psnr_cell(phase, views) for views in ("train", "test")]
+        quality = [_psnr_cell((phase.get("image_metrics") or {}).get(views)) for views in ("train", "test")]
         found = [_found_cell(phase, name) for name in results["free"]]
         held_out = f"{phase['held_out_error']:.4g}" if "held_out_error" in phase else ""
         rows.append([f"{phase['round']}{mark}", *quality, *found, held_out])
@@ -66,8 +83,7 @@ def round_rows(results: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _psnr_cell(phase: Mapping[str, Any], views: str) -> str:
-    metrics = (phase.get("image_metrics") or {}).get(views)
+def _psnr_cell(metrics: Mapping[str, Any] | None) -> str:
     if metrics is None:
         return "n/a"
     return "inf" if metrics["psnr"] is None else f"{metrics['psnr']:.2f}"
@@ -79,10 +95,9 @@ def _found_cell(phase: Mapping[str, Any], name: str) -> str:
     return f"{phase['parameters'][name]['value']:.4g}" + (f" ({describe_error(error)})" if error else "")
 
 
-def _metric_cells(metrics: Mapping[str, Any]) -> str:
-    psnr = "inf" if metrics["psnr"] is None else f"{metrics['psnr']:.2f}"
-    lpips = "n/a" if isinstance(metrics["lpips"], str) else f"{metrics['lpips']:.3f}"
-    return f"{psnr} | {metrics['ssim']:.3f} | {lpips}"
+def lpips_cell(metrics: Mapping[str, Any]) -> str:
+    """``0.123``, or ``n/a`` where it could not be had."""
+    return "n/a" if isinstance(metrics["lpips"], str) else f"{metrics['lpips']:.3f}"
 
 
 def _parameter_lines(results: Mapping[str, Any]) -> list[str]:

@@ -65,10 +65,8 @@ def _rounds(session: "Session", progress: Progress) -> list[Round]:
 
 
 def report(session: "Session", folder: Path, step: Step, progress: Progress) -> Path:
-    """Write the page of a step, with its numbers and pictures, into a folder; returns the page.
-
-    Raises:
-        SimulationError, UserInputError: a motion is unstable.
+    """Write the page of a step, with its numbers and pictures, into a folder; returns the page. Raises SimulationError
+    or UserInputError where a motion is unstable.
     """
     first = session.steps[0]
     shown = [first] if step.number == first.number else [first, step]

@@ -1,4 +1,4 @@
-"""Everything that can be changed: numbers of the model, and the effects it has or could have."""
+"""Everything that can be changed, numbers of the model and its effects, and the steps that changes make of a step."""
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -17,7 +17,7 @@ from pacnerf_lpo.diagnosis.catalogue import (
     whole_catalogue,
 )
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore.records import EffectInfo, Setting
+from pacnerf_lpo.explore.records import EffectInfo, Setting, Step
 from pacnerf_lpo.identification.forward_model import VELOCITY
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -34,12 +34,9 @@ PROBES = 2.0
 
 
 class Catalogue:
-    """The numbers and effects of a problem.
+    """The numbers and effects of a problem. Raises UserInputError where the list cannot be read.
 
     Sliders lie around ``base``, the values of the first step [SI]; ``listed`` is a YAML list of effects of one's own.
-
-    Raises:
-        UserInputError: the list cannot be read.
     """
 
     def __init__(self, problem: Problem, base: Mapping[str, float], listed: str | None = None):
@@ -77,13 +74,11 @@ class Catalogue:
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
     def declare(self, entry: str | dict[str, Any]) -> str:
-        """Take an effect of one's own into the catalogue; returns its name.
+        """Take an effect of one's own into the catalogue; returns its name. Raises UserInputError where there is no
+        such class, or it does not apply to the material.
 
         Args:
             entry: its class path, such as ``lorentz.Lorentz``, or an entry of ``physics.effects``.
-
-        Raises:
-            UserInputError: no such class, or it does not apply to the material.
         """
         given = entry if isinstance(entry, dict) else {"class_path": entry}
         effect = read_effects(Path("explore"), [given])[0]
@@ -115,10 +110,8 @@ class Catalogue:
         return candidates(rest, self.problem.physics.material, self.chosen(taken))
 
     def owner(self, name: str) -> str | None:
-        """The effect that a number belongs to; None: to the material, the motion or the ground.
-
-        Raises:
-            UserInputError: there is no such number.
+        """The effect that a number belongs to; None: to the material, the motion or the ground. Raises UserInputError
+        where there is no such number.
         """
         if name in self.parameters:
             return None
@@ -147,30 +140,17 @@ class Catalogue:
             )
         return value
 
-    def settings(
-        self, values: Mapping[str, float], active: Sequence[str], intervals: Mapping[str, tuple[float, float]]
-    ) -> list[Setting]:
+    def settings(self, step: Step) -> list[Setting]:
         """All numbers, with those of a step."""
-        found = [
-            self._setting(name, parameter, None, values, True, intervals) for name, parameter in self.parameters.items()
-        ]
-        for own, effect in self.effects.items():
-            for name, parameter in effect.parameters.items():
-                found.append(self._setting(name, parameter, own, values, own in active, intervals))
-        return found
+        known = [(None, one) for one in self.parameters.values()]
+        coefficients = [(own, one) for own, effect in self.effects.items() for one in effect.parameters.values()]
+        return [self._setting(step, owner, one) for owner, one in [*known, *coefficients]]
 
-    def _setting(
-        self,
-        name: str,
-        parameter: Parameter,
-        owner: str | None,
-        values: Mapping[str, float],
-        active: bool,
-        intervals: Mapping[str, tuple[float, float]],
-    ) -> Setting:
+    def _setting(self, step: Step, owner: str | None, parameter: Parameter) -> Setting:
+        name = parameter.name
         effect = None if owner is None else self.effects[owner]
         null = None if effect is None else effect.null[name]
-        value = values.get(name, null if null is not None else 0.0)
+        value = step.values.get(name, null if null is not None else 0.0)
         side = parameter.bounds if effect is None else effect.side(name)
         low, high = max(parameter.bounds[0], side[0]), min(parameter.bounds[1], side[1])
         slider = _reach(parameter, self.base.get(name, value)) if effect is None else _probed(effect, name, parameter)
@@ -187,8 +167,8 @@ class Catalogue:
             high,
             slider,
             isinstance(parameter.transform, Log10),
-            intervals.get(name),
-            active,
+            step.intervals.get(name),
+            owner is None or owner in step.effects,
             name in self.free,
             name.partition(OF)[2] or None,
         )
@@ -234,3 +214,62 @@ def _probed(effect: Effect, name: str, parameter: Parameter) -> tuple[float, flo
         return min(tried) / PROBES, max(tried) * PROBES
     far = PROBES * max((abs(value - null) for value in tried), default=REACH * parameter.scale)
     return null - far, null + far
+
+
+def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -> Step:
+    """With other values, which were checked [SI]; a coefficient of an effect that the model has not adds it, unless the
+    value is that at which it vanishes. Raises UserInputError for an effect that does not suit the others.
+    """
+    owners = {name: catalogue.owner(name) for name in values}
+    added = [
+        own
+        for name, own in owners.items()
+        if own and own not in step.effects and values[name] != catalogue.effects[own].null[name]
+    ]
+    effects = joined(catalogue, step.effects, list(dict.fromkeys(added)))
+    given = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
+    title = ", ".join(f"{_called(catalogue, name)} {catalogue.show(name, value)}" for name, value in values.items())
+    known = {**step.values, **_nulls(catalogue, added), **given}
+    return Step(0, step.number, title, "set", known, effects, step.intervals)
+
+
+def with_effect(catalogue: Catalogue, step: Step, effect: str, values: Mapping[str, float]) -> Step:
+    """With one more effect, at checked values [SI]. Raises UserInputError where it does not suit the others."""
+    if effect in step.effects:
+        raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
+    effects = joined(catalogue, step.effects, [effect])
+    shown = ", ".join(catalogue.show(name, value) for name, value in values.items())
+    known = {**step.values, **_nulls(catalogue, [effect]), **values}
+    return Step(0, step.number, f"+ {effect} {shown}".rstrip(), "add", known, effects, step.intervals)
+
+
+def without_effect(catalogue: Catalogue, step: Step, effect: str) -> Step:
+    """Without an effect. Raises UserInputError where the model has it not."""
+    own = catalogue.effect(effect).parameters
+    if effect not in step.effects:
+        raise UserInputError(f"explore: the model has no {effect}; it has {', '.join(step.effects) or 'none'}")
+    kept = tuple(name for name in step.effects if name != effect)
+    values = {name: value for name, value in step.values.items() if name not in own}
+    intervals = {name: ends for name, ends in step.intervals.items() if name not in own}
+    return Step(0, step.number, f"- {effect}", "remove", values, kept, intervals)
+
+
+def joined(catalogue: Catalogue, effects: Sequence[str], more: Sequence[str]) -> tuple[str, ...]:
+    """Effects of a model with some more. Raises UserInputError where they do not suit each other."""
+    found = tuple(effects)
+    for name in more:
+        if name not in {candidate.name for candidate in catalogue.candidates(found)}:
+            raise UserInputError(f"explore: {name} cannot be added to a model with {' and '.join(found) or 'none'}")
+        found = (*found, name)
+    return found
+
+
+def _nulls(catalogue: Catalogue, effects: Sequence[str]) -> dict[str, float]:
+    return {name: null for own in effects for name, null in catalogue.effects[own].null.items()}
+
+
+def _called(catalogue: Catalogue, name: str) -> str:
+    """A setting in the name of a step: by its effect where that has one coefficient."""
+    owner = catalogue.owner(name)
+    alone = owner is not None and len(catalogue.effects[owner].parameters) == 1
+    return owner if alone and owner is not None else name

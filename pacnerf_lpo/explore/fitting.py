@@ -40,13 +40,10 @@ def check(session: "Session", names: Sequence[str]) -> None:
 
 def fit(session: "Session", step: Step, names: list[str], progress: Progress) -> Step:
     """Identify settings by Levenberg-Marquardt on the fine body; a step with intervals, or, where it is stopped, with
-    the best values so far.
+    the best values so far. Raises as :meth:`Session.fit`.
 
     Residuals, noise and priors are those of a diagnosis. An effect without a gradient at its null, which stands there,
     starts at its probes.
-
-    Raises:
-        SimulationError, Stopped: as :meth:`Session.fit`.
     """
     problem, effects = session.problem, session.catalogue.chosen(step.effects)
     noise = session.noise.of(step, progress).comparison.noise(problem, problem.fitted)

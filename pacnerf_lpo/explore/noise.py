@@ -69,10 +69,8 @@ class Noise:
         return min(self.known, key=lambda one: len(set(one.effects) ^ set(step.effects)))
 
     def of(self, step: Step, progress: Progress) -> Known:
-        """The noise around a step: that of the nearest model, learnt where there is none.
-
-        Raises:
-            SimulationError: the step's motion, or a finer one, is unstable.
+        """The noise around a step: that of the nearest model, learnt where there is none. Raises SimulationError where
+        the step's motion, or a finer one, is unstable.
         """
         if not self.known:
             self.learn(step, progress)

@@ -38,16 +38,14 @@ def seen_by(session: "Session", camera: Camera, frame: int, step: int, recording
 
 
 def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:
-    """The measured image with both outlines, large; model and residual, half as large, below each other on its right.
+    """The measured image with both outlines, large; model and residual, half as large, below each other on its right
+    [0..255, (side, W', 3), uint8].
 
     Args:
         seen: one camera at one frame.
         drawn: the model as the camera sees it [0..1, (H, W, 3)].
         side: height of the picture [pixels].
         close: show a square around the measured body, half as large again, instead of the whole image.
-
-    Returns:
-        [0..255, (side, W', 3), uint8]
     """
     window = around(seen) if close else (0.0, 0.0, seen.measured.shape[1], seen.measured.shape[0])
     lines = contours(seen.measured), contours(np.nan_to_num(seen.model))
@@ -92,7 +90,7 @@ def enlarged(
 
 
 def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np.ndarray, camera: Camera) -> np.ndarray:
-    """Particles as discs before a camera, cut out along the model's outline, on white.
+    """Particles as discs before a camera, cut out along the model's outline, on white [0..1, (H, W, 3)].
 
     Args:
         positions: of the particles [m, (N, 3)].
@@ -100,9 +98,6 @@ def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np
         size: distance between neighbouring particles [m].
         opacity: of the model [0..1, (H, W)].
         camera: that looks.
-
-    Returns:
-        [0..1, (H, W, 3)]
     """
     height, width = opacity.shape
     pose, matrix = camera.camera_to_world, camera.intrinsics

@@ -21,10 +21,8 @@ FILE, FORMAT = "session.json", 1
 
 
 def save(session: "Session", folder: Path) -> Path:
-    """Write ``session.json`` into a folder, which is made where it is missing; returns the file.
-
-    Raises:
-        UserInputError: the folder cannot be written.
+    """Write ``session.json`` into a folder, which is made where it is missing; returns the file. Raises UserInputError
+    where the folder cannot be written.
     """
     source = session.source
     steps, current = session.history.snapshot()
@@ -49,10 +47,8 @@ def save(session: "Session", folder: Path) -> Path:
 
 
 def reopen(kind: "type[Session]", folder: Path, jobs: int | None) -> "Session":
-    """A saved session with its whole history; nothing is simulated before it is looked at.
-
-    Raises:
-        UserInputError: the file is damaged or of another version, or what it is about is gone.
+    """A saved session with its whole history; nothing is simulated before it is looked at. Raises UserInputError where
+    the file is damaged or of another version, or what it is about is gone.
     """
     path = folder / FILE
     try:

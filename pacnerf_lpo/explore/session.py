@@ -11,8 +11,8 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, changes, fitting, pictures, saving, suggesting, views
-from pacnerf_lpo.explore.catalogue import Catalogue
+from pacnerf_lpo.explore import asking, fitting, pictures, saving, suggesting, views
+from pacnerf_lpo.explore.catalogue import Catalogue, with_effect, with_values, without_effect
 from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import (
     Camera,
@@ -152,8 +152,7 @@ class Session:
     @property
     def settings(self) -> list[Setting]:
         """Every number that can be changed: material, motion, ground, and the coefficients of all effects."""
-        step = self.current
-        return self.catalogue.settings(step.values, step.effects, step.intervals)
+        return self.catalogue.settings(self.current)
 
     @property
     def effects(self) -> list[EffectInfo]:
@@ -182,7 +181,7 @@ class Session:
             raise UserInputError("explore: give at least one setting to change")
         checked = {key: self.catalogue.check(key, number) for key, number in wanted.items()}  # type: ignore[arg-type]
         with self.stepper.change():
-            made = changes.with_values(self.catalogue, self.current, checked)
+            made = with_values(self.catalogue, self.current, checked)
             return self.stepper.drag(made, tuple(checked)) if dragging else self.stepper.take(made)
 
     def add(self, effect: str, values: Mapping[str, float] | None = None) -> Step:
@@ -205,12 +204,12 @@ class Session:
                 raise UserInputError(f"explore: {effect} has no {key}; it has {', '.join(own.parameters)}")
         checked = {key: self.catalogue.check(key, number) for key, number in (values or {}).items()}
         with self.stepper.change():
-            return self.stepper.take(changes.with_effect(self.catalogue, self.current, effect, checked))
+            return self.stepper.take(with_effect(self.catalogue, self.current, effect, checked))
 
     def remove(self, effect: str) -> Step:
         """Take an effect out of the model. Raises UserInputError where the model has it not."""
         with self.stepper.change():
-            return self.stepper.take(changes.without_effect(self.catalogue, self.current, effect))
+            return self.stepper.take(without_effect(self.catalogue, self.current, effect))
 
     def undo(self) -> Step:
         """Go back to what the current step was made from. Raises UserInputError at the first step."""

@@ -49,7 +49,7 @@ class Source:
 def open_source(
     given: Sequence[str | Path], phase: str | None = None, options: Options | None = None, out: str | None = None
 ) -> Source:
-    """Read what is given.
+    """Read what is given. Raises UserInputError where it can be none of these, or a diagnosis could not use it.
 
     Args:
         given: a run, its scene, the folder of a study, or several runs or scenes of one object; scenes of measured
@@ -57,9 +57,6 @@ def open_source(
         phase: stem of a finished phase of the runs.
         options: of a diagnosis; None: those of the stored one, or the usual ones.
         out: folder in which results of a diagnosis go; None: the run, or ``explored`` next to the first of several.
-
-    Raises:
-        UserInputError: it can be neither of these, or a diagnosis could not use it.
     """
     folders = [str(folder) for folder in given]
     for folder in folders:

@@ -115,10 +115,8 @@ class Stepper:
         self, progress: Progress, stop: Callable[[], bool], jobs: int | None, yielding: bool = False
     ) -> Iterator[Progress]:
         """The one question that is being answered, in so many processes, with a progress that raises ``Stopped`` when
-        the answer is not wanted any more; one that is ``yielding`` is stopped by the next one.
-
-        Raises:
-            UserInputError: there is one already.
+        the answer is not wanted any more; one that is ``yielding`` is stopped by the next one. Raises UserInputError
+        where there is one already.
         """
         if not self._working.acquire(blocking=False):
             if not self._yielding:

@@ -41,14 +41,11 @@ ITERATIONS = 8
 
 
 def suggest(session: "Session", step: Step, progress: Progress) -> list[Suggestion]:
-    """Every effect that could be added to a step and changes something, best first.
+    """Every effect that could be added to a step and changes something, best first. Raises as :meth:`Session.suggest`.
 
     The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
     Effects are screened at that fit, and those that could be the best are fitted with all parameters, as a round of a
     diagnosis does it on the fine body.
-
-    Raises:
-        SimulationError, Stopped: as :meth:`Session.suggest`.
     """
     problem, effects = on_coarse_body(session.problem), session.catalogue.chosen(step.effects)
     noise = session.noise.of(step, progress).comparison
@@ -181,10 +178,7 @@ def fitted(
     problem: Problem, effects: tuple[Effect, ...], values: dict[str, float], noise: Comparison, progress: Progress
 ) -> Comparison:
     """A model [SI] fitted with all its unknowns from where it stands, on the coarse body, with the known noise of a
-    comparison of the same data around it.
-
-    Raises:
-        SimulationError: the motion is unstable where it stands.
+    comparison of the same data around it. Raises SimulationError where the motion is unstable where it stands.
     """
     model, mask = problem.model(effects, values), problem.fitted
     objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask))

@@ -11,9 +11,8 @@ from pacnerf_lpo.evaluation.run_directory import Stage
 from pacnerf_lpo.export.files import check_file, check_folder
 from pacnerf_lpo.export.film import write_mp4
 from pacnerf_lpo.export.motion import Subject
-from pacnerf_lpo.export.points import PLY_FILES, VTU_FILES, write_csv, write_ply, write_vtu
+from pacnerf_lpo.export.points import PLY_FILES, VTU_FILES, write_csv, write_ply, write_usd, write_vtu
 from pacnerf_lpo.export.surface import GLB_FILES, OBJ_FILES, write_glb, write_obj
-from pacnerf_lpo.export.usd import write_usd
 
 
 @dataclass(frozen=True)

@@ -39,15 +39,13 @@ class Check:
 
 
 def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
-    """Checks of an effect on the motion or the state at frame 0 of a material.
+    """Checks of an effect on the motion or the state at frame 0 of a material. Raises UserInputError where the effect
+    has no meaning for the material, or its function cannot be compiled, and SimulationError where the motion is
+    unstable at a probe.
 
     Args:
         effect: with its guess.
         material: that moves.
-
-    Raises:
-        UserInputError: the effect has no meaning for the material, or its function cannot be compiled.
-        SimulationError: the motion is unstable at a probe.
     """
     names = set(effect.parameters)
     missing = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]

@@ -16,9 +16,8 @@ from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
-from pacnerf_lpo.mpm.model import check_model
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
-from pacnerf_lpo.mpm.simulator import Simulator
+from pacnerf_lpo.mpm.simulator import Simulator, check_model
 from pacnerf_lpo.scene.activation import alpha, solid_fraction
 from pacnerf_lpo.types import ParticleState
 

@@ -30,7 +30,7 @@ def fly(
     spin: Sequence[float],
     times: np.ndarray,
 ) -> np.ndarray:
-    """Positions of the centre at some times [m, (F, 3)].
+    """Positions of the centre at some times [m, (F, 3)]. Raises SimulationError where the motion runs away.
 
     Args:
         effects: that accelerate the body besides gravity.
@@ -39,13 +39,10 @@ def fly(
         start: position [m, (3,)] and velocity [m/s, (3,)] at the first time.
         spin: angular velocity of the body [rad/s, (3,)]
         times: since frame 0, increasing [s, (F,)]
-
-    Raises:
-        SimulationError: the motion runs away.
     """
     given = {name: value for effect in effects for name, value in (*effect.guess.items(), *effect.constants.items())}
     c = SimpleNamespace(**{**given, **{name: values[name] for effect in effects for name in effect.parameters}})
-    origin, turning = start[0].tolist(), _velocity_gradient(spin)
+    origin, turning = start[0].tolist(), np.cross(np.eye(3), spin).tolist()  # v = omega x r
 
     def motion(t: float, state: np.ndarray) -> list[float]:
         numbers = state.tolist()
@@ -69,9 +66,3 @@ def fly(
     if found.status != 0 or not np.isfinite(found.y).all():
         raise SimulationError(found.y.shape[1], 0, "the flight runs away: its path cannot be integrated")
     return found.y[:3].T
-
-
-def _velocity_gradient(spin: Sequence[float]) -> list[list[float]]:
-    """Of a body that turns: v = omega x r [1/s, (3, 3)]."""
-    x, y, z = spin
-    return [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]

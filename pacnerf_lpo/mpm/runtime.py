@@ -26,13 +26,12 @@ _started: dict[str, Any] = {}
 
 
 def start(device: str = "cpu", threads: int | None = None) -> int:
-    """Initialise Taichi once per process; return the number of CPU threads (1 on CUDA).
+    """Initialise Taichi once per process; return the number of CPU threads (1 on CUDA). Raises UserInputError where the
+    device is unknown, CUDA is not available, or Taichi already runs on the other device.
 
     Args:
         device: ``"cpu"`` or ``"cuda"``.
         threads: CPU threads; default ``PACNERF_LPO_THREADS``, else what torch uses. Ignored after the first call.
-    Raises:
-        UserInputError: unknown device, CUDA not available, or Taichi already runs on the other device.
     """
     kind = torch.device(device).type
     if not _started:

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pacnerf_lpo.paper_tables.cells import Column, run_of
-from pacnerf_lpo.paper_tables.paper_values import AVERAGE, paper_values
 from pacnerf_lpo.paper_tables.scenes import Scene
 from pacnerf_lpo.paper_tables.scores import Book, Figures
-from pacnerf_lpo.paper_tables.tables import Entry, Row, Table, marked
+from pacnerf_lpo.paper_tables.tables import AVERAGE, Entry, Row, Table, marked, paper_values
 
 METRICS: tuple[tuple[str, str, str, Literal[-1, 1]], ...] = (
     ("psnr", "PSNR↑ [dB]", ".2f", 1),

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, TextIO
+from typing import Any, Literal
 
 from joblib import Parallel, delayed, parallel_config
 
@@ -58,13 +58,8 @@ class Resources:
 
 
 def run_all(runs: Sequence[PlannedRun], output: Path, resources: Resources) -> dict[Path, Outcome]:
-    """Run what is missing: first the beginnings, then what starts from them.
-
-    Returns:
-        The outcome of every run by its directory.
-
-    Raises:
-        Interrupted: a second Ctrl-C; after the first, runs write a checkpoint and their outcome is ``stopped``.
+    """Run what is missing: first the beginnings, then what starts from them; the outcome of every run by its directory.
+    Raises Interrupted at a second Ctrl-C; after the first, runs write a checkpoint and their outcome is ``stopped``.
     """
     outcomes = {run.run_dir: Outcome(run.run_dir, "finished") for run in runs if run.is_finished()}
     with _engine(resources), _stop_file(output) as stop, Progress(runs, outcomes, resources.jobs):
@@ -146,11 +141,8 @@ class Progress:
     meanwhile with those that have ended; ``jobs`` run at the same time.
     """
 
-    def __init__(
-        self, runs: Sequence[PlannedRun], outcomes: Mapping[Path, Outcome], jobs: int, stream: TextIO | None = None
-    ):
-        self.runs, self.outcomes, self.jobs = runs, outcomes, jobs
-        self.stream = stream or sys.stderr
+    def __init__(self, runs: Sequence[PlannedRun], outcomes: Mapping[Path, Outcome], jobs: int):
+        self.runs, self.outcomes, self.jobs, self.stream = runs, outcomes, jobs, sys.stderr
         self._end, self._lines, self._shown = threading.Event(), 0, ""
         self._started = time.monotonic()
         self._thread = threading.Thread(target=self._loop, daemon=True)

@@ -10,7 +10,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.evaluate import DEMO_TRUTH
 from pacnerf_lpo.evaluation.parameter_errors import TRUTH_KEYS
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.paper_tables.paper_values import paper_truth
+from pacnerf_lpo.paper_tables.tables import paper_truth
 
 TRUTH_FILE = "truth.json"
 FLUIDS = ("droplet", "letter")

@@ -1,10 +1,27 @@
-"""A table as data: rows of entries, ours next to the paper's, with the best and the second best of each row marked."""
+"""A table as data, and as Markdown, CSV and LaTeX: rows of entries, ours next to the paper's, with the best and the
+second best of each row marked.
+"""
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from pacnerf_lpo.manifest import write_atomically
 
 Mark = Literal["", "best", "second"]
+FAILED = "failed: "
+MARKDOWN = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
+LATEX = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
+LEGEND = "Best **bold**, second best <u>underlined</u>, of each baseline's columns; in brackets what the paper prints."
+TEX = {"↑": r"$\uparrow$", "↓": r"$\downarrow$", "†": r"$^\dagger$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
+AVERAGE = "average"
 
 
 @dataclass(frozen=True)
@@ -72,3 +89,107 @@ def marked(row: Row, groups: Sequence[str]) -> Row:
         for i in members:
             entries[i] = replace(entries[i], mark=marks.get(values[i], ""))
     return replace(row, entries=tuple(entries))
+
+
+TEX |= {power: f"$^{number}$" for number, power in enumerate("⁰¹²³⁴")}
+TEX |= {
+    letter: f"${name}$"
+    for letter, name in zip("μκτηνθ", (r"\mu", r"\kappa", r"\tau", r"\eta", r"\nu", r"\theta"), strict=True)
+}
+TEX |= {"±": r"$\pm$"}
+
+
+def write_table(table: Table, folder: Path) -> list[Path]:
+    """Write ``NAME.md``, ``NAME.csv`` and ``NAME.tex``; returns their paths."""
+    paths = []
+    for suffix, text in ((".md", markdown(table)), (".csv", comma_separated(table)), (".tex", latex(table))):
+        paths.append(folder / f"{table.name}{suffix}")
+        write_atomically(paths[-1], text.encode())
+    return paths
+
+
+def markdown(table: Table) -> str:
+    """The table with its legend and, under it, what is missing and why."""
+    missing = _notes(table)
+    lines = [f"## {table.title}", "", f"| {' | '.join((*table.head, *table.columns))} |"]
+    lines.append("|---|---|" + "---:|" * len(table.columns))
+    for row in table.rows:
+        cells = [_cell(row, entry, MARKDOWN, missing) for entry in row.entries]
+        lines.append(f"| {' | '.join((row.scene, row.quantity, *cells))} |")
+    notes = [f"{number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
+    keys = sorted({entry.key for row in table.rows for entry in row.entries if entry.key and entry.value is not None})
+    notes += [*table.notes, f"Keys of the runs (their configurations are in `runs/`): {', '.join(keys) or 'none'}"]
+    return "\n".join([*lines, "", LEGEND, *(f"\n{note}" for note in notes)]) + "\n"
+
+
+def comma_separated(table: Table) -> str:
+    """One line per figure: table, row, column, ours, deviation, the paper's, mark, note, key; numbers unrounded."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["table", *table.head, "column", "value", "deviation", "paper", "mark", "note", "key"])
+    for row in table.rows:
+        for column, entry in zip(table.columns, row.entries, strict=True):
+            numbers = ["" if x is None else x for x in (entry.value, entry.deviation, entry.paper)]
+            writer.writerow([table.name, row.scene, row.quantity, column, *numbers, entry.mark, entry.note, entry.key])
+    return text.getvalue()
+
+
+def latex(table: Table) -> str:
+    """A ``tabular`` with booktabs' rules; the paper's figures in brackets."""
+    missing = _notes(table)
+    lines = [rf"% {table.title}", rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}", r"\toprule"]
+    lines.append(" & ".join(map(_tex, (*table.head, *table.columns))) + r" \\")
+    lines[1:1] = [f"% {number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
+    last = None
+    for row in table.rows:
+        if row.scene != last:
+            lines.append(r"\midrule")
+        cells = [_cell(row, entry, LATEX, missing).replace("±", r"$\pm$") for entry in row.entries]
+        names = _tex(row.scene) if row.scene != last else "", _tex(row.quantity)
+        lines.append(" & ".join((*names, *cells)) + r" \\")
+        last = row.scene
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _notes(table: Table) -> list[str]:
+    """Why figures are missing, each reason once; cells refer to them by number."""
+    return list(dict.fromkeys(entry.note for row in table.rows for entry in row.entries if entry.value is None))
+
+
+def _reason(note: str) -> str:
+    return note if note.startswith(FAILED) else f"n/a ({note})"
+
+
+def _cell(row: Row, entry: Entry, marks: Mapping[str, str], missing: list[str]) -> str:
+    """``**28.91** (28.18)``, or ``n/a 1`` where the first note says why."""
+    if entry.value is None:
+        text = f"{'failed' if entry.note.startswith(FAILED) else 'n/a'} {missing.index(entry.note) + 1}"
+    else:
+        text = marks[entry.mark].format(row.printed(entry.value))
+        text += "" if entry.deviation is None else f" ± {row.printed(entry.deviation)}"
+    return text if entry.paper is None else f"{text} ({row.printed(entry.paper)})"
+
+
+def _tex(text: str) -> str:
+    return "".join(TEX.get(letter, letter) for letter in text)
+
+
+@cache
+def _content() -> dict[str, Any]:
+    return yaml.safe_load((files("pacnerf_lpo.paper_tables") / "paper.yaml").read_text(encoding="utf-8"))
+
+
+def paper_truth(scene: str) -> dict[str, float]:
+    """Ground truth of one of the paper's scenes by this project's names [SI, degrees]."""
+    return dict(_content()["truth"][scene])
+
+
+def paper_values(table: str, scene: str, quantity: str) -> Sequence[float | None]:
+    """A row of a table, one value per column; empty where the paper has no such row.
+
+    Args:
+        table: ``table4`` ... ``table16``.
+        scene: its name, ``average`` or ``deviation``.
+        quantity: ``psnr``, ``ssim``, ``lpips``, the name of a parameter, or a process of Table 9.
+    """
+    return _content().get(table, {}).get(scene, {}).get(quantity, [])

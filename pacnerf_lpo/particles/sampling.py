@@ -3,8 +3,7 @@
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.scene.activation import alpha
-from pacnerf_lpo.scene.occupancy import occupied_cells
+from pacnerf_lpo.scene.activation import alpha, occupied_cells
 from pacnerf_lpo.scene.trilinear import CORNERS, Shape, gather, stencil
 from pacnerf_lpo.types import FieldGrid
 

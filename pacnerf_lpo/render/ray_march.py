@@ -12,9 +12,8 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import embedding_bag
 
-from pacnerf_lpo.scene.activation import optical_depth, sample_length
+from pacnerf_lpo.scene.activation import occupied_cells, optical_depth, sample_length
 from pacnerf_lpo.scene.colour import ColourNetwork
-from pacnerf_lpo.scene.occupancy import occupied_cells
 from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, stencil, weights_of
 from pacnerf_lpo.types import FieldGrid, Rays
 

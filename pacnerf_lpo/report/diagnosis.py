@@ -9,7 +9,6 @@ import numpy as np
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_sections import recordings_section
@@ -107,7 +106,7 @@ def _round(done: Mapping[str, Any], number: int) -> str:
     """Check, ranking, confounding and refits of one round; the first is open."""
     effects = together(done["effects"]) if done["effects"] else "no effect added"
     title = "The model as it was fitted" if not number else f"The model with {effects}"
-    tables = evidence.ranking(done), evidence.confounding(done["screen"]), evidence.refit_table(done)
+    tables = sections.ranking(done), sections.confounding(done["screen"]), sections.refit_table(done)
     return parts("diagnosis").round(not number, title, words.checked(done), done, *tables)
 
 

@@ -106,10 +106,7 @@ def _readable(stage: Stage) -> str:
 
 def root_mean_square(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
     """Over some axes, of the values that are there; NaN where there is none."""
-    seen = np.isfinite(values)
-    counts = seen.sum(axes)
-    total = (np.where(seen, values, 0.0) ** 2).sum(axes)
-    return np.sqrt(np.where(counts > 0, total / np.maximum(counts, 1), np.nan))
+    return np.asarray(np.ma.filled(np.sqrt(np.ma.masked_invalid(values**2).mean(axes)), np.nan))
 
 
 def _of_part(error: np.ndarray, part: np.ndarray) -> float:

@@ -21,10 +21,7 @@ SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves
 
 def write_report(run_dir: str | Path) -> Path:
     """Write ``report.html`` into a run directory, and return its path; evaluates the run first where that has not been
-    done.
-
-    Raises:
-        UserInputError: it is no run directory, or no phase of it is finished.
+    done. Raises UserInputError where it is no run directory, or no phase of it is finished.
     """
     run = Run(run_dir)
     results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)

@@ -18,14 +18,11 @@ def signed_residual(predicted: Tensor, measured: Tensor) -> Tensor:
 
 
 def residual_colours(residual: Tensor, scale: float) -> Tensor:
-    """Colours of signed residuals: white at 0, full orange at -scale and below, full blue at +scale and above.
+    """Colours of signed residuals [0..1, (..., 3)]: white at 0, full orange at -scale and below, full blue at +scale.
 
     Args:
         residual: any shape.
         scale: the residual at which the colour is full.
-
-    Returns:
-        RGB in 0..1, (..., 3).
     """
     strength = (residual / scale).clamp(-1, 1)[..., None]
     end = torch.where(strength < 0, torch.tensor(NEGATIVE), torch.tensor(POSITIVE))
@@ -43,14 +40,11 @@ def residual_scale(residual: Tensor) -> float:
 
 
 def comparison_panel(predicted: Tensor, measured: Tensor, scale: float = 0.5) -> Tensor:
-    """Rendered | measured | signed residual, side by side.
+    """Rendered | measured | signed residual, side by side [0..1, (H, 3 W, 3)].
 
     Args:
         predicted, measured: [0..1, (H, W, 3)]
         scale: the residual at which the colour is full.
-
-    Returns:
-        [0..1, (H, 3 W, 3)]
     """
     residual = residual_colours(signed_residual(predicted, measured), scale)
     return torch.cat((predicted.clamp(0, 1), measured.clamp(0, 1), residual), dim=1)

@@ -7,10 +7,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from pacnerf_lpo.evaluation.tables import describe_error, phases_to_result, result_phase, round_rows
+from pacnerf_lpo.evaluation.tables import (
+    describe_error,
+    lpips_cell,
+    phases_to_result,
+    quality_rows,
+    result_phase,
+    round_rows,
+    view_rows,
+)
 from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.page import parts
 
+VIEWS = {"train": "training", "test": "held out"}
 GOOD, FAIR = 0.75, 0.5
 """Overlap (intersection over union) from which an outline counts as found closely, and as found: the strict threshold
 of COCO (Lin et al., ECCV 2014), and that of PASCAL VOC (Everingham et al., IJCV 2010)."""
@@ -47,23 +56,11 @@ def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def quality_table(results: Mapping[str, Any]) -> str:
     """PSNR, SSIM and LPIPS by phase and view set, and what each round of Algorithm 1 gave where there were several."""
-    rows: list[tuple[str, ...]] = []
-    notes: dict[str, None] = {}
-    for phase in results["phases"]:
-        if "error" in phase:
-            notes[f"{phase['label']}: {phase['error']}"] = None
-            continue
-        for views, title in (("train", "training"), ("test", "held out")):
-            metrics = phase["image_metrics"][views]
-            scope = "all frames" if metrics is not None else "frame 0"
-            metrics = metrics or phase["first_frame_metrics"][views]
-            if metrics is None:
-                continue
-            lpips = metrics["lpips"]
-            if isinstance(lpips, str):
-                notes[f"LPIPS: {lpips}"] = None
-            last = "n/a" if isinstance(lpips, str) else f"{lpips:.3f}"
-            rows.append((phase["label"], title, scope, _decibel(metrics["psnr"]), f"{metrics['ssim']:.3f}", last))
+    measured, notes = quality_rows(results)
+    rows = [
+        (label, VIEWS[views], scope, _decibel(found["psnr"]), f"{found['ssim']:.3f}", lpips_cell(found))
+        for label, views, scope, found in measured
+    ]
     return parts("report").quality(rows, notes, round_rows(results))
 
 
@@ -97,9 +94,7 @@ def judge(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Verdict:
     training views where none is: ``good`` from GOOD on, ``fair`` from FAIR on. A model that is farther from the video
     than an empty scene is ``poor``.
     """
-    order = sorted([*results["views"]["train"], *results["views"]["test"]])
-    train = [order.index(view) for view in results["views"]["train"]]
-    test = [order.index(view) for view in results["views"]["test"]]
+    _, train, test = view_rows(results)
     judged = test or train
     share = explained(phase, judged)
     overlap = np.array(phase["images"]["silhouette_iou"])[judged].mean(0)

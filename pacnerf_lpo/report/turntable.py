@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.data.cameras import pixel_rays, poses_around
+from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 from pacnerf_lpo.evaluation.prediction import StateRenderer, to_bytes
 from pacnerf_lpo.types import FieldGrid, Rays
 
@@ -42,19 +43,12 @@ class Orbit:
 
     def camera_to_world(self, azimuth: float) -> Tensor:
         """Pose [(3, 4)] of the camera at this azimuth [deg]; 0 looks along -z, 90 along -x."""
-        turn, rise = math.radians(azimuth), math.radians(self.elevation)
-        backward = torch.tensor(
-            [math.sin(turn) * math.cos(rise), math.sin(rise), math.cos(turn) * math.cos(rise)], dtype=torch.float64
-        )
-        right = torch.tensor([math.cos(turn), 0.0, -math.sin(turn)], dtype=torch.float64)
-        up = torch.linalg.cross(backward, right)
-        position = torch.tensor(self.centre, dtype=torch.float64) + self.distance * backward
-        return torch.stack((right, up, backward, position), dim=1)
+        angles = np.radians([azimuth, self.elevation])
+        return torch.from_numpy(poses_around(np.array(self.centre), self.distance, *angles))
 
     def rays(self, azimuth: float) -> Rays:
         """The rays of the camera at this azimuth [deg]."""
-        focal = self.size / (2 * math.tan(math.radians(FIELD_OF_VIEW / 2)))
-        intrinsic = torch.tensor([[focal, 0, self.size / 2], [0, focal, self.size / 2], [0, 0, 1]], dtype=torch.float64)
+        intrinsic = torch.from_numpy(centred_intrinsic(math.radians(FIELD_OF_VIEW), self.size, self.size))
         return pixel_rays(intrinsic, self.camera_to_world(azimuth), self.size, self.size)
 
 

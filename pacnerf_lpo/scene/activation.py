@@ -5,8 +5,11 @@ Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as P
 
 import math
 
+import torch
 from torch import Tensor
 from torch.nn.functional import softplus
+
+from pacnerf_lpo.types import FieldGrid
 
 DENSITY_SHIFT = math.log(1 / (1 - 1e-4) - 1)
 """b: raw density 0 has alpha 1e-4 over unit length."""
@@ -39,3 +42,17 @@ def solid_fraction(density: Tensor, dx: float, base_dx: float) -> Tensor:
 def sample_length(dx: float, base_dx: float) -> float:
     """delta of one ray sample (step dx/2) in a grid of spacing ``dx`` [m] refined from ``base_dx`` [m]."""
     return 0.05 * dx / base_dx
+
+
+def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
+    """True where alpha reaches ``min_alpha`` at one of the cell's corners [(X, Y, Z), bool], cells by lowest node.
+
+    Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
+    """
+    occupied = alpha(grid.density.detach(), delta) >= min_alpha
+    for axis in range(3):
+        shifted = torch.zeros_like(occupied)
+        count = occupied.shape[axis] - 1
+        shifted.narrow(axis, 0, count).copy_(occupied.narrow(axis, 1, count))
+        occupied = occupied | shifted
+    return occupied

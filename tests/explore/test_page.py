@@ -21,8 +21,8 @@ from pacnerf_lpo.commands import explore
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.explore import Session, pictures
 from pacnerf_lpo.explore.page import charts, open_page
+from pacnerf_lpo.explore.page.charts import between, short
 from pacnerf_lpo.explore.page.story_page import STORY, write_story
-from pacnerf_lpo.explore.page.words import between, short
 from pacnerf_lpo.explore.page.worker import Worker, guarded, one_line
 from pacnerf_lpo.explore.records import Camera, Outlines, Setting, Step
 from tests.data.trajectories.throws import BALL, write_drops

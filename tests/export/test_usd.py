@@ -11,7 +11,7 @@ import pytest
 from pxr import Usd, UsdValidation
 
 from pacnerf_lpo.export.motion import Subject
-from pacnerf_lpo.export.usd import write_usd
+from pacnerf_lpo.export.points import write_usd
 
 
 @pytest.fixture(scope="module", params=[".usd", ".usda"])

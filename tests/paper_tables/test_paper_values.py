@@ -9,8 +9,8 @@ import pytest
 
 from pacnerf_lpo.evaluation.parameter_errors import MEASURES
 from pacnerf_lpo.paper_tables.layouts import METRICS, Layout
-from pacnerf_lpo.paper_tables.paper_values import AVERAGE, paper_truth, paper_values
 from pacnerf_lpo.paper_tables.suites import NINE, SUITES
+from pacnerf_lpo.paper_tables.tables import AVERAGE, paper_truth, paper_values
 
 TABLES = {name: suite.layouts[0] for name, suite in SUITES.items() if name.startswith("table")}
 IMAGE_TABLES = ("table4", "table5", "table8", "table10", "table11", "table14", "table16")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pacnerf_lpo.paper_tables import formats, layouts
+from pacnerf_lpo.paper_tables import layouts, tables
 from pacnerf_lpo.paper_tables.cells import Column, RunName
 from pacnerf_lpo.paper_tables.layouts import ErrorLayout, ImageLayout, SpreadLayout, TimeLayout, ValueLayout
 from pacnerf_lpo.paper_tables.plan import LABEL_FILE
@@ -62,10 +62,10 @@ def test_a_run_that_saw_all_views_is_scored_on_those_the_others_hold_out(book: B
 def test_missing_lpips_is_a_reason_and_never_a_number(book: Book):
     table = ImageLayout("images", "", (BASELINE, ONCE)).build(book, [TORUS])
     assert values(table, "LPIPS↓") == [None, None]
-    text = formats.markdown(table)
+    text = tables.markdown(table)
     assert "| torus | LPIPS↓ | n/a 1 | n/a 1 |" in text
     assert "1: n/a (torchvision is not installed)" in text
-    assert "% 1: n/a (torchvision is not installed)" in formats.latex(table)
+    assert "% 1: n/a (torchvision is not installed)" in tables.latex(table)
 
 
 def test_parameters_and_their_errors(book: Book):
@@ -92,7 +92,7 @@ def test_failed_and_missing_runs_say_so(tmp_path: Path, plan: Planner, fake_fit:
     runs = plan({BASE: 1, LPO: 1, RunName("torus", "3v_dagger"): 1})
     book = Book(runs, run_all(runs[:2], tmp_path, Resources()))
     columns = (BASELINE, ONCE, Column("3v†", "3v_dagger", group="3v_dagger"))
-    text = formats.markdown(ImageLayout("images", "", columns).build(book, [TORUS]))
+    text = tables.markdown(ImageLayout("images", "", columns).build(book, [TORUS]))
     assert "| torus | PSNR↑ [dB] | 26.00 | failed 1 | n/a 2 |" in text
     assert "1: failed: |v| dt > dx (v = 310 m/s)" in text and "2: n/a (not run yet)" in text
 
@@ -157,14 +157,14 @@ def example() -> Table:
 
 
 def test_markdown():
-    lines = formats.markdown(example()).splitlines()
+    lines = tables.markdown(example()).splitlines()
     assert lines[4] == "| torus | PSNR↑ [dB] | <u>26.40</u> ± 0.43 | **28.91** (28.18) |"
     assert "a note" in lines
     assert lines[-1].endswith("k1, k2")
 
 
 def test_csv_keeps_all_digits():
-    rows = list(csv.DictReader(io.StringIO(formats.comma_separated(example()))))
+    rows = list(csv.DictReader(io.StringIO(tables.comma_separated(example()))))
     assert [(row["column"], float(row["value"]), row["paper"], row["mark"], row["key"]) for row in rows] == [
         ("PAC-NeRF-3v†", 26.4, "", "second", "k1"),
         ("+LPO", 28.9123, "28.18", "best", "k2"),
@@ -172,7 +172,7 @@ def test_csv_keeps_all_digits():
 
 
 def test_latex():
-    text = formats.latex(example())
+    text = tables.latex(example())
     assert r"torus & PSNR$\uparrow$ [dB] & \underline{26.40} $\pm$ 0.43 & \textbf{28.91} (28.18) \\" in text
     assert r"PAC-NeRF-3v$^\dagger$" in text
     assert not [letter for letter in text if ord(letter) > 127]
@@ -180,7 +180,7 @@ def test_latex():
 
 def test_parameters_are_printed_with_the_names_of_the_tables():
     assert set(layouts.PARAMETERS) == {"mu", "kappa", "E", "tau_y", "eta", "nu", "theta"}
-    lines = formats.latex(
+    lines = tables.latex(
         Table("t", "", ("c",), [Row("s", label, "", 0, ()) for label, *_ in layouts.PARAMETERS.values()])
     )
     assert not [letter for letter in lines if ord(letter) > 127]

@@ -16,7 +16,6 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.report import diagnosis_evidence as evidence
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis import RESULT, render_page, write_page
@@ -153,7 +152,7 @@ def test_parameters_in_sentences_carry_their_labels():
 
 def test_ranking_marks_threshold_cameras_discrepancies_and_refits():
     done = example.missing()["rounds"][0]
-    text = evidence.ranking(done)
+    text = sections.ranking(done)
     assert re.findall(r'<div class="rank ([a-z ]+)"', text) == [
         "physics passed",
         "physics passed",
@@ -168,30 +167,30 @@ def test_ranking_marks_threshold_cameras_discrepancies_and_refits():
     most = 1.08 * 44.0  # the axis ends 8 % beyond the longest bar
     assert f'style="left:{100 * 5 / most:.1f}%"' in text
     assert "a trace &lt;of&gt; InitialSpin" in text
-    assert "No effect has been tried" in evidence.ranking(example.other("unfinished")["rounds"][0])
+    assert "No effect has been tried" in sections.ranking(example.other("unfinished")["rounds"][0])
 
 
 def test_a_round_without_candidates_still_shows_the_discrepancies():
     done = example.missing()["rounds"][0]
     done["screen"] |= {"candidates": [], "correlations": []}
     done |= {"refits": [], "accepted": None, "indistinguishable": []}
-    assert evidence.ranking(done).count("rank discrepancy") == 2
-    assert "matrix" not in evidence.confounding(done["screen"])
+    assert sections.ranking(done).count("rank discrepancy") == 2
+    assert "matrix" not in sections.confounding(done["screen"])
 
 
 def test_refits_show_cost_evidence_coefficient_and_outcome_with_the_accepted_one_first():
     done = example.missing()["rounds"][0]
     done["refits"][0]["notes"] = ["Drag rate: 50 1/s is a bound of what is possible."]
-    text = evidence.refit_table(done)
+    text = sections.refit_table(done)
     assert text.index("linear drag") < text.index("gravity magnitude")
     assert "900 → 300" in text and "<td>44.0</td>" in text and "&lt; 0.0001" in text
     assert "1.5 1/s" in text and "1.2 1/s … 1.8 1/s" in text and "70 kPa" not in text.replace("7e4", "")
     assert "is a bound of what is possible" in text
-    assert evidence.outcome(done["refits"][1], done) == "added"
-    assert evidence.outcome(done["refits"][0], done) == "60 000 to 1 for the added one"  # exp(44 - 33)
-    assert evidence.outcome({**done["refits"][0], "p_value": 0.3}, done) == "p above 1%: chance explains it"
+    assert sections.outcome(done["refits"][1], done) == "added"
+    assert sections.outcome(done["refits"][0], done) == "60 000 to 1 for the added one"  # exp(44 - 33)
+    assert sections.outcome({**done["refits"][0], "p_value": 0.3}, done) == "p above 1%: chance explains it"
     done["indistinguishable"].append("GravityMagnitude")
-    assert evidence.outcome(done["refits"][0], done) == "not separated from the added one"
+    assert sections.outcome(done["refits"][0], done) == "not separated from the added one"
 
 
 def test_effort_is_summed_over_the_steps():

@@ -96,13 +96,11 @@ def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> 
 
 
 def largest_gap(views: Sequence[Sequence[Planes]]) -> float:
-    """How far views contradict each other in the first, the middle or the last frame, relative to the body.
+    """How far views contradict each other in the first, the middle or the last frame: the largest rms distance of a
+    view's planes from what all views allow, relative to the body; infinite where they allow nothing.
 
     Args:
         views: tangent planes of every frame, by camera.
-
-    Returns:
-        The largest rms distance of a view's planes from what all views allow; infinite where they allow nothing.
     """
     last = len(views[0]) - 1
     return max(_gap([view[frame] for view in views]) for frame in (0, last // 2, last))

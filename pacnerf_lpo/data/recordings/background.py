@@ -20,6 +20,7 @@ from pacnerf_lpo.data.recordings.footage import Footage, factor_of
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.recordings.other_views import Expectation
 
+WITHOUT_PLATES = "mattes from a video without plates"
 ROUNDS = 2
 """How often background, object and its colours are found from each other."""
 MOVED = 9.0
@@ -50,7 +51,7 @@ PIECE = 0.02
 """Pieces smaller than this part of the largest one are no part of the object."""
 AROUND = 0.06
 """Standard deviation of the window from which never seen background is continued, relative to the image's width."""
-STEPS = 30
+STEPS = 60
 """Of the dual; then no sign changes any more, even where the odds of a pixel are half noise."""
 
 
@@ -86,7 +87,8 @@ class Background:
     def denoised_odds(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
         """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
 
-        Where they are positive is the object, as its outline is short, see :func:`denoised`.
+        Where they are positive is the object: their sum in it, less SMOOTH times the length of its outline, is largest
+        (Chan, Esedoglu, Nikolova 2006), as the total variation is what is held down (Chambolle 2004).
 
         Args:
             expected: log odds before the colours are looked at [(H, W)].
@@ -96,7 +98,8 @@ class Background:
         rows, columns = (np.flatnonzero((around > 0.0).any(axis=axis)) for axis in (1, 0))
         if len(rows):
             window = tuple(slice(max(at[0] - ROOM, 0), at[-1] + ROOM + 1) for at in (rows, columns))
-            around[window] = denoised(odds[window], SMOOTH)
+            denoised = library("skimage.restoration", WITHOUT_PLATES).denoise_tv_chambolle
+            around[window] = denoised(odds[window].astype(np.float32), SMOOTH, eps=0.0, max_num_iter=STEPS)
         return around
 
 
@@ -184,7 +187,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
     enough = steps[-max(1, count // 4)]
     if not max(areas.values()):
         return None
-    convex_hull_object = library("skimage.morphology", "mattes from a video without plates").convex_hull_object
+    convex_hull_object = library("skimage.morphology", WITHOUT_PLATES).convex_hull_object
     reach = max(2, round(LINK * width))
     disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     moving = np.zeros((count, *noise.shape), bool)
@@ -262,39 +265,3 @@ def _continued(values: np.ndarray, known: np.ndarray, width: float) -> np.ndarra
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     averaged = smoothed(np.where(known[..., None], values, 0.0), width) / np.maximum(weight, 1e-9)
     return np.where(weight > 1e-3, averaged, values[tuple(nearest)]) if known.any() else values
-
-
-def denoised(values: np.ndarray, weight: float) -> np.ndarray:
-    """The u that minimises |u - values|^2 / 2 + weight * total variation of u [(H, W)].
-
-    By accelerated gradient projection of the dual (Beck and Teboulle 2009). Where u is positive, the sum of ``values``
-    inside less ``weight`` times the length of the outline is largest (Chan, Esedoglu, Nikolova 2006).
-
-    Args:
-        values: log odds (H, W). weight: log odds for each pixel of outline.
-    """
-    values = values.astype(np.float32)
-    dual = before = np.zeros((2, *values.shape), np.float32)
-    momentum = 1.0
-    for _ in range(STEPS):
-        moved = dual + _slopes(values + weight * _divergence(dual)) / np.float32(8.0 * weight)
-        moved /= np.maximum(1.0, np.hypot(moved[0], moved[1]))
-        following = 0.5 + np.sqrt(0.25 + momentum**2)
-        dual = moved + np.float32((momentum - 1.0) / following) * (moved - before)
-        before, momentum = moved, following
-    return np.asarray(values + weight * _divergence(before))
-
-
-def _slopes(values: np.ndarray) -> np.ndarray:
-    """Differences to the next pixel along rows and columns, none beyond the border [(2, H, W)]."""
-    found = np.zeros((2, *values.shape), np.float32)
-    found[0, :-1], found[1, :, :-1] = np.diff(values, axis=0), np.diff(values, axis=1)
-    return found
-
-
-def _divergence(dual: np.ndarray) -> np.ndarray:
-    """The negative adjoint of :func:`_slopes` [(H, W)]."""
-    found = dual[0] + dual[1]
-    found[1:] -= dual[0, :-1]
-    found[:, 1:] -= dual[1, :, :-1]
-    return np.asarray(found)

@@ -4,11 +4,13 @@ import json
 import logging
 import os
 import shutil
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,17 +18,17 @@ from pacnerf_lpo.data.index import NAME, check_unused, entry_of
 from pacnerf_lpo.data.recordings.agreement import check_different, check_in_front
 from pacnerf_lpo.data.recordings.findings import Findings, investigate
 from pacnerf_lpo.data.recordings.mattes import Mattes
-from pacnerf_lpo.data.recordings.questions import asked
-from pacnerf_lpo.data.recordings.recording import Recording, check_recording
+from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording, check_recording
 from pacnerf_lpo.data.recordings.refinement import refined
 from pacnerf_lpo.data.recordings.shots import LEAST_OBJECT, Shots, image_at, look, no_object, save, synchronised
 from pacnerf_lpo.data.recordings.timeline import Timeline, common_times, stated_times
-from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.errors import Unmeasured, UserInputError
 
 log = logging.getLogger(__name__)
 
 DOUBTFUL = 0.9
 """Expected overlap below which a matte is reported as doubtful: of a body of forty pixels, its rim of one pixel."""
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -180,3 +182,59 @@ def _entries(recording: Recording, timeline: Timeline, found: Findings) -> list[
             entry = entry_of(view, frame, time, pose, camera.intrinsic)
             entries.append({**entry, "time_offset": float(timeline.offsets[view])})
     return entries
+
+
+@dataclass(frozen=True)
+class Question:
+    """words: what is asked. default: the answer to Enter. answered: the recording with an answer."""
+
+    words: str
+    default: Callable[[Recording], str]
+    answered: Callable[[Recording, str], Recording]
+
+
+def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recording, T]:
+    """Do ``work``, and ask at a terminal for a value that it lacks. Raises UserInputError where nobody answers."""
+    while True:
+        try:
+            return recording, work(recording)
+        except Unmeasured as gap:
+            if not (sys.stdin.isatty() and sys.stderr.isatty()):
+                raise
+            recording = _ask(recording, gap)
+
+
+def _ask(recording: Recording, gap: Unmeasured) -> Recording:
+    question = QUESTIONS[gap.option]
+    default = question.default(recording)
+    print(f"{gap}", file=sys.stderr)
+    while True:
+        print(f"{question.words} [{default}]: ", end="", file=sys.stderr, flush=True)
+        answer = sys.stdin.readline()
+        if not answer:
+            raise gap
+        try:
+            return question.answered(recording, answer.strip() or default)
+        except (UserInputError, ValueError):
+            print(f"'{answer.strip()}' is no answer to that", file=sys.stderr)
+
+
+def _usual_up(recording: Recording) -> str:
+    """The axis that is nearest to what the cameras have on top."""
+    above = np.sum([camera.pose[:, 1] for camera in recording.cameras], axis=0)
+    return max(AXES, key=lambda name: float(np.dot(AXES[name], above)))
+
+
+QUESTIONS = {
+    "up": Question(f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
+    "unit": Question(
+        f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
+        lambda recording: "m",
+        Recording.with_unit,
+    ),
+    "fps": Question(
+        "How many frames per second have the videos?",
+        lambda recording: "30",
+        lambda recording, answer: recording.with_frame_rate(float(answer)),
+    ),
+}

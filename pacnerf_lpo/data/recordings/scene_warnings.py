@@ -7,10 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from pacnerf_lpo.data.recordings.agreement import ENOUGH, GAP, largest_gap, odd_one_out
-from pacnerf_lpo.data.recordings.appearances import Appearance
 from pacnerf_lpo.data.recordings.conversion import frame_ranges
 from pacnerf_lpo.data.recordings.findings import SCALE_ERROR
-from pacnerf_lpo.data.recordings.look import Look
+from pacnerf_lpo.data.recordings.look import Appearance, Look
 from pacnerf_lpo.data.recordings.scene_file import SPACING
 from pacnerf_lpo.data.recordings.sharpness import blur
 

@@ -15,7 +15,7 @@ from pacnerf_lpo.data.images import image_size, on_white, read_png
 from pacnerf_lpo.data.index import NAME as INDEX_NAME
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.pac_nerf import OCCLUDER, OCCLUDER_ALPHA, PLATE
+from pacnerf_lpo.data.pac_nerf import Files, choose_files, load_valid
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.scene_folder import find_scene_file
@@ -86,7 +86,7 @@ class WrittenScene:
     notes: Mapping[str, str]
     values: tuple[Value, ...]
     views: tuple[View, ...]
-    frames: tuple[int, ...]
+    files: Files
     times: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
@@ -96,7 +96,7 @@ class WrittenScene:
 
     def pixels(self, view: View, frame: int) -> np.ndarray:
         """Colour and opacity of an image [0..1, (H, W, 4)]; ``frame`` counts from 0."""
-        path = _image(self.folder, view.number, self.frames[frame])
+        path = self.files.image(view.number, self.files.frames[frame])
         pixels = read_png(path)
         if pixels.shape[:2] != view.valid.shape:
             raise UserInputError(f"{path}: not of the size of the other images; run init again")
@@ -117,28 +117,29 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
     first = re.match(r"# Written by pacnerf-lpo init from (.*), layout (\S+)\.", text)
     index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(entry(str(path), config, "data.root"))))
-    numbers, frames = index.views(), checks.check_frames(index, None)
-    checks.check_cameras(index, numbers, frames)
+    files = choose_files(index.path.parent, index, None, None, "auto")
+    checks.check_cameras(index, files.views, files.frames)
     notes = header(text)
     names = {int(number): name for number, name in re.findall(r"(\d+) ([^,;]+)", notes.get("cameras", ""))}
     views = []
-    for number in numbers:
-        shot = index.camera(number)
-        valid, plate = _valid_and_plate(index.path.parent, number, frames[0])
+    for number in files.views:
+        shot, size = index.camera(number), image_size(files.image(number, files.frames[0]))
+        valid = load_valid(files.occluder(number), size, size).numpy()
+        plate = read_png(files.plate(number))[..., :3] if files.plate(number).exists() else None
         name = names.get(number, str(number))
         views.append(View(number, name, shot.intrinsic, shot.camera_to_world, valid, plate, shot.offset))
     lower, upper = (_corner(path, config, f"data.box_{side}") for side in ("lower", "upper"))
     checks.check_box(lower.tolist(), upper.tolist())
     hit = number_at(str(path), config, "phases.velocity.init_args.hit_frame")
-    if not (hit == int(hit) and 1 <= hit < len(frames)):
+    if not (hit == int(hit) and 1 <= hit < len(files.frames)):
         raise UserInputError(
-            f"{path}: phases.velocity.init_args.hit_frame = {hit:g}; give a frame in 1..{len(frames) - 1}"
+            f"{path}: phases.velocity.init_args.hit_frame = {hit:g}; give a frame in 1..{len(files.frames) - 1}"
         )
     source, layout = first.groups() if first else ("", "")
-    times = np.array(checks.check_times(index, numbers, frames))
+    times = np.array(checks.check_times(index, files.views, files.frames))
     ground = number_at(str(path), config, "physics.ground_height", 0.0)
     gravity = _corner(path, {"physics.gravity": GRAVITY, **config}, "physics.gravity")
-    about = index.path.parent, source, layout, notes, values, tuple(views), frames, times
+    about = index.path.parent, source, layout, notes, values, tuple(views), files, times
     return WrittenScene(*about, lower, upper, int(hit), ground, gravity)
 
 
@@ -159,20 +160,6 @@ def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
         if differ.mean() > HIDDEN:
             return colour
     return opacity * colour + (1.0 - opacity) * (1.0 if plate is None else plate)
-
-
-def _image(folder: Path, number: int, frame: int) -> Path:
-    """The matted image where there is one, else the raw one."""
-    matted = folder / "data" / f"m_{number}_{frame}.png"
-    return matted if matted.exists() else matted.with_name(f"r_{number}_{frame}.png")
-
-
-def _valid_and_plate(folder: Path, number: int, frame: int) -> tuple[np.ndarray, np.ndarray | None]:
-    data = folder / "data"
-    size = image_size(_image(folder, number, frame))
-    occluder, plate = (data / f"r_{number}_{kind}.png" for kind in (OCCLUDER, PLATE))
-    valid = read_png(occluder)[..., 3] <= OCCLUDER_ALPHA if occluder.exists() else np.ones(size, bool)
-    return valid, read_png(plate)[..., :3] if plate.exists() else None
 
 
 def _corner(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
+from pacnerf_lpo.evaluation.tables import view_rows
 
 LAG = 2.0
 """Of two root mean squares: three quarters of the larger squared error have another cause than the noise in both."""
@@ -21,9 +22,7 @@ def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) ->
         phase: the entry of ``results["phases"]``, with images.
     """
     rms = np.array(phase["images"]["rms"])
-    order = sorted([*results["views"]["train"], *results["views"]["test"]])
-    train = [order.index(view) for view in results["views"]["train"]]
-    test = [order.index(view) for view in results["views"]["test"]]
+    order, train, test = view_rows(results)
     contact, worst = results["contact"], int(rms.mean(1).argmax())
     if test and _mean(rms[test]) > LAG * _mean(rms[train]):
         times = _mean(rms[test]) / _mean(rms[train])

@@ -10,8 +10,7 @@ import viser
 from markupsafe import Markup
 
 from pacnerf_lpo.errors import Stopped
-from pacnerf_lpo.explore.page.charts import hint
-from pacnerf_lpo.explore.page.words import evidence, reason
+from pacnerf_lpo.explore.page.charts import evidence, hint, reason
 from pacnerf_lpo.explore.records import Suggestion
 from pacnerf_lpo.report.wording import capitalised
 

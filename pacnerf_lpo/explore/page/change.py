@@ -8,8 +8,8 @@ import numpy as np
 import viser
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.explore.page.charts import long, short
 from pacnerf_lpo.explore.page.story import element
-from pacnerf_lpo.explore.page.words import long, short
 from pacnerf_lpo.explore.records import Setting
 from pacnerf_lpo.quantities import quantity
 from pacnerf_lpo.report.wording import capitalised, readable

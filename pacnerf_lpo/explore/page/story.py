@@ -7,7 +7,6 @@ import numpy as np
 import viser
 
 from pacnerf_lpo.explore.page import charts
-from pacnerf_lpo.explore.page.words import difference_table
 from pacnerf_lpo.explore.records import Errors
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ class Story:
     def _pressed(self, event: Any) -> None:
         pressed, session = self.buttons.value, self.page.session
         if pressed == "compare":
-            self.compared.content = difference_table(session, int(self.against.value), session.current.number)
+            self.compared.content = charts.difference_table(session, int(self.against.value), session.current.number)
         else:
             self.page.make(pressed, session.undo if pressed == "undo" else session.redo)
 

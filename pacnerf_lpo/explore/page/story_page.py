@@ -11,7 +11,6 @@ from PIL import Image
 
 from pacnerf_lpo.explore import pictures
 from pacnerf_lpo.explore.page import charts
-from pacnerf_lpo.explore.page.words import between
 from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.manifest import write_atomically
@@ -31,10 +30,8 @@ SIDE = 420
 
 
 def write_story(session: Session, path: Path) -> Path:
-    """Write the page of a session's first recording; returns its path.
-
-    Raises:
-        UserInputError: no step has a motion.
+    """Write the page of a session's first recording; returns its path. Raises UserInputError where no step has a
+    motion.
     """
     write_atomically(path, story_page(session).encode())
     return path
@@ -123,6 +120,6 @@ def _values(session: Session, step: Step) -> list[tuple[str, str, str]]:
     rows = []
     for name, value in step.values.items():
         unit = units.get(name, "1")
-        interval = between(step.intervals[name], unit) if name in step.intervals else ""
+        interval = charts.between(step.intervals[name], unit) if name in step.intervals else ""
         rows.append((symbol(name), quantity(value, unit), interval))
     return rows

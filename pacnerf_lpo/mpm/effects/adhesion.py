@@ -40,9 +40,6 @@ class Adhesion(GroundEffect):
         {"detachment_speed": 0.0, "restitution": 0.2},
     )
 
-    def __init__(self, detachment_speed: float = HELD, restitution: float = 0.0):
-        super().__init__({"detachment_speed": detachment_speed, "restitution": restitution})
-
     @staticmethod
     def velocity(u: list[Any], c: SimpleNamespace) -> list[Any]:
         approaching, free = u[1] < 0.0, u[1] > c.detachment_speed

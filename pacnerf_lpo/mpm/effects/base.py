@@ -1,7 +1,8 @@
 """What a physical effect is. Add one by adding one file like ``linear_drag.py``."""
 
+import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -43,7 +44,8 @@ class Effect(ABC):
         guess: value of every parameter [SI].
         constants: further numbers that its functions find among their coefficients, and that are never identified.
 
-    An argument of a subclass that is no coefficient is kept as an attribute of the same name.
+    A subclass without a constructor takes its coefficients one by one, each where it vanishes unless given. An argument
+    of a subclass that is no coefficient is kept as an attribute of the same name.
 
     Raises:
         UserInputError: a value outside its bounds.
@@ -67,6 +69,8 @@ class Effect(ABC):
         super().__init_subclass__()
         if "parameters" in vars(cls) and "null" not in vars(cls):
             cls.null = dict.fromkeys(cls.parameters, 0.0)
+        if "parameters" in vars(cls) and "__init__" not in vars(cls):
+            cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__
@@ -103,6 +107,23 @@ class Effect(ABC):
     @classmethod  # noqa: B027
     def check_material(cls, material: Material) -> None:
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
+
+
+def _constructor(kind: type[Effect]) -> Callable[..., None]:
+    """A constructor that takes the coefficients of a class one by one, and what its base takes besides them."""
+    base, one = kind.__init__, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    own, _, *more = inspect.signature(base).parameters.values()
+    coefficients = [inspect.Parameter(name, one, default=kind.null[name], annotation=float) for name in kind.parameters]
+    signature = inspect.Signature([own, *coefficients, *(p for p in more if p.name != "constants")])
+
+    def construct(self: Effect, *args: Any, **named: Any) -> None:
+        given = signature.bind(self, *args, **named)
+        given.apply_defaults()
+        values = {name: value for name, value in given.arguments.items() if name != own.name}
+        base(self, {name: values.pop(name) for name in kind.parameters}, **values)
+
+    construct.__signature__ = signature  # type: ignore[attr-defined]
+    return construct
 
 
 class BodyForce(Effect):

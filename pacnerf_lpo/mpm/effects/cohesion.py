@@ -33,9 +33,6 @@ class Cohesion(LawEffect):
     one_sided = True
     probes = ({"cohesion": 50.0}, {"cohesion": 500.0})
 
-    def __init__(self, cohesion: float = 0.0):
-        super().__init__({"cohesion": cohesion})
-
     @classmethod
     def check_material(cls, material: Material) -> None:
         if not isinstance(material, DruckerPrager):

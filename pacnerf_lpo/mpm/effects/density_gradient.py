@@ -26,12 +26,6 @@ class DensityGradient(InitialState):
     separating_experiment = "the body balanced on an edge, which shows its centre of mass"
     probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
-    def __init__(
-        self, density_gradient_x: float = 0.0, density_gradient_y: float = 0.0, density_gradient_z: float = 0.0
-    ):
-        given = density_gradient_x, density_gradient_y, density_gradient_z
-        super().__init__(dict(zip(self.parameters, given, strict=True)))
-
     @staticmethod
     def apply(
         positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace

@@ -23,9 +23,6 @@ class GravityMagnitude(BodyForce):
     separating_experiment = "a scale bar in the picture; and a second drop from twice the height, against drag"
     probes = ({"extra_gravity": -0.5}, {"extra_gravity": 0.5}, {"extra_gravity": 2.0})
 
-    def __init__(self, extra_gravity: float = 0.0):
-        super().__init__({"extra_gravity": extra_gravity})
-
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         return [0.0, -c.extra_gravity, 0.0]

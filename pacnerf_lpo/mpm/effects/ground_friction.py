@@ -29,9 +29,6 @@ class GroundFriction(GroundEffect):
     one_sided = True
     probes = ({"ground_friction": 0.1}, {"ground_friction": 0.5}, {"ground_friction": 2.0})
 
-    def __init__(self, ground_friction: float = STICKING):
-        super().__init__({"ground_friction": ground_friction})
-
     @staticmethod
     def velocity(u: list[Any], c: SimpleNamespace) -> list[Any]:
         sticks = c.ground_friction >= STICKING

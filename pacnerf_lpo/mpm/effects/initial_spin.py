@@ -38,6 +38,5 @@ class InitialSpin(InitialState):
 
     @staticmethod
     def velocity_gradient(c: SimpleNamespace) -> Tensor:
-        zero = torch.zeros_like(c.spin_x)
-        rows = [zero, -c.spin_z, c.spin_y, c.spin_z, zero, -c.spin_x, -c.spin_y, c.spin_x, zero]
-        return torch.stack(rows).reshape(3, 3)
+        spin = torch.stack((c.spin_x, c.spin_y, c.spin_z))
+        return torch.linalg.cross(torch.eye(3).to(spin), spin.expand(3, 3))  # v = spin x r

@@ -27,9 +27,6 @@ class KelvinVoigt(LawEffect):
     one_sided = True
     probes = ({"solid_viscosity": 5.0}, {"solid_viscosity": 50.0})
 
-    def __init__(self, solid_viscosity: float = 0.0):
-        super().__init__({"solid_viscosity": solid_viscosity})
-
     @classmethod
     def check_material(cls, material: Material) -> None:
         if isinstance(material, Newtonian):

@@ -25,9 +25,6 @@ class LinearDrag(BodyForce):
     one_sided = True
     probes = ({"drag": 0.3}, {"drag": 1.5})
 
-    def __init__(self, drag: float = 0.0):
-        super().__init__({"drag": drag})
-
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         return [-c.drag * v for v in point.v]

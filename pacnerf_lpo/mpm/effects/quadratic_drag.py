@@ -24,9 +24,6 @@ class QuadraticDrag(BodyForce):
     one_sided = True
     probes = ({"drag_per_length": 0.15}, {"drag_per_length": 0.8})
 
-    def __init__(self, drag_per_length: float = 0.0):
-        super().__init__({"drag_per_length": drag_per_length})
-
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         speed = sqrt(point.v[0] * point.v[0] + point.v[1] * point.v[1] + point.v[2] * point.v[2])

@@ -25,12 +25,6 @@ class StiffnessGradient(InitialState):
     separating_experiment = "the same body dropped upside down"
     probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
-    def __init__(
-        self, stiffness_gradient_x: float = 0.0, stiffness_gradient_y: float = 0.0, stiffness_gradient_z: float = 0.0
-    ):
-        given = stiffness_gradient_x, stiffness_gradient_y, stiffness_gradient_z
-        super().__init__(dict(zip(self.parameters, given, strict=True)))
-
     @staticmethod
     def apply(
         positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace

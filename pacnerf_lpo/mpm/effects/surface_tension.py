@@ -38,9 +38,6 @@ class SurfaceTension(LawEffect):
     one_sided = True
     probes = ({"surface_tension": 2.0}, {"surface_tension": 20.0})
 
-    def __init__(self, surface_tension: float = 0.0):
-        super().__init__({"surface_tension": surface_tension})
-
     @classmethod
     def initial_history(cls, positions: Tensor, mass: Tensor, dx: float) -> Tensor:
         """grad phi at frame 0 [1/m, (N, 3)], phi from the volume fraction on a grid of 1.5 dx, read at the particles.

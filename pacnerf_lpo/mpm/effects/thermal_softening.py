@@ -22,9 +22,6 @@ class ThermalSoftening(Softening):
     separating_experiment = "the same drop filmed later, or repeated with the same body"
     probes = ({"softening": -0.5}, {"softening": 0.5}, {"softening": 3.0})
 
-    def __init__(self, softening: float = 0.0):
-        super().__init__({"softening": softening})
-
     @staticmethod
     def factor(point: Point, c: SimpleNamespace) -> Any:
         return exp(-c.softening * point.t)

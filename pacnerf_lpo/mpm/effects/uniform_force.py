@@ -30,9 +30,6 @@ class UniformForce(BodyForce):
     )
     probes = ({"push_x": 0.5, "push_z": 0.0}, {"push_x": 0.0, "push_z": 0.5}, {"push_x": 1.0, "push_z": 1.0})
 
-    def __init__(self, push_x: float = 0.0, push_z: float = 0.0):
-        super().__init__({"push_x": push_x, "push_z": push_z})
-
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         return [c.push_x, 0.0, c.push_z]

@@ -48,9 +48,6 @@ class YieldStress(LawEffect):
         {"yield_stress": 3e3, "hardening": 3e4},
     )
 
-    def __init__(self, yield_stress: float = NEVER, hardening: float = 0.0):
-        super().__init__({"yield_stress": yield_stress, "hardening": hardening})
-
     @classmethod
     def check_material(cls, material: Material) -> None:
         if not isinstance(material, NeoHookean):

@@ -30,8 +30,5 @@ class CameraDrift(Observation):
     separating_experiment = "the same camera filming an object at rest for as long"
     probes = ({"drift_x": 0.03, "drift_y": 0.0}, {"drift_x": 0.0, "drift_y": 0.03})
 
-    def __init__(self, drift_x: float = 0.0, drift_y: float = 0.0, view: int | None = None):
-        super().__init__({"drift_x": drift_x, "drift_y": drift_y}, view)
-
     def camera(self, view: int, c2w: Tensor, t: float, c: SimpleNamespace) -> Tensor:
         return moved_in_its_plane(c2w, c.drift_x * t, c.drift_y * t)

@@ -34,11 +34,7 @@ class CameraRotation(Observation):
     separating_experiment = "a checkerboard or a plumb line filmed by all cameras before the drop"
     probes = one_at_a_time(tilt=0.25, pan=0.25, roll=1.0)
 
-    def __init__(self, tilt: float = 0.0, pan: float = 0.0, roll: float = 0.0, view: int | None = None):
-        super().__init__({"tilt": tilt, "pan": pan, "roll": roll}, view)
-
     def camera(self, view: int, c2w: Tensor, t: float, c: SimpleNamespace) -> Tensor:
-        x, y, z = (radians(1.0) * torch.stack((c.tilt, c.pan, c.roll)).to(c2w)).unbind()
-        none = torch.zeros_like(x)
-        generator = torch.stack((none, -z, y, z, none, -x, -y, x, none)).view(3, 3)
+        turn = radians(1.0) * torch.stack((c.tilt, c.pan, c.roll)).to(c2w)
+        generator = torch.linalg.cross(torch.eye(3).to(c2w), turn.expand(3, 3))
         return torch.cat((c2w[:, :3] @ torch.linalg.matrix_exp(generator), c2w[:, 3:]), dim=1)

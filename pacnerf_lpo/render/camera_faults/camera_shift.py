@@ -30,9 +30,6 @@ class CameraShift(Observation):
     separating_experiment = "a checkerboard or any object at rest filmed by all cameras before the drop"
     probes = ({"shift_x": 0.01, "shift_y": 0.0}, {"shift_x": 0.0, "shift_y": 0.01})
 
-    def __init__(self, shift_x: float = 0.0, shift_y: float = 0.0, view: int | None = None):
-        super().__init__({"shift_x": shift_x, "shift_y": shift_y}, view)
-
     def camera(self, view: int, c2w: Tensor, t: float, c: SimpleNamespace) -> Tensor:
         return moved_in_its_plane(c2w, c.shift_x, c.shift_y)
 

@@ -23,8 +23,5 @@ class Exposure(Observation):
     separating_experiment = "a grey card filmed by all cameras"
     probes = ({"gain": 1.05}, {"gain": 0.8})
 
-    def __init__(self, gain: float = 1.0, view: int | None = None):
-        super().__init__({"gain": gain}, view)
-
     def colour(self, view: int, colour: Tensor, t: float, c: SimpleNamespace) -> Tensor:
         return c.gain * colour

@@ -24,8 +24,5 @@ class RadialDistortion(Observation):
     separating_experiment = "a checkerboard that fills the image"
     probes = ({"k1": 0.05}, {"k1": -0.2})
 
-    def __init__(self, k1: float = 0.0, view: int | None = None):
-        super().__init__({"k1": k1}, view)
-
     def image_plane(self, view: int, uv: Tensor, c: SimpleNamespace) -> Tensor:
         return uv * (1 + c.k1.to(uv) * uv.square().sum(-1, keepdim=True))

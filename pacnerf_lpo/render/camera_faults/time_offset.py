@@ -24,8 +24,5 @@ class TimeOffset(Observation):
     separating_experiment = "a flash of light that all cameras see"
     probes = ({"time_offset": 0.004}, {"time_offset": -0.02})
 
-    def __init__(self, time_offset: float = 0.0, view: int | None = None):
-        super().__init__({"time_offset": time_offset}, view)
-
     def time(self, t: Tensor, c: SimpleNamespace) -> Tensor:
         return t + c.time_offset.to(t)

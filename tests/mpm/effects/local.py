@@ -9,9 +9,9 @@ from torch import Tensor
 from pacnerf_lpo.mpm.effects import Effect
 from pacnerf_lpo.mpm.ground import Sticky
 from pacnerf_lpo.mpm.materials import Material
-from pacnerf_lpo.mpm.model import local_laws
 from pacnerf_lpo.mpm.point import Evaluation, Point
 from pacnerf_lpo.mpm.runtime import start
+from pacnerf_lpo.mpm.simulator import local_laws
 from pacnerf_lpo.mpm.taichi_calls import Launcher, ti
 
 FIXED = {"F": 9, "C": 9, "x": 3, "X": 3, "v": 3, "mass": 1, "stiffness": 1}
