@@ -23,8 +23,7 @@ import pacnerf_lpo.mpm.materials
 import pacnerf_lpo.phases.schedules
 import pacnerf_lpo.phases.static_grid
 import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names in YAML exist once their modules are imported)
-from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
-from pacnerf_lpo.callbacks.progress import PhaseProgress
+from pacnerf_lpo.callbacks.phase import PhaseCheckpoint, PhaseProgress
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs

@@ -12,6 +12,7 @@ import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo.config_errors import imported
+from pacnerf_lpo.config_layers import flat
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
@@ -86,14 +87,11 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
     return Reusable(source, done[: 1 if differs else 2], differs)
 
 
-def difference(there: Any, here: Any, name: str = "") -> str | None:
+def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """The first key at which two configurations differ, with both values; None where they do not."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key in {**there, **here}:
-            if found := difference(there.get(key), here.get(key), f"{name}.{key}" if name else key):
-                return found
-        return None
-    return None if there == here else f"{name} is {there} there and {here} here"
+    before, now = flat(there), flat(here)
+    key = next((key for key in {**before, **now} if before.get(key) != now.get(key)), None)
+    return None if key is None else f"{key} is {before.get(key)} there and {now.get(key)} here"
 
 
 def copy_events(source: Path, target: Path, phases: Sequence[str]) -> None:

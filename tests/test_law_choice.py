@@ -13,7 +13,7 @@ import torch
 import yaml
 
 from pacnerf_lpo import __main__, cli
-from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
+from pacnerf_lpo.callbacks.phase import PhaseCheckpoint
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.identification import laws
 from pacnerf_lpo.identification.forward_model import BodyModel

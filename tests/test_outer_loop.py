@@ -17,7 +17,7 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo import manifest, outer_loop
-from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
+from pacnerf_lpo.callbacks.phase import PhaseCheckpoint
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
 from tests import fake_run

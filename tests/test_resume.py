@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pacnerf_lpo.__main__ import main
-from pacnerf_lpo.callbacks.checkpoint import PhaseCheckpoint
+from pacnerf_lpo.callbacks.phase import PhaseCheckpoint
 from pacnerf_lpo.commands import fit as fit_command
 from pacnerf_lpo.types import ParticleState
 

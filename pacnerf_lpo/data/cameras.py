@@ -6,6 +6,9 @@ from torch import Tensor
 
 from pacnerf_lpo.types import Box, Rays
 
+NEAR = 0.1
+"""Nothing nearer to a camera is rendered [m]."""
+
 
 def pixel_rays(intrinsic: Tensor, camera_to_world: Tensor, height: int, width: int) -> Rays:
     """One ray through the centre of every pixel, row by row.
@@ -60,9 +63,13 @@ def project(points: Tensor, intrinsic: Tensor, camera_to_world: Tensor) -> tuple
 
 def hits_box(rays: Rays, box: Box) -> Tensor:
     """Whether each ray passes through the box in front of its origin [(R,), bool] (slab test)."""
-    lower, upper = rays.origins.new_tensor(box.lower), rays.origins.new_tensor(box.upper)
-    near = (lower - rays.origins) / rays.directions
-    far = (upper - rays.origins) / rays.directions
-    entry = torch.minimum(near, far).amax(dim=-1)
-    leave = torch.maximum(near, far).amin(dim=-1)
-    return leave > entry.clamp_min(0.0)
+    enter, leave = box_interval(rays, rays.origins.new_tensor(box.lower), rays.origins.new_tensor(box.upper), 0.0)
+    return leave > enter
+
+
+def box_interval(rays: Rays, lower: Tensor, upper: Tensor, near: float = NEAR) -> tuple[Tensor, Tensor]:
+    """Distances [m, (R,), (R,)] at which rays enter (not before ``near``) and leave a box; enter > leave is a miss."""
+    tiny = torch.full_like(rays.directions, 1e-12)
+    directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
+    one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
+    return torch.minimum(one, two).amax(1).clamp_min(near), torch.maximum(one, two).amin(1)

@@ -23,8 +23,8 @@ MODEL = tuple(round(255 * value) for value in NEGATIVE)
 Window = tuple[float, float, float, float]
 """Left, top, width and height of a part of an image [pixels]."""
 GAP = 2
-SCALE = colormaps["cividis"]
-"""Of values on particles: evenly readable with every colour vision."""
+SCALE = colormaps["cividis"].with_extremes(bad="#a0a0a0")
+"""Of values on particles: evenly readable with every colour vision; grey where there is none."""
 SHADE = 0.6
 """Grey of a body where no particle was drawn."""
 
@@ -123,7 +123,4 @@ def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np
 
 def painted(values: np.ndarray, most: float) -> np.ndarray:
     """Colours of values from 0 to ``most`` [(...)], grey where there is none [0..255, (..., 3), uint8]."""
-    known = np.isfinite(values)
-    colours = (255 * SCALE(np.clip(np.where(known, values, 0.0) / (most or 1.0), 0.0, 1.0))[..., :3]).astype(np.uint8)
-    colours[~known] = 160
-    return colours
+    return np.asarray(SCALE(np.ma.masked_invalid(np.clip(values / (most or 1.0), 0.0, 1.0)), bytes=True)[..., :3])

@@ -67,7 +67,8 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
     yield Check("nothing changes at the null", f"{change:.1e} m", change <= SAME)
     for probe in effect.probes:
         moved = float((withit(probe) - still).abs().max())
-        yield Check(f"a probe is seen ({_said(probe)})", f"{moved:.1e} m", moved > SEEN)
+        said = ", ".join(f"{name} {value:g}" for name, value in probe.items())
+        yield Check(f"a probe is seen ({said})", f"{moved:.1e} m", moved > SEEN)
     yield from _gradients(withit, effect.parameters, effect.probes[-1])
 
 
@@ -128,7 +129,3 @@ def _block(material: Material, effects: list[Effect], at_rest: bool = False) -> 
         return simulator(positions, velocity, mass, torch.ones_like(mass), own, FRAMES, others)
 
     return move
-
-
-def _said(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in values.items())

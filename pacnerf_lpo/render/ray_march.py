@@ -12,12 +12,12 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import embedding_bag
 
+from pacnerf_lpo.data.cameras import box_interval
 from pacnerf_lpo.scene.activation import occupied_cells, optical_depth, sample_length
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.trilinear import Stencil, cell_of, gather, stencil, weights_of
 from pacnerf_lpo.types import FieldGrid, Rays
 
-NEAR = 0.1
 MIN_ALPHA = 1e-7
 MIN_WEIGHT = 1e-7
 BLOCK = 2048
@@ -124,14 +124,6 @@ def _blocks(lengths: Tensor) -> tuple[list[int], list[int]]:
     last = torch.cat((ray[ray < len(lengths)], torch.tensor([len(lengths)])))
     count = end[last - 1]
     return last.diff(prepend=last.new_zeros(1)).tolist(), count.diff(prepend=count.new_zeros(1)).tolist()
-
-
-def box_interval(rays: Rays, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
-    """Distances [m, (R,), (R,)] at which rays enter (no nearer than 0.1 m) and leave a box; enter > leave is a miss."""
-    tiny = torch.full_like(rays.directions, 1e-12)
-    directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
-    one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
-    return torch.minimum(one, two).amax(1).clamp_min(NEAR), torch.maximum(one, two).amin(1)
 
 
 def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stencil, Tensor]:

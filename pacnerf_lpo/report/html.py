@@ -1,22 +1,36 @@
 """One self-contained page that shows what a run found: no network, no other file."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from markupsafe import Markup
+
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
-from pacnerf_lpo.evaluation.tables import phases_to_result
+from pacnerf_lpo.evaluation.tables import (
+    describe_error,
+    lpips_cell,
+    phases_to_result,
+    quality_rows,
+    result_phase,
+    round_rows,
+    view_rows,
+)
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.quantities import symbol
-from pacnerf_lpo.report import sections
-from pacnerf_lpo.report.page import page
+from pacnerf_lpo.quantities import duration, quantity, symbol
+from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.payload import build_payload
-from pacnerf_lpo.report.sections import FAIR, GOOD, judge
 
 REPORT_FILE = "report.html"
 SCRIPTS = ("base.js", "charts.js", "images.js", "space.js", "viewer.js", "curves.js")
+VIEWS = {"train": "training", "test": "held out"}
+GOOD, FAIR = 0.75, 0.5
+"""Overlap (intersection over union) from which an outline counts as found closely, and as found: the strict threshold
+of COCO (Lin et al., ECCV 2014), and that of PASCAL VOC (Everingham et al., IJCV 2010)."""
 
 
 def write_report(run_dir: str | Path) -> Path:
@@ -25,10 +39,8 @@ def write_report(run_dir: str | Path) -> Path:
     """
     run = Run(run_dir)
     results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)
-    payload = build_payload(run, results)
-    page = render_page(run, results, payload)
     path = run.run_dir / REPORT_FILE
-    write_atomically(path, page.encode())
+    write_atomically(path, render_page(run, results, build_payload(run, results)).encode())
     return path
 
 
@@ -36,7 +48,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     """The page as text."""
     shown = [phase for phase in phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
-    found = sections.found_values(results)
+    found = found_values(results)
     return page(
         "report",
         f"{results['scene']}: {', '.join(f'{symbol(name)} = {value}' for name, value in found)}",
@@ -48,9 +60,9 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         found=found,
         verdict=judge(results, (moving or shown)[-1]),
         scale=f"silhouettes overlap in the worst frame; good: by {GOOD:.0%} or more, fair: by {FAIR:.0%} or more",
-        figures=sections.key_figures(results),
-        parameters=sections.parameter_table(results),
-        quality=sections.quality_table(results),
+        figures=key_figures(results),
+        parameters=parameter_table(results),
+        quality=quality_table(results),
         longest=max((phase["seconds"] for phase in results["phases"]), default=0) or 1,
         config=(run.run_dir / CONFIG_FILE).read_text(),
     )
@@ -68,3 +80,88 @@ def is_evaluated(run: Run) -> bool:
     newest = max(path.stat().st_mtime for path in paths)
     current = "doubts" in results and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
+
+
+def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names of the identified parameters, and their values with units."""
+    found = result_phase(results)["parameters"]
+    return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in results["free"]]
+
+
+def parameter_table(results: Mapping[str, Any]) -> str:
+    """Guess → identified, and the truth with the error where it is known."""
+    return parts("report").parameters(results, result_phase(results), describe_error)
+
+
+def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """A handful of large numbers, each with what it is."""
+    shown = [phase for phase in phases_to_result(results) if "images" in phase]
+    moving = [phase for phase in shown if phase["phase"] != "static"]
+    figures = []
+    if moving:
+        for views, label in (("test", "PSNR, held-out views"), ("train", "PSNR, training views")):
+            metrics = moving[-1]["image_metrics"][views]
+            if metrics is not None:
+                figures.append((_decibel(metrics["psnr"]), label))
+        everything = range(len(moving[-1]["images"]["rms"]))
+        share = max(explained(moving[-1], everything), 0.0)
+        figures.append((f"{100 * share:.1f} %", "image explained, all views"))
+    count = f"{result_phase(results)['particles']:,}".replace(",", "&#8239;")
+    figures.append((Markup(count), "particles"))
+    return [*figures, (duration(sum(phase["seconds"] for phase in results["phases"])), "computation")]
+
+
+def quality_table(results: Mapping[str, Any]) -> str:
+    """PSNR, SSIM and LPIPS by phase and view set, and what each round of Algorithm 1 gave where there were several."""
+    measured, notes = quality_rows(results)
+    rows = [
+        (label, VIEWS[views], scope, _decibel(found["psnr"]), f"{found['ssim']:.3f}", lpips_cell(found))
+        for label, views, scope, found in measured
+    ]
+    return parts("report").quality(rows, notes, round_rows(results))
+
+
+def _decibel(psnr: float | None) -> str:
+    return "exact" if psnr is None else f"{psnr:.2f} dB"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How well the model shows the video.
+
+    grade: ``good``, ``fair`` or ``poor``.
+    headline: one sentence.
+    """
+
+    grade: str
+    headline: str
+
+
+def explained(phase: Mapping[str, Any], rows: Sequence[int]) -> float:
+    """Share of the image the model accounts for: 1 - sum of squared residuals / that of an empty scene."""
+    residual = np.square(np.array(phase["images"]["rms"])[list(rows)]).sum()
+    blank = np.square(np.array(phase["images"]["blank_rms"])[list(rows)]).sum()
+    return float(1 - residual / max(blank, 1e-12))
+
+
+def judge(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Verdict:
+    """Judge the last phase of evaluated results, which has images.
+
+    By the overlap of the silhouettes in the frame in which it is least, a mean over the views held out, or over the
+    training views where none is: ``good`` from GOOD on, ``fair`` from FAIR on. A model that is farther from the video
+    than an empty scene is ``poor``.
+    """
+    _, train, test = view_rows(results)
+    judged = test or train
+    share = explained(phase, judged)
+    overlap = np.array(phase["images"]["silhouette_iou"])[judged].mean(0)
+    worst = float(overlap.min())
+    grade = "poor" if share <= 0 or worst < FAIR else "fair" if worst < GOOD else "good"
+    whose = f"{len(test)} views it never saw" if test else f"the {len(train)} training views (none was held out)"
+    headline = (
+        f"The model explains {100 * share:.1f} % of the image in {whose}; silhouettes overlap by "
+        f"{100 * overlap.mean():.0f} %, in the worst frame by {100 * worst:.0f} %."
+        if share > 0
+        else f"In {whose} the model is farther from the video than an empty scene is."
+    )
+    return Verdict(grade, headline)

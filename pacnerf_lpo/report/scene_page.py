@@ -50,7 +50,7 @@ def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
         found=found_sentence(look),
         facts=facts(look),
         warnings=warnings,
-        layers={**overlay.LAYERS, "grid": f"ground, squares of {ground_step(look):g} m"},
+        layers={**overlay.LAYERS, "grid": f"ground, squares of {_ground(look)[1]:g} m"},
         cameras=cameras(look, warnings),
         fall=fall_sentence(look),
         all_values=scene.values,
@@ -158,11 +158,6 @@ def camera_pictures(look: Look) -> list[list[str]]:
         [_drawn(look, number, frame, uri) for frame, uri in zip(frames, row, strict=True)]
         for number, row in enumerate(images)
     ]
-
-
-def ground_step(look: Look) -> float:
-    """Edge of the squares of the drawn ground [m]."""
-    return _ground(look)[1]
 
 
 def space_data(look: Look) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from pacnerf_lpo.evaluation.prediction import predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.evaluation.tables import markdown_table
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.report.html import is_evaluated
-from pacnerf_lpo.report.sections import parameter_table
+from pacnerf_lpo.report.html import is_evaluated, parameter_table
 from tests.report.example_run import write_example_run
 
 

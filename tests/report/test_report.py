@@ -18,10 +18,9 @@ from pacnerf_lpo.evaluation.prediction import contact_frame, predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
-from pacnerf_lpo.report.html import write_report
+from pacnerf_lpo.report.html import judge, write_report
 from pacnerf_lpo.report.page import parts
 from pacnerf_lpo.report.payload import read_curves, split_unit
-from pacnerf_lpo.report.sections import judge
 from tests.report.browser import dom
 
 

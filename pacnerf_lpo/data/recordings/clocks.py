@@ -100,7 +100,7 @@ def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
     A camera whose outlines match those of the others at no time keeps its stamps: whether poses and mattes agree is
     another question. So do cameras that are in step, by a whole number of frames or none, within the error.
     """
-    step = _step(sightings)
+    step = max(float(np.median(np.diff(sighting.times))) for sighting in sightings)
     pairs = _pairs(sightings)
     offsets, errors = _refined(pairs, sightings, step * _whole_frames(pairs, sightings, step), step)
     costs = ([_cost(pair, sightings, offsets, step)[1] for pair in _of(k, pairs)] for k in range(len(sightings)))
@@ -139,10 +139,6 @@ def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[in
         if np.median(path) < 1.0:
             found += jumps
     return found
-
-
-def _step(sightings: Sequence[Sighting]) -> float:
-    return max(float(np.median(np.diff(sighting.times))) for sighting in sightings)
 
 
 def _of(camera: int, pairs: Sequence[_Pair]) -> list[_Pair]:

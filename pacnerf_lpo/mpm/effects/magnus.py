@@ -59,14 +59,10 @@ class Magnus(BodyForce):
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         given = (c.magnus_spin_x, c.magnus_spin_y, c.magnus_spin_z)
         omega = [g + c.magnus_of_particle * own for g, own in zip(given, _spin(point.C), strict=True)]
-        return [c.magnus * side for side in _cross(omega, point.v)]
+        across = [omega[(i + 1) % 3] * point.v[(i + 2) % 3] - omega[(i + 2) % 3] * point.v[(i + 1) % 3] for i in AXES]
+        return [c.magnus * side for side in across]
 
 
 def _spin(C: Sequence[Sequence[Any]]) -> list[Any]:
     """Half the curl of a velocity, from its gradient."""
     return [0.5 * (C[(i + 2) % 3][(i + 1) % 3] - C[(i + 1) % 3][(i + 2) % 3]) for i in AXES]
-
-
-def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    """a x b."""
-    return [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in AXES]
