@@ -12,7 +12,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import open_source
 from pacnerf_lpo.manifest import write_atomically
-from pacnerf_lpo.report.encoding import plain
+from pacnerf_lpo.report.page import plain
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.session import Session

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from pacnerf_lpo.paper_tables.cells import Column, run_of
 from pacnerf_lpo.paper_tables.scenes import Scene
 from pacnerf_lpo.paper_tables.scores import Book, Figures
-from pacnerf_lpo.paper_tables.tables import AVERAGE, Entry, Row, Table, marked, paper_values
+from pacnerf_lpo.paper_tables.tables import AVERAGE, Column, Entry, Row, Table, marked, paper_values, run_of
 
 METRICS: tuple[tuple[str, str, str, Literal[-1, 1]], ...] = (
     ("psnr", "PSNR↑ [dB]", ".2f", 1),

@@ -22,8 +22,8 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
 from pacnerf_lpo.manifest import Manifest, write_atomically
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.paper_tables.cells import NO_CORRECTION, RunName, run_of
 from pacnerf_lpo.paper_tables.scenes import Scene
+from pacnerf_lpo.paper_tables.tables import NO_CORRECTION, RunName, run_of
 
 if TYPE_CHECKING:
     from pacnerf_lpo.paper_tables.suites import Suite

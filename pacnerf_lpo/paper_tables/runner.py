@@ -24,9 +24,9 @@ from pacnerf_lpo.errors import Interrupted, UserInputError
 from pacnerf_lpo.manifest import FILE_NAME
 from pacnerf_lpo.outer_loop import PhaseStep, algorithm_1
 from pacnerf_lpo.paper_tables import execution
-from pacnerf_lpo.paper_tables.cells import NO_CORRECTION
 from pacnerf_lpo.paper_tables.execution import Outcome, Status, Task, execute
 from pacnerf_lpo.paper_tables.plan import BEGINNING, PlannedRun
+from pacnerf_lpo.paper_tables.tables import NO_CORRECTION
 
 Backend = Literal["loky", "dask", "ray"]
 TERMINAL_SECONDS = 1.0

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
-from pacnerf_lpo.paper_tables.cells import Column, run_of
 from pacnerf_lpo.paper_tables.execution import Outcome
 from pacnerf_lpo.paper_tables.plan import LABEL_FILE, PlannedRun
-from pacnerf_lpo.paper_tables.tables import Entry
+from pacnerf_lpo.paper_tables.tables import Column, Entry, run_of
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pacnerf_lpo.paper_tables.cells import Column
 from pacnerf_lpo.paper_tables.layouts import ErrorLayout, ImageLayout, Layout, SpreadLayout, TimeLayout, ValueLayout
+from pacnerf_lpo.paper_tables.tables import Column
 
 NINE = ("droplet", "letter", "cream", "toothpaste", "torus", "bird", "playdoh", "cat", "trophy")
 SHARED = ("torus", "droplet", "playdoh", "cream", "trophy")

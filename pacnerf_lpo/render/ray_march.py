@@ -163,7 +163,7 @@ def _compose(density: Tensor, lengths: Tensor, delta: float) -> tuple[Tensor, Te
 
 
 def segment_sum(values: Tensor, lengths: Tensor) -> Tensor:
-    """Sum the sample values (M, C) of each ray: (R, C). Differentiable."""
+    """Sum the values of samples (M, C), stored ray after ray, ``lengths`` (R,) of each: (R, C). Differentiable."""
     return _Linear.apply(values, lengths, _sum, _copy)
 
 

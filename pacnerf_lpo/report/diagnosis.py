@@ -12,9 +12,8 @@ from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_sections import recordings_section
-from pacnerf_lpo.report.encoding import atlas, atlas_columns
 from pacnerf_lpo.report.flights import flights_section
-from pacnerf_lpo.report.page import page, parts
+from pacnerf_lpo.report.page import atlas, atlas_columns, page, parts
 from pacnerf_lpo.report.wording import together
 
 RESULT, PICTURES_FILE, PAGE_FILE = "diagnosis.json", "pictures.npz", "diagnosis.html"

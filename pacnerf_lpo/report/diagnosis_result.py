@@ -24,8 +24,8 @@ from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.report import diagnosis_stages, wording
 from pacnerf_lpo.report.diagnosis import FORMAT, RESULT
-from pacnerf_lpo.report.encoding import plain
 from pacnerf_lpo.report.flights import agreement, flights
+from pacnerf_lpo.report.page import plain
 
 OVERLAY, OVERLAY_OF = "effects.yaml", "effects_{}.yaml"
 MOST_CORRELATIONS = 30

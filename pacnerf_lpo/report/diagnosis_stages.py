@@ -19,7 +19,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report import wording
-from pacnerf_lpo.report.encoding import plain
+from pacnerf_lpo.report.page import plain
 
 PICTURES = "pictures.npz"
 LONGEST = 128

@@ -12,8 +12,7 @@ from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.rigid import RigidProblem
 from pacnerf_lpo.report.diagnosis_stages import Stage
-from pacnerf_lpo.report.encoding import plain
-from pacnerf_lpo.report.page import parts
+from pacnerf_lpo.report.page import parts, plain
 from pacnerf_lpo.report.wording import readable
 
 MAGNUS = "Magnus"

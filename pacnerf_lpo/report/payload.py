@@ -14,7 +14,7 @@ from pacnerf_lpo.callbacks.tensorboard import FOLDER
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
-from pacnerf_lpo.report.encoding import atlas, atlas_columns, base64_array, quantised
+from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, quantised
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 
 IMAGE_BUDGET = 6_500_000

@@ -12,8 +12,7 @@ from pacnerf_lpo.data.recordings.voxel_hull import hull_picture
 from pacnerf_lpo.data.recordings.written_scene import View, picture
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import overlay
-from pacnerf_lpo.report.encoding import atlas, base64_array, plain, quantised
-from pacnerf_lpo.report.page import page, parts
+from pacnerf_lpo.report.page import atlas, base64_array, page, parts, plain, quantised
 
 PAGE_FILE = "scene.html"
 STYLES = ("report.css", "scene.css")

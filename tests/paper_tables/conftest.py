@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from pacnerf_lpo.paper_tables import execution
-from pacnerf_lpo.paper_tables.cells import RunName
 from pacnerf_lpo.paper_tables.plan import PlannedRun
 from pacnerf_lpo.paper_tables.scenes import Scene
+from pacnerf_lpo.paper_tables.tables import RunName
 
 TORUS = Scene("torus", "data/torus", (), "truth.json", original=False)
 BASE = RunName("torus", "3v")

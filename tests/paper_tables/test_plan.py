@@ -15,10 +15,10 @@ from pacnerf_lpo.data import pac_nerf
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.parameter_errors import read_truth
 from pacnerf_lpo.paper_tables import plan
-from pacnerf_lpo.paper_tables.cells import RunName
 from pacnerf_lpo.paper_tables.plan import _files, _rounds_needed, beginning_key, plan_runs, run_key
 from pacnerf_lpo.paper_tables.scenes import Scene, find_scenes
 from pacnerf_lpo.paper_tables.suites import NINE, SHARED, SUITES
+from pacnerf_lpo.paper_tables.tables import RunName
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 

@@ -13,9 +13,9 @@ import pytest
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.paper_tables import execution, runner
-from pacnerf_lpo.paper_tables.cells import RunName
 from pacnerf_lpo.paper_tables.plan import PlannedRun
 from pacnerf_lpo.paper_tables.runner import Resources, run_all
+from pacnerf_lpo.paper_tables.tables import RunName
 from tests.paper_tables.conftest import BASE, LPO, NONE, Planner
 
 pytestmark = pytest.mark.usefixtures("fake_fit")

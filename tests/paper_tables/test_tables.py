@@ -11,12 +11,11 @@ from pathlib import Path
 import pytest
 
 from pacnerf_lpo.paper_tables import layouts, tables
-from pacnerf_lpo.paper_tables.cells import Column, RunName
 from pacnerf_lpo.paper_tables.layouts import ErrorLayout, ImageLayout, SpreadLayout, TimeLayout, ValueLayout
 from pacnerf_lpo.paper_tables.plan import LABEL_FILE
 from pacnerf_lpo.paper_tables.runner import Resources, run_all
 from pacnerf_lpo.paper_tables.scores import Book, Figures
-from pacnerf_lpo.paper_tables.tables import Entry, Row, Table, marked
+from pacnerf_lpo.paper_tables.tables import Column, Entry, Row, RunName, Table, marked
 from tests.paper_tables.conftest import BASE, LPO, NONE, TORUS, Planner
 
 FULL = Column("full view", "pac_nerf")

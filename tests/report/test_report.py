@@ -17,9 +17,8 @@ from PIL import Image
 from pacnerf_lpo.evaluation.prediction import contact_frame, predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.quantities import duration, quantity
-from pacnerf_lpo.report.encoding import atlas, atlas_columns, quantised
 from pacnerf_lpo.report.html import judge, write_report
-from pacnerf_lpo.report.page import parts
+from pacnerf_lpo.report.page import atlas, atlas_columns, parts, quantised
 from pacnerf_lpo.report.payload import read_curves, split_unit
 from tests.report.browser import dom
 

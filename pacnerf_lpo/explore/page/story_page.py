@@ -15,8 +15,7 @@ from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.quantities import figure, quantity, symbol
-from pacnerf_lpo.report.encoding import data_uri
-from pacnerf_lpo.report.page import page, parts
+from pacnerf_lpo.report.page import data_uri, page, parts
 from pacnerf_lpo.report.payload import moving_particles
 
 STORY = "story.html"

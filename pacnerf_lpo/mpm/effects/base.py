@@ -19,6 +19,8 @@ PROBES = 20.0
 """Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard deviations
 of the noise, and an effect that stands out by a hundred is as many times stronger.
 """
+LEAST_FACTOR = 0.05
+"""A gradient leaves at least this part of mass and stiffness."""
 
 
 class Effect(ABC):
@@ -202,3 +204,20 @@ class InitialState(Effect):
     def velocity_gradient(c: SimpleNamespace) -> Tensor | None:
         """What it adds to the velocity gradient of every particle [1/s, (3, 3)]; None: nothing. Torch."""
         return None
+
+
+def one_at_a_time(**sizes: float) -> tuple[dict[str, float], ...]:
+    """Probes that each set one coefficient to its size [SI], and all others to 0."""
+    return tuple({name: size if name == moved else 0.0 for name in sizes} for moved, size in sizes.items())
+
+
+def from_centre(positions: Tensor, mass: Tensor) -> Tensor:
+    """Positions relative to the centre of mass [m, (N, 3)]."""
+    return positions - (mass[:, None] * positions).sum(0) / mass.sum()
+
+
+def linear_factor(positions: Tensor, mass: Tensor, gradient: tuple[Tensor, Tensor, Tensor]) -> Tensor:
+    """max(1 + k . (X - X_c), 0.05), with the gradient k [1/m, 3 scalars] and the centre of mass X_c [(N,)]."""
+    relative = from_centre(positions, mass)
+    change = sum((k * x for k, x in zip(gradient, relative.unbind(1), strict=True)), 0.0 * mass)
+    return (1.0 + change).clamp_min(LEAST_FACTOR)

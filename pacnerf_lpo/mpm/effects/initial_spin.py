@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import InitialState
-from pacnerf_lpo.mpm.effects.common import from_centre, one_at_a_time
+from pacnerf_lpo.mpm.effects.base import InitialState, from_centre, one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 
 

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import InitialState
-from pacnerf_lpo.mpm.effects.common import linear_factor, one_at_a_time
+from pacnerf_lpo.mpm.effects.base import InitialState, linear_factor, one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.common import one_at_a_time
+from pacnerf_lpo.mpm.effects.base import one_at_a_time
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.render.camera_faults.base import Observation
 
