@@ -9,17 +9,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pacnerf_lpo.evaluation import tables
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
-from pacnerf_lpo.evaluation.tables import (
-    describe_error,
-    lpips_cell,
-    phases_to_result,
-    quality_rows,
-    result_phase,
-    round_rows,
-    view_rows,
-)
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.quantities import duration, quantity, symbol
 from pacnerf_lpo.report.page import page, parts
@@ -46,7 +38,7 @@ def write_report(run_dir: str | Path) -> Path:
 
 def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]) -> str:
     """The page as text."""
-    shown = [phase for phase in phases_to_result(results) if "images" in phase]
+    shown = [phase for phase in tables.phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     found = found_values(results)
     return page(
@@ -84,18 +76,18 @@ def is_evaluated(run: Run) -> bool:
 
 def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Names of the identified parameters, and their values with units."""
-    found = result_phase(results)["parameters"]
+    found = tables.result_phase(results)["parameters"]
     return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in results["free"]]
 
 
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
-    return parts("report").parameters(results, result_phase(results), describe_error)
+    return parts("report").parameters(results, tables.result_phase(results), tables.describe_error)
 
 
 def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     """A handful of large numbers, each with what it is."""
-    shown = [phase for phase in phases_to_result(results) if "images" in phase]
+    shown = [phase for phase in tables.phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     figures = []
     if moving:
@@ -106,19 +98,19 @@ def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
         everything = range(len(moving[-1]["images"]["rms"]))
         share = max(explained(moving[-1], everything), 0.0)
         figures.append((f"{100 * share:.1f} %", "image explained, all views"))
-    count = f"{result_phase(results)['particles']:,}".replace(",", "&#8239;")
+    count = f"{tables.result_phase(results)['particles']:,}".replace(",", "&#8239;")
     figures.append((Markup(count), "particles"))
     return [*figures, (duration(sum(phase["seconds"] for phase in results["phases"])), "computation")]
 
 
 def quality_table(results: Mapping[str, Any]) -> str:
     """PSNR, SSIM and LPIPS by phase and view set, and what each round of Algorithm 1 gave where there were several."""
-    measured, notes = quality_rows(results)
+    measured, notes = tables.quality_rows(results)
     rows = [
-        (label, VIEWS[views], scope, _decibel(found["psnr"]), f"{found['ssim']:.3f}", lpips_cell(found))
+        (label, VIEWS[views], scope, _decibel(found["psnr"]), f"{found['ssim']:.3f}", tables.lpips_cell(found))
         for label, views, scope, found in measured
     ]
-    return parts("report").quality(rows, notes, round_rows(results))
+    return parts("report").quality(rows, notes, tables.round_rows(results))
 
 
 def _decibel(psnr: float | None) -> str:
@@ -151,7 +143,7 @@ def judge(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Verdict:
     training views where none is: ``good`` from GOOD on, ``fair`` from FAIR on. A model that is farther from the video
     than an empty scene is ``poor``.
     """
-    _, train, test = view_rows(results)
+    _, train, test = tables.view_rows(results)
     judged = test or train
     share = explained(phase, judged)
     overlap = np.array(phase["images"]["silhouette_iou"])[judged].mean(0)
