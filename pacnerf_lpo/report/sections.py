@@ -5,7 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from pacnerf_lpo.evaluation.tables import describe_error, phases_to_result, result_phase, round_rows
+from pacnerf_lpo.evaluation.tables import before_sentence, describe_error, phases_to_result, result_phase, round_rows
 from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.page import parts
 from pacnerf_lpo.report.verdict import explained
@@ -19,7 +19,7 @@ def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
-    return parts("report").parameters(results, result_phase(results), describe_error)
+    return parts("report").parameters(results, result_phase(results), describe_error, before_sentence(results))
 
 
 def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
