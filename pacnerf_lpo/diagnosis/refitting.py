@@ -19,7 +19,14 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.checks import Prediction, prediction
-from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, Contender, log_bayes_factor, log_occam_factor
+from pacnerf_lpo.inference.decision import (
+    DECISIVE,
+    LEVEL,
+    Contender,
+    log_bayes_factor,
+    log_occam_factor,
+    log_spread_factor,
+)
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -149,7 +156,7 @@ class _Fits:
         screening: Screening,
     ):
         self.problem, self.comparison = problem, comparison
-        self.name, self.effects = candidate.name, [*effects, candidate.effect]
+        self.name, self.spreads, self.effects = candidate.name, candidate.spreads, [*effects, candidate.effect]
         outside = candidate.name in screening.outside
         self.mask = masks(problem)[outside]
         self.noise = comparison.noise(problem, self.mask)
@@ -191,7 +198,7 @@ class _Fits:
         jacobian, scale = self.objective.standardised(best), screening.scale(self.name)
         mean, deviation = self.objective.prior
         cost = best.cost_of(self.objective.rows)
-        occam = log_occam_factor(jacobian[:, ~self.own], jacobian[:, self.own] / scale)
+        occam = self._log_occam_factor(best.free, jacobian, scale)
         along = scale * float(np.sqrt(max(1.0, cost / self.size)))
         told, _ = intervals_in_si(self.model, best.free, deviation, jacobian, along, self.noise)
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
@@ -201,6 +208,21 @@ class _Fits:
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
             self.without, self.sizes, screening
         )
+
+    def _log_occam_factor(self, free: np.ndarray, jacobian: np.ndarray, scale: float) -> float:
+        """Of the coefficients of the effect at coordinates [(K,)], with the prior that its linear change was scored by.
+
+        Args:
+            free: coordinates of the fit.
+            jacobian: change of the standardised residual by one prior standard deviation of each [(D, K)]
+            scale: factor on the noise along the effect.
+        """
+        changes = jacobian / np.where(self.own, scale, 1.0)
+        covariance = np.linalg.inv(np.eye(changes.shape[1]) + changes.T @ changes)[np.ix_(self.own, self.own)]
+        mean, deviation = self.objective.prior
+        away = ((free - mean) / deviation)[self.own]
+        widest = log_occam_factor(changes[:, ~self.own], changes[:, self.own])
+        return widest + log_spread_factor(away, covariance, self.spreads)
 
     @cached_property
     def _held_without(self) -> Prediction:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.catalogue import name_of
+from pacnerf_lpo.diagnosis.catalogue import SPREADS, name_of
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.decision import LEVEL
@@ -27,7 +27,8 @@ def superfluous(problem: Problem, found: Round) -> list[Effect]:
         null = problem.model(found.effects, {**comparison.known, **effect.null}).start
         moved = ((null - comparison.free) / comparison.deviation)[own]
         noise = comparison.noise(problem, mask).with_directions(jacobian[:, ~own])
-        hypothesis = Hypothesis(name_of(effect), (-jacobian[:, own],), (comparison.deviation[own],))
+        given = (-jacobian[:, own],), (comparison.deviation[own],)
+        hypothesis = Hypothesis(name_of(effect), *given, spreads=SPREADS)
         without = comparison.residual[mask] + jacobian[:, own] @ moved
         scale = found.screening.scale(name_of(effect))
         factor = score(noise, without, hypothesis, scale).log_bayes_factor

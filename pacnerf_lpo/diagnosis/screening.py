@@ -168,8 +168,7 @@ def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
 
 
 def _discrepancy(name: str, changes: np.ndarray, sizes: Sequence[float]) -> Hypothesis:
-    widths = tuple(np.full(changes.shape[1], size) for size in sizes)
-    return Hypothesis(name, tuple(changes * size for size in sizes), widths)
+    return Hypothesis(name, (changes,), (np.ones(changes.shape[1]),), spreads=tuple(sizes))
 
 
 def probed(
@@ -216,8 +215,8 @@ def probed(
                 widths.append(1.0 if candidate.discrete else candidate.width(name))
         if columns and np.abs(columns).max() > LEAST_CHANGE:
             arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
-            one_sided = candidate.effect.one_sided
-            found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.components))
+            prior = candidate.effect.one_sided, candidate.components, candidate.spreads
+            found.append(Hypothesis.of_probes(candidate.name, *arrays, *prior))
     return found, sum(len(tried) for c, tried in zip(candidates, trials, strict=True) if not c.observes)
 
 
