@@ -47,6 +47,7 @@ class PhaseRecord:
     held_out_error: after a correction that some training images were held out of, the error in these.
     course: how the phase went, as its :meth:`AbstractPhase.course` says.
     methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
+    before: what the phase itself had identified [SI], where the fit that the intervals belong to took its place.
     """
 
     index: int
@@ -62,6 +63,7 @@ class PhaseRecord:
     held_out_error: float | None = None
     course: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, Any] | None = None
+    before: dict[str, float] | None = None
 
     @property
     def findings(self) -> str:

@@ -73,6 +73,7 @@ def finish(run_dir: Path, truth: str | None) -> None:
     run = Run(run_dir)
     if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
         _add_intervals(run)
+        run = Run(run_dir)
     if truth is None and is_evaluated(run):
         results = json.loads((run_dir / RESULTS_FILE).read_text())
     else:

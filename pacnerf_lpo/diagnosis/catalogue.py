@@ -19,6 +19,9 @@ from pacnerf_lpo.render import camera_faults
 from pacnerf_lpo.render.camera_faults.base import Observation
 
 PACKAGE = __name__.split(".")[0]
+SPREADS = (0.05, 0.22, 1.0)
+"""Prior standard deviations of the coefficients of an effect in units of the widest, equally probable: whether it is
+as large as its farthest probe or twenty times larger, nobody knows before."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,14 @@ class Candidate:
             probes = [{name: self._farthest(name) for name in null}]
         return [{**null, name: probe[name]} for probe in probes for name in null]
 
+    @property
+    def spreads(self) -> tuple[float, ...]:
+        """Prior standard deviations of the coefficients in units of the widest; a non-local effect has only that."""
+        return (1.0,) if self.discrete else SPREADS
+
     def width(self, name: str) -> float:
-        """Prior standard deviation of one coefficient [its unit]: the largest probe of it, counted from the null."""
-        return abs(self._farthest(name) - self.effect.null[name])
+        """Widest prior standard deviation of one coefficient [its unit], by its largest probe."""
+        return self.effect.reach * abs(self._farthest(name) - self.effect.null[name])
 
     def _farthest(self, name: str) -> float:
         """The probe of one coefficient that is farthest from its null."""

@@ -60,11 +60,11 @@ def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple
     for done in rounds:
         if done.accepted is None or done.probes is None:
             continue
-        tried = next((one for one in done.probes.inside if one.name == done.accepted.name), None)
+        tried = next((one for one in done.probes.hypotheses if one.name == done.accepted.name), None)
         if tried is None or len(type(done.candidate(tried.name).effect).parameters) > 1:
             continue
         column = np.zeros(problem.usable.shape)
-        column[problem.fitted] = (tried.alternatives[0] / tried.widths[0]).sum(1)
+        column[problem.usable] = (tried.alternatives[0] / tried.widths[0]).sum(1)
         found[tried.name] = [_estimate(problem, done, column, n) for n in range(len(problem.parts((), {})))]
     return found
 

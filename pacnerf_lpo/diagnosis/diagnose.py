@@ -17,7 +17,7 @@ from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, masks, probe
+from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -251,15 +251,12 @@ class _Diagnosis:
         """Take over the refit that is believed, if there is one."""
         found.accepted, found.indistinguishable = None, []
         size = int(self.problem.usable.sum())
-        physics = [again.contender for again in found.refits if again.name not in screening.outside]
-        cameras = [again.contender for again in found.refits if again.name in screening.outside]
-        for contenders in (physics, cameras):  # fitted to different data
-            odds = log_odds(contenders, size, screening.usual_scale)
-            leader = best(contenders, odds)
-            if leader is not None:
-                found.accepted = next(again for again in found.refits if again.name == leader.name)
-                found.indistinguishable = indistinguishable(leader, odds)
-                break
+        contenders = [again.contender for again in found.refits]
+        odds = log_odds(contenders, size, screening.usual_scale)
+        leader = best(contenders, odds)
+        if leader is not None:
+            found.accepted = next(again for again in found.refits if again.name == leader.name)
+            found.indistinguishable = indistinguishable(leader, odds)
 
     def _leave_out(self, error: SimulationError, progress: Progress) -> None:
         """Do without the refit that was taken over in the last round, whose model cannot be examined; the next best
@@ -396,8 +393,8 @@ def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Scree
     for again in refits:
         outside = again.name in screening.outside
         least = min(other.cost_without for other in refits if (other.name in screening.outside) == outside)
-        sizes = int(masks(problem)[outside].sum()), int(problem.usable.sum())
-        found.append(again if least == again.cost_without else again.against(least, sizes, screening))
+        size = int(problem.usable.sum())
+        found.append(again if least == again.cost_without else again.against(least, size, screening))
     return found
 
 

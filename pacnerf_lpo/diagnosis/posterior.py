@@ -1,13 +1,16 @@
 """Intervals of what a run identified, by the statistics of a diagnosis and without its search for missing effects."""
 
+import io
 import json
 from functools import partial
+
+import torch
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
-from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.manifest import write_atomically
@@ -20,8 +23,10 @@ def keep_intervals(run: Run, progress: Progress) -> None:
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
     determine, and from which phase.
 
-    A fit to the outlines that begins at what the phase identified, the scatter of simulated nulls on other grids, and
-    errors of the reconstructed shape; kept step by step like those of a diagnosis.
+    A fit to the outlines of the training views that begins at what the phase identified, the scatter of simulated nulls
+    on other grids, and errors of the reconstructed shape; kept step by step like those of a diagnosis. It has more
+    particles than the phase and weighs its data by their errors. So where the phase was fitted to outlines, too, and is
+    the result of the run, the values of this fit take the place of those of the phase.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -31,7 +36,9 @@ def keep_intervals(run: Run, progress: Progress) -> None:
         UserInputError: too few views or frames.
         SimulationError: the identified motion is unstable.
     """
-    problem = RunProblem(run)
+    problem = RunProblem(run, judged=False)
+    if problem.stage.record.before is not None:
+        return
     effects = tuple(problem.physics.effects)
     options = {"replicates": REPLICATES, "seed": SEED, "particles": PARTICLES}
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
@@ -48,3 +55,18 @@ def keep_intervals(run: Run, progress: Progress) -> None:
         "undetermined": undetermined,
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
+    if run.by_outlines and problem.stage.stem == run.last.stem:
+        take_over(run, problem.stage, comparison.known)
+
+
+def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
+    """Give the state of a phase other parameters and another velocity [SI]; the manifest keeps its own."""
+    state, names = stage.state, ("v_x", "v_y", "v_z")
+    before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
+    change = torch.tensor([known[name] - before[name] for name in names])
+    physics = {name: known[name] for name in state.physics}
+    content = io.BytesIO()
+    state.with_(physics=physics, velocity=state.velocity + change).save(content)
+    write_atomically(stage.state_path, content.getvalue())
+    stage.record.before = before
+    run.manifest.save()

@@ -10,7 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, intervals_in_si, reporter
-from pacnerf_lpo.diagnosis.screening import Screening, masks
+from pacnerf_lpo.diagnosis.screening import Screening, fitted_by
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
@@ -19,7 +19,14 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.checks import Prediction, prediction
-from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, Contender, log_bayes_factor, log_occam_factor
+from pacnerf_lpo.inference.decision import (
+    DECISIVE,
+    LEVEL,
+    Contender,
+    log_bayes_factor,
+    log_occam_factor,
+    log_spread_factor,
+)
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -42,7 +49,7 @@ class Refit:
     residual: measured minus predicted [pixels, (R, F, 11)]
     cost_without, cost: sums of squares of the standardised residual and of the priors' terms in the fitted entries,
         without the effect at the best optimum known.
-    log_bayes_factor: of the effect against the model without it: of the fitted data, or where it is less, of all.
+    log_bayes_factor: of the effect against the model without it, of all data.
     occam: logarithm of the part of the prior of the coefficients that the data leave.
     held_without, held: what the two predict of the held-out data.
     p_value: of the whole procedure.
@@ -72,18 +79,12 @@ class Refit:
         """As a decision sees it."""
         return Contender(self.name, self.cost + self.held.cost, self.occam + self.held.occam, self.p_value)
 
-    def against(self, cost_without: float, sizes: tuple[int, int], screening: Screening) -> Refit:
-        """The same against another optimum of the model without the effect, of so many fitted data, and data in all.
-
-        False alarms are counted in the fitted data. So what was held out may speak against an effect, not for it.
-        """
+    def against(self, cost_without: float, size: int, screening: Screening) -> Refit:
+        """The same against another optimum of the model without the effect, of so many data in all."""
         scale, without = screening.scale(self.name), cost_without + self.held_without.cost
         occam = self.occam + self.held.occam - self.held_without.occam
-        factor = min(
-            log_bayes_factor(cost_without, self.cost, sizes[0], self.occam, scale),
-            log_bayes_factor(without, self.cost + self.held.cost, sizes[1], occam, scale),
-        )
-        p_value = screening.p_value(self.name, factor)
+        factor = log_bayes_factor(without, self.cost + self.held.cost, size, occam, scale)
+        p_value = screening.p_value(factor)
         return replace(self, cost_without=cost_without, log_bayes_factor=factor, p_value=p_value)
 
 
@@ -133,7 +134,7 @@ def refit(
     if thorough and again.p_value < LEVEL and again.cost < best_cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         cost, known, used = better_null(*null, fits.seen(best))
-        again = replace(again.against(cost, fits.sizes, screening), better=known, simulated=again.simulated + used)
+        again = replace(again.against(cost, fits.whole_size, screening), better=known, simulated=again.simulated + used)
     return again
 
 
@@ -149,16 +150,15 @@ class _Fits:
         screening: Screening,
     ):
         self.problem, self.comparison = problem, comparison
-        self.name, self.effects = candidate.name, [*effects, candidate.effect]
+        self.name, self.spreads, self.effects = candidate.name, candidate.spreads, [*effects, candidate.effect]
         outside = candidate.name in screening.outside
-        self.mask = masks(problem)[outside]
+        self.mask = fitted_by(problem, outside)
         self.noise = comparison.noise(problem, self.mask)
         self.without = _cost_without(problem, comparison, self.mask) if outside else comparison.cost
         self.model = problem.model(self.effects, {**comparison.known, **candidate.effect.guess})
         self.objective = StandardisedObjective(problem, self.model, self.mask, self.noise)
         self.own = np.isin(self.model.names, list(candidate.effect.parameters))
-        self.size = int(self.mask.sum())
-        self.sizes = self.size, int(problem.usable.sum())
+        self.size, self.whole_size = int(self.mask.sum()), int(problem.usable.sum())
 
     def best(
         self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, thorough: bool
@@ -191,7 +191,7 @@ class _Fits:
         jacobian, scale = self.objective.standardised(best), screening.scale(self.name)
         mean, deviation = self.objective.prior
         cost = best.cost_of(self.objective.rows)
-        occam = log_occam_factor(jacobian[:, ~self.own], jacobian[:, self.own] / scale)
+        occam = self._log_occam_factor(best.free, jacobian, scale)
         along = scale * float(np.sqrt(max(1.0, cost / self.size)))
         told, _ = intervals_in_si(self.model, best.free, deviation, jacobian, along, self.noise)
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
@@ -199,8 +199,23 @@ class _Fits:
         held = self._predicted(*self.objective.seen(best), deviation)
         rest = occam, self._held_without, held, 1.0, suspect, rollouts
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
-            self.without, self.sizes, screening
+            self.without, self.whole_size, screening
         )
+
+    def _log_occam_factor(self, free: np.ndarray, jacobian: np.ndarray, scale: float) -> float:
+        """Of the coefficients of the effect at coordinates [(K,)], with the prior that its linear change was scored by.
+
+        Args:
+            free: coordinates of the fit.
+            jacobian: change of the standardised residual by one prior standard deviation of each [(D, K)]
+            scale: factor on the noise along the effect.
+        """
+        changes = jacobian / np.where(self.own, scale, 1.0)
+        covariance = np.linalg.inv(np.eye(changes.shape[1]) + changes.T @ changes)[np.ix_(self.own, self.own)]
+        mean, deviation = self.objective.prior
+        away = ((free - mean) / deviation)[self.own]
+        widest = log_occam_factor(changes[:, ~self.own], changes[:, self.own])
+        return widest + log_spread_factor(away, covariance, self.spreads)
 
     @cached_property
     def _held_without(self) -> Prediction:
@@ -221,6 +236,39 @@ class _Fits:
     def seen(self, found: Fit) -> np.ndarray:
         """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""
         return self.objective.seen(found)[1][..., ~self.own]
+
+
+def against_without(
+    problem: Problem,
+    kept: Sequence[Effect],
+    effect: Effect,
+    name: str,
+    comparison: Comparison,
+    screening: Screening,
+) -> Refit:
+    """One effect of a fitted model, scored against the model without it, which is fitted from there.
+
+    Args:
+        problem, comparison: the run, and its model fitted with the effect.
+        kept, effect, name: effects of the model without it, it, and how a screening calls it.
+        screening: of the model with it, whose threshold counts.
+
+    Raises:
+        SimulationError: the motion without it is unstable.
+    """
+    model, mask = problem.model(kept, comparison.known), problem.fitted
+    places = [comparison.names.index(other) for other in model.names]
+    prior = comparison.mean[places], comparison.deviation[places]
+    objective = StandardisedObjective(problem, model, mask, comparison.noise(problem, mask), prior)
+    free = comparison.free[places]
+    start = Fit(free, objective(free), objective.derivative(comparison.jacobian[..., places]), 1, objective)
+    found = fit(objective, start, model.scales, model.bounds, ITERATIONS, rows=objective.rows)
+    cost = found.cost_of(objective.rows)
+    without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.learnt, cost)
+    fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
+    places = [comparison.names.index(other) for other in fits.model.names]
+    free, jacobian = comparison.free[places], fits.objective.derivative(comparison.jacobian[..., places])
+    return fits.scored(Fit(free, fits.objective(free), jacobian, 1, fits.objective), screening, found.rollouts)
 
 
 def better_null(

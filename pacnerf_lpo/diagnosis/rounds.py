@@ -142,7 +142,7 @@ def discrepancy_wins(found: Round, name: str) -> bool:
     if found.screening is None or found.accepted is not None:
         return False
     own, others = found.screening.score(name), [found.screening.score(other) for other in (FORCE, SHAPE)]
-    if own is None or found.screening.p_value(name, own.log_bayes_factor) >= LEVEL:
+    if own is None or found.screening.p_value(own.log_bayes_factor) >= LEVEL:
         return False
     return own.log_bayes_factor >= max(other.log_bayes_factor for other in others if other is not None)
 

@@ -41,13 +41,13 @@ class Screening:
     """All hypotheses, ranked by how well their linear change explains the residual.
 
     scores: best first.
-    calibrations: of the fitted data and, where cameras were held out, of the fitted frames of all views.
-    outside: names of the faults of held-out cameras, which the second calibration is for.
+    calibration: what they are compared with.
+    outside: names of the faults of held-out cameras, which are fitted to other data.
     correlations: of the signatures, in the order of ``scores`` [(K, K)]
     """
 
     scores: list[Score]
-    calibrations: list[Calibration]
+    calibration: Calibration
     outside: list[str]
     correlations: np.ndarray
 
@@ -55,43 +55,37 @@ class Screening:
         """Of a hypothesis; None if it changes nothing that can be seen."""
         return next((found for found in self.scores if found.name == name), None)
 
-    def p_value(self, name: str, log_bayes_factor: float) -> float:
-        """Probability that the best of all hypotheses reaches this where nothing is missing; both families count, as if
-        they were independent (Sidak 1967).
-        """
-        alone = min(self._calibration(name).p_value(log_bayes_factor), CERTAIN)
-        return float(-np.expm1(len(self.calibrations) * np.log1p(-alone)))
+    def p_value(self, log_bayes_factor: float) -> float:
+        """Probability that the best of all hypotheses reaches this where nothing is missing."""
+        return self.calibration.p_value(log_bayes_factor)
 
     def scale(self, name: str) -> float:
         """Factor on the noise along a hypothesis; that of a typical one where it changes nothing that can be seen."""
-        return self._calibration(name).scales.get(name, self.usual_scale)
+        return self.calibration.scales.get(name, self.usual_scale)
 
     @property
     def usual_scale(self) -> float:
         """Factor on the noise along a typical effect; those of camera faults are relative to the other cameras."""
-        scales = self.calibrations[0].scales
+        scales = self.calibration.scales
         return float(np.median([scale for name, scale in scales.items() if "@" not in name]))
 
     @property
     def threshold(self) -> float:
-        """Of the log Bayes factor of the best hypothesis in the fitted data."""
-        return self.calibrations[0].threshold
-
-    def _calibration(self, name: str) -> Calibration:
-        return self.calibrations[-1 if name in self.outside else 0]
+        """Of the log Bayes factor of the best hypothesis."""
+        return self.calibration.threshold
 
 
 @dataclass(frozen=True)
 class Probes:
-    """Every candidate as a hypothesis, before anything is judged.
+    """Every candidate as a hypothesis about the usable entries, before anything is judged.
 
-    inside: effects, and faults of the fitted cameras, in the fitted entries.
-    outside: faults of held-out cameras, in the fitted frames of all views.
+    hypotheses: effects, and faults of all cameras.
+    outside: names of the faults of held-out cameras.
     simulated: simulations that they took.
     """
 
-    inside: list[Hypothesis]
-    outside: list[Hypothesis]
+    hypotheses: list[Hypothesis]
+    outside: list[str]
     simulated: int
 
 
@@ -104,59 +98,32 @@ def probe(
 ) -> Probes:
     """Try every candidate at the fitted model, see :func:`probed`."""
     held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
-    outside = [c for c in candidates if c.observes and c.view in held]
-    inside = [candidate for candidate in candidates if candidate not in outside]
+    outside = [candidate.name for candidate in candidates if candidate.observes and candidate.view in held]
     null, free = problem.model(effects, comparison.known), comparison.free
-    families = [
-        probed(problem, effects, null, free, family, mask, progress) if family else ([], 0)
-        for family, mask in zip((inside, outside), masks(problem), strict=True)
-    ]
-    return Probes(families[0][0], families[1][0], families[0][1] + families[1][1])
+    found, simulated = probed(problem, effects, null, free, candidates, problem.usable, progress)
+    return Probes(found, outside, simulated)
 
 
-def masks(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Entries that effects and faults of fitted cameras are judged by, and those for held-out cameras [(R, F, 11)]."""
-    return problem.fitted, problem.usable & problem.split.frames[..., None]
+def fitted_by(problem: Problem, outside: bool) -> np.ndarray:
+    """Entries that a hypothesis is fitted to [(R, F, 11), bool]; a fault of a held-out camera needs what that saw."""
+    return problem.usable & problem.split.frames[..., None] if outside else problem.fitted
 
 
 def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening:
-    """Score every hypothesis, the discrepancies among them, and calibrate the selection among all on the replicates.
-    What was held out may speak against a discrepancy.
-    """
-    families = [[*probes.inside, *discrepancies(comparison, problem.fitted)], probes.outside]
-    level = 1 - (1 - LEVEL) ** (1 / sum(map(bool, families)))
-    scores: list[Score] = []
-    calibrations = []
-    for hypotheses, mask in zip(families, masks(problem), strict=True):
-        if not hypotheses:
-            continue
-        noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-        calibration = calibrate(noise, hypotheses, level)
-        found = [score(noise, residual, one, calibration.scales[one.name]) for one in hypotheses]
-        scales = {name: s * usual_fault(found, name) for name, s in calibration.scales.items()}
-        calibrations.append(replace(calibration, scales=scales))
-        found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
-        scores += [replace(one, signature=_whole(one.signature, mask)) for one in found]
-    scores = contradicted(problem, comparison, scores, calibrations[0])
-    scores.sort(key=lambda one: -one.log_bayes_factor)
-    signatures = np.stack([one.signature for one in scores])
-    outside = [one.name for one in probes.outside]
-    return Screening(scores, calibrations, outside, correlation(signatures))
-
-
-def contradicted(
-    problem: Problem, comparison: Comparison, scores: Sequence[Score], calibration: Calibration
-) -> list[Score]:
-    """Scores in which what is no effect of the catalogue has the log Bayes factor of all data, where that is less than
-    that of the fitted ones: what was held out may speak against it, not for it.
+    """Score every hypothesis by all data, the discrepancies among them, and calibrate the selection among all on the
+    replicates.
     """
     mask = problem.usable
+    hypotheses = [*probes.hypotheses, *discrepancies(comparison, mask)]
     noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-    of_all = {
-        one.name: score(noise, residual, one, calibration.scales[one.name]).log_bayes_factor
-        for one in discrepancies(comparison, mask)
-    }
-    return [replace(one, log_bayes_factor=min(one.log_bayes_factor, of_all.get(one.name, np.inf))) for one in scores]
+    calibration = calibrate(noise, hypotheses, LEVEL)
+    found = [score(noise, residual, one, calibration.scales[one.name]) for one in hypotheses]
+    scales = {name: s * usual_fault(found, name) for name, s in calibration.scales.items()}
+    found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
+    scores = [replace(one, signature=_whole(one.signature, mask)) for one in found]
+    scores.sort(key=lambda one: -one.log_bayes_factor)
+    signatures = np.stack([one.signature for one in scores])
+    return Screening(scores, replace(calibration, scales=scales), probes.outside, correlation(signatures))
 
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
@@ -168,8 +135,7 @@ def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
 
 
 def _discrepancy(name: str, changes: np.ndarray, sizes: Sequence[float]) -> Hypothesis:
-    widths = tuple(np.full(changes.shape[1], size) for size in sizes)
-    return Hypothesis(name, tuple(changes * size for size in sizes), widths)
+    return Hypothesis(name, (changes,), (np.ones(changes.shape[1]),), spreads=tuple(sizes))
 
 
 def probed(
@@ -216,8 +182,8 @@ def probed(
                 widths.append(1.0 if candidate.discrete else candidate.width(name))
         if columns and np.abs(columns).max() > LEAST_CHANGE:
             arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
-            one_sided = candidate.effect.one_sided
-            found.append(Hypothesis.of_probes(candidate.name, *arrays, one_sided, candidate.components))
+            prior = candidate.effect.one_sided, candidate.components, candidate.spreads
+            found.append(Hypothesis.of_probes(candidate.name, *arrays, *prior))
     return found, sum(len(tried) for c, tried in zip(candidates, trials, strict=True) if not c.observes)
 
 

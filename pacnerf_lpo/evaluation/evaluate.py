@@ -96,6 +96,8 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
         "parameters": _with_units(run, parameters),
         "velocity": velocity,
     }
+    if record.before is not None:
+        result["before"] = record.before
     if record.held_out_error is not None:
         result["held_out_error"] = record.held_out_error
     if truth is not None:

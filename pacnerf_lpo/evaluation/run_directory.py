@@ -97,6 +97,12 @@ class Run:
         return json.loads(found[-1].read_text()) if found else None
 
     @property
+    def by_outlines(self) -> bool:
+        """Whether the parameters were fitted to the outlines and not to the pixels."""
+        method = self.config["phases"]["physics"]["init_args"]["method"]["class_path"]
+        return method.endswith(".OutlineGaussNewton")
+
+    @property
     def scene(self) -> str:
         """Name of the scene: the last part of ``data.root``."""
         return Path(self.config["data"]["root"].removeprefix("asset:")).name

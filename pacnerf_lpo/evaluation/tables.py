@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pacnerf_lpo.quantities import quantity
+
 ALL_FRAMES, FRAME_0 = "all frames", "frame 0"
 
 
@@ -14,6 +16,8 @@ def markdown_table(results: Mapping[str, Any]) -> str:
         where = views if scope == ALL_FRAMES else f"{views}, {scope}"
         lines.append(f"| {label} | {where} | {_psnr_cell(metrics)} | {metrics['ssim']:.3f} | {lpips_cell(metrics)} |")
     lines += ["", *_parameter_lines(results)]
+    if sentence := before_sentence(results):
+        lines += ["", sentence]
     if rounds := round_rows(results):
         cells = [f"| {' | '.join(row)} |" for row in rounds]
         lines += ["", cells[0], "|---" * len(rounds[0]) + "|", *cells[1:]]
@@ -120,6 +124,19 @@ def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
             cells += [f"{error['true']:.4g}{unit}", describe_error(error)] if error else ["unknown", ""]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def before_sentence(results: Mapping[str, Any]) -> str | None:
+    """What the phase itself had identified, where another fit took its place; None where none did."""
+    last = result_phase(results)
+    if "before" not in last:
+        return None
+    units = {name: last["parameters"][name]["unit"] for name in results["free"]}
+    values = ", ".join(f"{name} = {quantity(last['before'][name], unit)}" for name, unit in units.items())
+    return (
+        "Identified values and intervals are those of one last fit with more particles, in which data count by their "
+        f"errors; before it the phase had {values}."
+    )
 
 
 def interval_cell(results: Mapping[str, Any], name: str, unit: str) -> str:

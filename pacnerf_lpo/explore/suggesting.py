@@ -114,7 +114,7 @@ def _suggestion(candidate: Candidate, score: Score, screening: Screening, again:
     effect = candidate.effect
     if again is None:
         factor = score.log_bayes_factor
-        p_value = screening.p_value(score.name, factor)
+        p_value = screening.p_value(factor)
         values = {name: _within(candidate, name, value) for name, value in starts(candidate, score)[0].items()}
         intervals = _intervals(candidate, score, values)
     else:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 LEVEL = 0.01
 """Probability that a diagnosis names anything where nothing is missing: an invented effect costs a user more than a
@@ -93,6 +94,23 @@ def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
         own: the same of the coefficients (D, m)
     """
     return half_log_volume(others) - half_log_volume(np.concatenate((others, own), axis=1))
+
+
+def log_spread_factor(mean: np.ndarray, covariance: np.ndarray, spreads: Sequence[float]) -> float:
+    """Logarithm of by how much coefficients are more probable with a prior of several spreads, equally probable, than
+    with one of N(0, 1): the mean of the ratio of the two priors over the normal posterior under the latter.
+
+    Args:
+        mean, covariance: of that posterior (m,), (m, m)
+        spreads: standard deviations
+    """
+    factors = []
+    for spread in spreads:
+        excess = 1 / spread**2 - 1
+        wider = np.eye(len(mean)) + excess * covariance
+        square = excess * mean @ np.linalg.solve(wider, mean)
+        factors.append(-len(mean) * np.log(spread) - 0.5 * (np.linalg.slogdet(wider)[1] + square))
+    return float(logsumexp(factors) - np.log(len(factors)))
 
 
 def half_log_volume(changes: np.ndarray) -> float:

@@ -14,7 +14,7 @@ R is not believed to be below its expectation D - m: residuals that are smaller 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -44,11 +44,15 @@ class Alternative:
 
     @staticmethod
     def of_all(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> list[list[Alternative]]:
-        """Those of every hypothesis."""
+        """Those of every hypothesis, each of them with every spread of its prior, one after the other."""
         widths = [[change.shape[1] for change in one.alternatives] for one in hypotheses]
         changes = np.concatenate([change for one in hypotheses for change in one.alternatives], axis=1)
         columns = iter(np.split(noise.whiten(changes), np.cumsum([width for own in widths for width in own]), axis=1))
-        return [[Alternative._spanned(next(columns)) for _ in own] for own in widths]
+        spanned = [[Alternative._spanned(next(columns)) for _ in own] for own in widths]
+        return [
+            [replace(one, strengths=spread * one.strengths) for one in own for spread in hypothesis.spreads]
+            for own, hypothesis in zip(spanned, hypotheses, strict=True)
+        ]
 
     @staticmethod
     def _spanned(whitened: np.ndarray) -> Alternative:
@@ -112,10 +116,11 @@ def score(noise: NoiseModel, residual: np.ndarray, hypothesis: Hypothesis, scale
         scale: s, factor on the noise along the hypothesis
     """
     y = noise.whiten_residual(residual)
-    tried = [Alternative.of(noise, change) for change in hypothesis.alternatives]
+    tried = Alternative.of_all(noise, [hypothesis])[0]
     factors = [_factor(alternative, y, scale, hypothesis.one_sided) for alternative in tried]
     best = int(np.argmax(factors))
-    chosen, widths = tried[best], hypothesis.widths[best]
+    number, spread = divmod(best, len(hypothesis.spreads))
+    chosen, widths = tried[best], hypothesis.widths[number] * hypothesis.spreads[spread]
     u, w = chosen.axes.T @ y, chosen.strengths
     mean, variance = chosen.turn @ (w * u / (scale**2 + w**2)), scale**2 / (scale**2 + w**2)
     if hypothesis.one_sided:
@@ -126,7 +131,7 @@ def score(noise: NoiseModel, residual: np.ndarray, hypothesis: Hypothesis, scale
     return Score(
         hypothesis.name,
         float(logsumexp(factors) - np.log(len(factors))),
-        best,
+        number,
         tuple((mean * widths).tolist()),
         tuple((error * np.abs(widths)).tolist()),
         float(2 * change @ y - change @ change) / scale**2,

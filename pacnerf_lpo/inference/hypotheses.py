@@ -19,12 +19,14 @@ class Hypothesis:
     alternatives: changes of the residual by one prior standard deviation of every coefficient [(D, m) each]
     widths: prior standard deviation of every coefficient [its unit, (m,) for each alternative]
     one_sided: whether the (only) coefficient can only be positive
+    spreads: prior standard deviations in units of the widths, with equal probability
     """
 
     name: str
     alternatives: tuple[np.ndarray, ...] = field(repr=False)
     widths: tuple[np.ndarray, ...]
     one_sided: bool = False
+    spreads: tuple[float, ...] = (1.0,)
 
     def __post_init__(self) -> None:
         for change, widths in zip(self.alternatives, self.widths, strict=True):
@@ -37,7 +39,13 @@ class Hypothesis:
 
     @staticmethod
     def of_probes(
-        name: str, change: np.ndarray, sizes: np.ndarray, width: np.ndarray, one_sided: bool, components: int = 1
+        name: str,
+        change: np.ndarray,
+        sizes: np.ndarray,
+        width: np.ndarray,
+        one_sided: bool,
+        components: int = 1,
+        spreads: tuple[float, ...] = (1.0,),
     ) -> Hypothesis:
         """From simulated changes at finite sizes.
 
@@ -49,10 +57,10 @@ class Hypothesis:
             one_sided: whether the coefficient can only lie on the side of the null on which the sizes are
             components: so many columns one after the other are components of one effect (a force along x and z); the
                 next so many, another size of it
+            spreads: prior standard deviations in units of the widths, with equal probability
         """
         signs = np.sign(sizes) if one_sided else np.ones_like(sizes)
         scaled, signed = change * (width / np.abs(sizes) * np.sign(sizes) * signs), width * signs
         parts = [slice(start, start + components) for start in range(0, len(sizes), components)]
-        return Hypothesis(
-            name, tuple(scaled[:, part] for part in parts), tuple(signed[part] for part in parts), one_sided
-        )
+        columns, widths = tuple(scaled[:, part] for part in parts), tuple(signed[part] for part in parts)
+        return Hypothesis(name, columns, widths, one_sided, spreads)

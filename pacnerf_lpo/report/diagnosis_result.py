@@ -119,13 +119,11 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
 
 
 def _odds(problem: Problem, found: Round) -> dict[str, float]:
-    """Log odds of every refit against the best of those fitted to the same data, by name."""
+    """Log odds of every refit against the best, by name."""
     if found.screening is None:
         return {}
-    size, outside = int(problem.usable.sum()), found.screening.outside
-    families = [[a.contender for a in found.refits if (a.name in outside) == held] for held in (False, True)]
-    parts = [log_odds(family, size, found.screening.usual_scale) for family in families]
-    return {name: value for part in parts for name, value in part.items()}
+    contenders = [again.contender for again in found.refits]
+    return log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
 
 
 def _check(check: Check) -> dict[str, Any]:
@@ -148,7 +146,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
         "level": LEVEL,
         "correlations": np.round(screening.correlations[np.ix_(kept, kept)], 3).tolist(),
         "discrepancies": {
-            name: {"log_bayes_factor": one.log_bayes_factor, "p_value": screening.p_value(name, one.log_bayes_factor)}
+            name: {"log_bayes_factor": one.log_bayes_factor, "p_value": screening.p_value(one.log_bayes_factor)}
             for name, one in others.items()
             if one is not None
         },
@@ -158,7 +156,7 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
                 "readable": wording.readable(score.name),
                 "camera": "@" in score.name,
                 "log_bayes_factor": score.log_bayes_factor,
-                "p_value": screening.p_value(score.name, score.log_bayes_factor),
+                "p_value": screening.p_value(score.log_bayes_factor),
                 "coefficient": list(score.coefficient),
                 "interval": [
                     [c - 1.645 * e, c + 1.645 * e] for c, e in zip(score.coefficient, score.error, strict=True)

@@ -82,7 +82,8 @@ def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
-    return parts("report").parameters(results, tables.result_phase(results), tables.describe_error)
+    last, before = tables.result_phase(results), tables.before_sentence(results)
+    return parts("report").parameters(results, last, tables.describe_error, before)
 
 
 def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -104,7 +104,7 @@ def doubt(last: Round) -> str | None:
     shape = None if last.screening is None else last.screening.score(SHAPE)
     if last.screening is None or shape is None:
         return None
-    return DOUBT_SHAPE if last.screening.p_value(SHAPE, shape.log_bayes_factor) < LEVEL else None
+    return DOUBT_SHAPE if last.screening.p_value(shape.log_bayes_factor) < LEVEL else None
 
 
 def force_is_determined(last: Round, said: Verdict) -> bool:

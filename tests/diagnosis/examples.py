@@ -34,8 +34,7 @@ def calibration(threshold: float = 6.0, **scales: float) -> Calibration:
 
 def screening(outside: tuple[str, ...] = (), **factors: float) -> Screening:
     scores = [score(name, factor) for name, factor in sorted(factors.items(), key=lambda entry: -entry[1])]
-    found = [calibration(**dict.fromkeys(factors, 1.2))] + ([calibration()] if outside else [])
-    return Screening(scores, found, list(outside), np.eye(len(scores)))
+    return Screening(scores, calibration(**dict.fromkeys(factors, 1.2)), list(outside), np.eye(len(scores)))
 
 
 def screened(

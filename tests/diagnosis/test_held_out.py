@@ -1,4 +1,4 @@
-"""Held-out data speak against an effect, decide between effects, and let a verdict that fails be looked at again."""
+"""Held-out data speak for or against an effect, decide between effects, and make a verdict that fails look again."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from pacnerf_lpo.diagnosis import diagnose
 from pacnerf_lpo.diagnosis.diagnose import Options, _number, investigate
+from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, judge
 from pacnerf_lpo.diagnosis.store import Store
@@ -18,7 +19,7 @@ from pacnerf_lpo.inference.decision import LINEAR, best, log_odds, worth_refitti
 from tests.diagnosis import falling
 from tests.diagnosis.examples import refit, screening
 
-SIZES = 100, 180
+SIZE = 180
 
 
 def diagnosed(problem: falling.Falling, folder) -> list[Round]:
@@ -26,30 +27,27 @@ def diagnosed(problem: falling.Falling, folder) -> list[Round]:
     return investigate(problem, Store(folder, b"held", {}), options, lambda _: None)
 
 
-def test_held_out_data_count_against_an_effect_and_never_for_it():
+def test_held_out_data_count_as_the_fitted_ones_do():
+    """They may speak for an effect, against it, and against parameters that they would have to determine."""
     found, judged = refit("LinearDrag"), screening(LinearDrag=9.0)
-    unheld = replace(found, held=Prediction(0.0, 0.0), held_without=Prediction(0.0, 0.0)).against(
-        200.0, (100, 100), judged
-    )
-    better = replace(found, held=Prediction(30.0, 0.0), held_without=Prediction(300.0, 0.0)).against(
-        200.0, SIZES, judged
-    )
-    worse = replace(found, held=Prediction(160.0, 0.0), held_without=Prediction(80.0, 0.0)).against(
-        200.0, SIZES, judged
-    )
-    wider = replace(found, held=Prediction(80.0, -40.0), held_without=Prediction(80.0, 0.0)).against(
-        200.0, SIZES, judged
-    )
-    assert better.log_bayes_factor == pytest.approx(unheld.log_bayes_factor)
-    assert worse.log_bayes_factor < unheld.log_bayes_factor - 10 and worse.p_value > unheld.p_value
-    assert wider.log_bayes_factor < unheld.log_bayes_factor - 30
+
+    def scored(with_it: Prediction, without: Prediction) -> Refit:
+        return replace(found, held=with_it, held_without=without).against(200.0, SIZE, judged)
+
+    alike = scored(Prediction(80.0, 0.0), Prediction(80.0, 0.0))
+    better, worse = scored(Prediction(30.0, 0.0), Prediction(80.0, 0.0)), scored(Prediction(160.0, 0.0), alike.held)
+    gain = SIZE / 2 * (np.log1p((280 - 90) / 1.44 / SIZE) - np.log1p((280 - 140) / 1.44 / SIZE))
+    assert better.log_bayes_factor == pytest.approx(alike.log_bayes_factor + gain) and better.p_value < alike.p_value
+    assert worse.log_bayes_factor < alike.log_bayes_factor - 10 and worse.p_value > alike.p_value
+    wider = scored(Prediction(80.0, -40.0), alike.held)
+    assert wider.log_bayes_factor == pytest.approx(alike.log_bayes_factor - 40)
 
 
 def test_of_two_effects_that_fit_as_well_the_one_that_predicts_is_named():
     fits, predicts = (refit(name, held=Prediction(cost, 0.0)) for name, cost in (("Fits", 90.0), ("Predicts", 60.0)))
     fits = replace(fits, cost=fits.cost - 5.0)
     contenders = [fits.contender, predicts.contender]
-    leader = best(contenders, log_odds(contenders, SIZES[1], 1.0))
+    leader = best(contenders, log_odds(contenders, SIZE, 1.0))
     assert leader is not None and leader.name == "Predicts"
 
 

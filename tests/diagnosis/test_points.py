@@ -103,7 +103,7 @@ def test_tracks_alone_name_the_drag_and_give_its_coefficient(small_threads):
     candidates = [c for c in whole_catalogue(problem.physics.material, (0, 1, 2), ()) if c.name in wanted]
     screening = screened(problem, (), comparison, candidates)
     drag = screening.score("LinearDrag")
-    assert drag is not None and screening.p_value("LinearDrag", drag.log_bayes_factor) < LEVEL
+    assert drag is not None and screening.p_value(drag.log_bayes_factor) < LEVEL
     chosen = next(c for c in candidates if c.name == "LinearDrag")
     found = refit(problem, (), comparison, chosen, screening, lambda _: None)
     assert found is not None and found.p_value < LEVEL

@@ -50,7 +50,6 @@ def test_a_rule_goes_on_only_with_what_the_diagnosis_has_chosen(stable, small_th
 def test_what_no_candidate_explains_is_unknown(stable, small_threads):
     problem = falling.Falling({"drag": 2.0})
     found = round_of(problem, problem.first_guess)
-    for family in (found.probes.inside, found.probes.outside):
-        family.clear()
+    found.probes.hypotheses.clear()
     assert np.isfinite(found.comparison.cost)
     assert {said["kind"] for said in verdicts(problem, [found]).values()} == {"unknown"}

@@ -9,9 +9,10 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "pacnerf_lpo"
 DECIDING = {
-    "inference/decision.py": {"LEVEL", "DECISIVE", "LINEAR", "LEFT"},
+    "inference/decision.py": {"LEVEL", "DECISIVE"},
     "inference/calibration.py": {"LENDING"},
     "inference/noise.py": {"WINDOW", "SHARING"},
+    "diagnosis/catalogue.py": {"SPREADS"},
     "diagnosis/comparison.py": {"FORCE"},
     "diagnosis/screening.py": {"FORCES", "SHAPES", "LEAST_CAMERAS"},
     "identification/rigid.py": {"CALIBRATED"},
@@ -19,6 +20,7 @@ DECIDING = {
 """Another value of one of these could make another verdict of the same recording."""
 NUMERICAL = {
     "inference/calibration.py": {"DRAWS", "TAIL_DRAWS"},
+    "inference/decision.py": {"LINEAR", "LEFT"},
     "inference/layout.py": {"AT_REST"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2"},
@@ -30,7 +32,11 @@ NUMERICAL = {
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
 the time it takes, and the last digits.
 """
-PRESENTATION = {"diagnosis/comparison.py": {"CONFIDENCE", "Learnt"}, "diagnosis/screening.py": {"FORCE", "SHAPE"}}
+PRESENTATION = {
+    "diagnosis/catalogue.py": {"PACKAGE"},
+    "diagnosis/comparison.py": {"CONFIDENCE", "Learnt"},
+    "diagnosis/screening.py": {"FORCE", "SHAPE"},
+}
 """How much of a distribution an interval shows, and names."""
 
 

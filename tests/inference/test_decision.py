@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from pacnerf_lpo.inference.decision import (
@@ -17,6 +18,7 @@ from pacnerf_lpo.inference.decision import (
     log_bayes_factor,
     log_occam_factor,
     log_odds,
+    log_spread_factor,
     worth_refitting,
 )
 
@@ -101,3 +103,18 @@ def test_a_bayes_factor_of_a_fit_is_that_of_students_t():
     assert log_bayes_factor(30.0, 20.0, 40, -2.0, 1.0) == pytest.approx(20 * np.log1p(10 / 40) - 2)
     assert log_bayes_factor(120.0, 60.0, 40, -2.0, 2.0) == pytest.approx(20 * np.log1p(15 / 60) - 2)
     assert log_bayes_factor(60.0, 61.0, 40, -2.0, 1.0) == -2.0  # a refit that ended higher is no evidence against it
+
+
+def test_a_prior_of_several_spreads_against_the_evidence_of_each():
+    """y = X b + e in closed form: p(y) = N(0, I + s^2 X X^T) with a prior of standard deviation s."""
+    random, spreads = np.random.default_rng(5), (0.05, 0.3, 1.0)
+    changes = random.standard_normal((30, 2)) * [3.0, 0.4]
+    y = changes @ [0.2, -0.6] + random.standard_normal(30)
+    covariance = np.linalg.inv(np.eye(2) + changes.T @ changes)
+
+    def evidence(spread: float) -> float:
+        return float(multivariate_normal.logpdf(y, cov=np.eye(30) + spread**2 * changes @ changes.T))
+
+    expected = logsumexp([evidence(spread) for spread in spreads]) - np.log(3) - evidence(1.0)
+    assert log_spread_factor(covariance @ changes.T @ y, covariance, spreads) == pytest.approx(expected)
+    assert log_spread_factor(covariance @ changes.T @ y, covariance, (1.0,)) == pytest.approx(0.0, abs=1e-12)

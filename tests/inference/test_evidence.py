@@ -95,6 +95,16 @@ def test_alternatives_are_averaged():
     assert together.alternative == int(np.argmax(single))
 
 
+def test_spreads_of_a_prior_are_alternatives_of_the_same_change():
+    change, measured, spreads = DRAG[0][:, None], residual(6.0, DRAG[0]), (0.1, 1.0, 10.0)
+    together = score(NOISE, measured, Hypothesis("drag", (change,), (np.full(1, 2.0),), spreads=spreads), 1.0)
+    single = [score(NOISE, measured, Hypothesis("drag", (s * change,), (np.full(1, 2 * s),)), 1.0) for s in spreads]
+    best = max(single, key=lambda one: one.log_bayes_factor)
+    factors = [one.log_bayes_factor for one in single]
+    assert together.log_bayes_factor == pytest.approx(np.log(np.mean(np.exp(factors))))
+    assert together.coefficient == pytest.approx(best.coefficient) and together.alternative == 0
+
+
 def test_coefficients_are_the_posterior_mean_in_their_unit():
     """Against the normal equations; prior deviations of 4 and 0.5 of their units."""
     widths, change = np.array([4.0, 0.5]), np.stack(WIND, axis=1)

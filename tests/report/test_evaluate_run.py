@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 import torch
 
+from pacnerf_lpo.diagnosis.posterior import take_over
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, evaluate_run, intersection_over_union
 from pacnerf_lpo.evaluation.prediction import predict
 from pacnerf_lpo.evaluation.run_directory import Run
-from pacnerf_lpo.evaluation.tables import markdown_table
+from pacnerf_lpo.evaluation.tables import markdown_table, result_phase
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.quantities import quantity
 from pacnerf_lpo.report.html import is_evaluated, parameter_table
 from tests.report.example_run import write_example_run
 
@@ -144,3 +146,26 @@ def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_p
     assert table.count("not determined") == len(names) - 1
     page = parameter_table(again)
     assert "<th>90 % interval</th>" in page and page.count("not determined") == len(names) - 1
+
+
+def test_the_fit_of_the_intervals_is_the_result_and_what_the_phase_had_is_said(evaluated_run, tmp_path):
+    copied = tmp_path / "run"
+    shutil.copytree(evaluated_run, copied)
+    run = Run(copied)
+    stage, names = run.uncorrected, ("v_x", "v_y", "v_z")
+    had = {**stage.state.physics, **dict(zip(names, stage.state.velocity.mean(0).tolist(), strict=True))}
+    known = {name: 1.25 * value for name, value in had.items()}
+    take_over(run, stage, known)
+    again = Run(copied)
+    assert not is_evaluated(again)
+    state = again.uncorrected.state
+    assert state.physics == {name: known[name] for name in stage.state.physics}
+    spread = (state.velocity - state.velocity.mean(0)) - (stage.state.velocity - stage.state.velocity.mean(0))
+    assert (
+        state.velocity.mean(0).tolist() == pytest.approx([known[name] for name in names]) and spread.abs().max() < 1e-5
+    )
+    results = {**evaluate_run(copied), "result": stage.stem}
+    phase = result_phase(results)
+    assert phase["before"] == had and phase["parameters"]["E"]["value"] == known["E"]
+    said = f"before it the phase had E = {quantity(had['E'], 'Pa')}"
+    assert said in markdown_table(results) and said in parameter_table(results)

@@ -21,7 +21,6 @@ import numpy as np
 from scipy import stats
 
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more
-from pacnerf_lpo.diagnosis.screening import masks
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.hypotheses import Hypothesis
@@ -71,7 +70,7 @@ class Linear:
 def bic(problem: Problem, found: Round, family: Sequence[Hypothesis], mask: np.ndarray) -> str | None:
     """The name that lowers the Bayesian information criterion most; None where none does."""
     linear = Linear(problem, found, mask)
-    refitted = {again.name: again.cost for again in found.refits}
+    refitted = {again.name: again.contender.cost for again in found.refits}
     size = linear.size
     best, name = size * np.log(linear.left() / size), None
     for one in family:
@@ -121,9 +120,7 @@ def verdicts(problem: Problem, rounds: Sequence[Round]) -> dict[str, dict[str, A
 def _verdict(problem: Problem, rounds: Sequence[Round], rule: Callable[..., str | None]) -> dict[str, Any]:
     named: list[str] = []
     for found in rounds:
-        chosen = None
-        for family, mask in zip((found.probes.inside, found.probes.outside), masks(problem), strict=True):
-            chosen = chosen or (rule(problem, found, family, mask) if family else None)
+        chosen = rule(problem, found, found.probes.hypotheses, problem.usable) if found.probes.hypotheses else None
         if chosen is None:
             break
         named.append(chosen)
