@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import html
 import json
 from pathlib import Path
 
 import pytest
 import yaml
+from markupsafe import escape
 
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.commands import diagnose
@@ -80,7 +80,7 @@ def test_the_hidden_drag_is_named_with_its_size(diagnosed: Path):
 def test_the_page_says_so(diagnosed: Path):
     page = (diagnosed / "diagnosis.html").read_text()
     sentence = json.loads((diagnosed / "diagnosis.json").read_text())["verdict"]["sentence"]
-    assert "linear drag" in sentence.lower() and html.escape(sentence) in page
+    assert "linear drag" in sentence.lower() and escape(sentence) in page
 
 
 def test_the_overlay_adds_the_drag(diagnosed: Path, tmp_path: Path):

@@ -33,16 +33,13 @@ class Layout(ABC):
     name: its file, and its place in ``paper.yaml``.
     title: what it compares.
     columns: from left to right.
+    view_sets: names of the view sets it needs, files in ``configs/views``; empty for the baselines' own views.
     """
 
     name: str
     title: str
     columns: tuple[Column, ...]
-
-    @property
-    def view_sets(self) -> tuple[str, ...]:
-        """Names of the view sets it needs; empty for the baselines' own views."""
-        return ("",)
+    view_sets: tuple[str, ...] = ("",)
 
     @abstractmethod
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
@@ -129,22 +126,16 @@ class SpreadLayout(Layout):
     """Image metrics averaged over scenes, as mean and standard deviation over several view sets.
 
     views: the set of views that is scored.
-    sets: names of the view sets, files in ``configs/views``; empty for the baseline's own.
     """
 
     views: Literal["train", "test"] = "test"
-    sets: tuple[str, ...] = ()
-
-    @property
-    def view_sets(self) -> tuple[str, ...]:
-        return self.sets
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per metric."""
         rows = [self._spread(book, scenes, metric) for metric in METRICS]
         table = self.table(rows)
-        names = ", ".join(name or "the baseline's own" for name in self.sets)
-        table.notes.append(f"mean ± standard deviation (over n, not n - 1) of {len(self.sets)} view sets: {names}")
+        names = ", ".join(name or "the baseline's own" for name in self.view_sets)
+        table.notes.append(f"mean ± standard deviation (over n, not n - 1) of {len(self.view_sets)} view sets: {names}")
         return table
 
     def _spread(self, book: Book, scenes: Sequence[Scene], metric: tuple) -> Row:
@@ -155,7 +146,7 @@ class SpreadLayout(Layout):
 
     def _over_sets(self, book: Book, scenes: Sequence[Scene], column: Column, name: str) -> Entry:
         means = []
-        for views in self.sets:
+        for views in self.view_sets:
             found = [book.figures(scene.name, column, views) for scene in scenes]
             entries = [one if isinstance(one, Entry) else one.image(name, one.views(self.views)) for one in found]
             missing = [entry for entry in entries if entry.value is None]
@@ -217,9 +208,9 @@ class TimeLayout(Layout):
         seconds = [self._seconds(book, scene) for scene in scenes]
         rows = []
         for process, label in PROCESSES.items():
-            printed = [paper_values(self.name, scene.name, process) if scene.original else [] for scene in scenes]
-            entries = [with_printed([mine[process]], paper)[0] for mine, paper in zip(seconds, printed, strict=True)]
-            rows.append(Row(label, self._frames(book, scenes, process), ".1f", 0, tuple(entries)))
+            cells = zip(scenes, seconds, strict=True)
+            entries = tuple(self.beside_paper(scene, process, [mine[process]])[0] for scene, mine in cells)
+            rows.append(Row(label, self._frames(book, scenes, process), ".1f", 0, entries))
         table = self.table(rows, tuple(f"{scene.name} [s]" for scene in scenes))
         table.head = ("process", "# frames")
         table.notes.append("phases taken over from another run keep the seconds measured there")

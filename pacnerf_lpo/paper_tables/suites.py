@@ -77,7 +77,7 @@ TABLE_13 = SpreadLayout(
     "table13",
     "Five view sets, test views, mean and standard deviation",
     (*corrected("3v_dagger", 1), *corrected("3v_dagger", 4, WITH_NONE)[1:]),
-    sets=FIVE_VIEW_SETS,
+    view_sets=FIVE_VIEW_SETS,
 )
 TABLE_14 = ImageLayout("table14", "Geometric correction, six views", (FULL, *corrected("6v", 1)))
 TABLE_15 = ErrorLayout("table15", "Physical identification, six views, error", (FULL, *corrected("6v", 4, WITH_NONE)))

@@ -5,10 +5,13 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
+import torch
 
+from pacnerf_lpo.data.cameras import box_interval
 from pacnerf_lpo.data.images import contours
 from pacnerf_lpo.data.recordings.voxel_hull import projected
 from pacnerf_lpo.data.recordings.written_scene import View
+from pacnerf_lpo.types import Rays
 
 NEAR = 1e-3
 """Nearest depth that is drawn, relative to the length of the line or its distance."""
@@ -53,7 +56,7 @@ def ground_grid(lower: np.ndarray, upper: np.ndarray, height: float) -> tuple[li
 def clipped(segment: Segment, view: View) -> np.ndarray | None:
     """The part of a line [m] that a camera sees, as two places in its image [pixels, (2, 2)]; None for nothing.
 
-    What is behind the camera is cut off in space, what is outside the image in the image (Liang and Barsky 1984).
+    What is behind the camera is cut off in space, what is outside the image in the image.
     """
     start, end = segment
     depths = [-float(view.pose[:, 2] @ (point - view.pose[:, 3])) for point in segment]
@@ -66,16 +69,10 @@ def clipped(segment: Segment, view: View) -> np.ndarray | None:
         start, end = (middle, end) if depths[0] < near else (start, middle)
     a, b = projected(np.stack((start, end)), view)[0]
     height, width = view.valid.shape
-    first, last, way = 0.0, 1.0, b - a
-    for axis, size in ((0, width), (1, height)):
-        for slope, room in ((-way[axis], a[axis]), (way[axis], size - a[axis])):
-            if slope == 0.0 and room < 0.0:
-                return None
-            if slope < 0.0:
-                first = max(first, room / slope)
-            elif slope > 0.0:
-                last = min(last, room / slope)
-    return np.stack((a + first * way, a + last * way)) if first < last else None
+    line = Rays(torch.from_numpy(a[None]), torch.from_numpy((b - a)[None]))
+    enter, leave = box_interval(line, torch.zeros(2), torch.tensor((width, height)), 0.0)
+    first, last = enter.item(), min(leave.item(), 1.0)
+    return np.stack((a + first * (b - a), a + last * (b - a))) if first < last else None
 
 
 def lines(segments: Sequence[Segment], view: View) -> str:

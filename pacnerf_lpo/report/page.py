@@ -3,7 +3,6 @@ files as text inside it.
 """
 
 import base64
-import html
 import io
 import json
 import math
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from PIL import Image
 
 from pacnerf_lpo.quantities import duration, figure, quantity, symbol
@@ -31,7 +30,6 @@ def environment() -> Environment:
     made = Environment(
         loader=FunctionLoader(_source),
         autoescape=True,
-        finalize=_escaped,
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
@@ -84,7 +82,7 @@ def share(value: float, most: float) -> str:
 
 def options(words: str) -> Markup:
     """Plain text with options of the command line as code, each on one line."""
-    return Markup(re.sub(r"--\w+", r"<code>\g<0></code>", html.escape(words)))
+    return Markup(re.sub(r"--\w+", r"<code>\g<0></code>", escape(words)))
 
 
 def places(points: Iterable[tuple[float, float]]) -> str:
@@ -102,10 +100,6 @@ def short_symbol(name: str) -> Markup:
     """The usual symbol; nothing where a parameter has only a name."""
     head, _, tail = symbol(name).partition("_")
     return Markup("") if len(head) > 1 or len(tail) > 2 else symbol_html(name)
-
-
-def _escaped(value: Any) -> Any:
-    return value if hasattr(value, "__html__") else Markup(html.escape(str(value)))
 
 
 def _source(name: str) -> str:

@@ -132,7 +132,7 @@ def test_spread_over_view_sets(monkeypatch: pytest.MonkeyPatch):
             images = {"psnr": [[level[scene, views]]], "ssim": [[1.0]], "lpips": [[0.5]]}
             return Figures({"views": {"train": [], "test": [3]}}, {"images": images}, "key")
 
-    layout = SpreadLayout("table13", "", (BASELINE,), sets=("", "3v_2"))
+    layout = SpreadLayout("table13", "", (BASELINE,), view_sets=("", "3v_2"))
     scenes = [replace(TORUS, name=name) for name in "ab"]
     entry = layout.build(Levels([], {}), scenes).rows[0].entries[0]
     assert (entry.value, entry.deviation) == (22.0, 2.0)

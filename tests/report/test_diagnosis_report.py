@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pacnerf_lpo.errors import UserInputError
@@ -34,7 +35,7 @@ def test_page_of_every_verdict_says_it_first_and_needs_no_network(kind, tmp_path
     result = result_of(kind)
     page = write_page(example.write(tmp_path / kind, result)).read_text()
     body = page[page.index("<body>") :]
-    assert f"<h1>{html.escape(result['verdict']['sentence'])}</h1>" in body[:900]
+    assert f"<h1>{escape(result['verdict']['sentence'])}</h1>" in body[:900]
     assert words.LIGHTS[kind].caption in body[:900]
     assert not re.search(r"kept aside|\btwins?\b|misfit|matter", body)
     assert "$" not in re.sub(r"\$\{", "", page[: page.index('<script type="application/json"')])

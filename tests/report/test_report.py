@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 
 from pacnerf_lpo.evaluation.prediction import contact_frame, predict
@@ -241,7 +242,7 @@ def test_doubts_stand_under_the_verdict_with_cause_and_remedy(evaluated_run, pag
     head = page[: page.index('id="comparison"')]
     assert (doubts and f"{len(doubts)} reason" in head) or "One reason" in head
     for doubt in doubts:
-        assert all(html.escape(doubt[field]) in head for field in ("what", "cause", "remedy"))
+        assert all(escape(doubt[field]) in head for field in ("what", "cause", "remedy"))
 
 
 def test_a_page_without_doubts_says_nothing_of_them():

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 
 from pacnerf_lpo.__main__ import main
@@ -87,7 +88,7 @@ def test_every_value_of_scene_yaml_is_in_the_table(page, scene, look):
     table = page[page.index("Every value of scene.yaml") :]
     assert len(look.scene.values) > 12
     for value in look.scene.values:
-        assert f"<code>{value.key}</code>" in table and html.escape(value.text) in table
+        assert f"<code>{value.key}</code>" in table and escape(value.text) in table
 
 
 def test_heights_and_cameras_are_data_of_the_page(page, look):

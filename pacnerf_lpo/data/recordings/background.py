@@ -6,8 +6,6 @@ the object has everywhere the colours that it has where it is sure. Otherwise a 
 become background where it rests, as in a median of the video.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +72,7 @@ class Background:
     shows: np.ndarray
     brightest: float = SHADE_RANGE[1]
 
-    def at_full_size(self, footage: Footage) -> Background:
+    def at_full_size(self, footage: Footage) -> "Background":
         """The same at all pixels of the frames."""
         return _composed(footage.full_size(), self.shows, self.colours)
 

@@ -3,8 +3,6 @@
 Densities are per unit volume of the colour cube [0..1]^3, so that 1 is that of a colour about which nothing is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -77,12 +75,12 @@ class Colours:
     density: np.ndarray
 
     @staticmethod
-    def unknown() -> Colours:
+    def unknown() -> "Colours":
         """Any colour is as probable as any other."""
         return Colours(np.ones((BINS,) * 3))
 
     @staticmethod
-    def of(pixels: np.ndarray) -> Colours:
+    def of(pixels: np.ndarray) -> "Colours":
         """The colours of an object's pixels [0..1, (N, 3)]; unknown where there are none."""
         if not len(pixels):
             return Colours.unknown()
@@ -90,7 +88,7 @@ class Colours:
         share = ndimage.gaussian_filter(counts / len(pixels), BLURRED)
         return Colours((1.0 - ANY) * BINS**3 * share + ANY)
 
-    def shared_with(self, others: Sequence[Colours]) -> Colours:
+    def shared_with(self, others: "Sequence[Colours]") -> "Colours":
         """Those colours that one of the other views holds for the object's, too: what only one view does may be a
         piece of its background, and a side of the object that nobody else sees is found as nothing of the background.
         """

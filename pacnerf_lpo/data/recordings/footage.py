@@ -1,7 +1,5 @@
 """The frames of a camera that stands still, at the resolution at which it is decided what is object and background."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -5,24 +5,21 @@ from typing import Literal
 
 from pacnerf_lpo.data.recordings.readers import (
     colmap,
-    d_nerf,
     dynerf,
-    gic,
     nerfstudio,
     opencv_calibration,
     pac_nerf,
     phystwin,
-    spring_gaus_real,
-    spring_gaus_synthetic,
+    spring_gaus,
     toml_calibration,
 )
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
-LAYOUTS = tuple(reader.LAYOUT for reader in (
-    pac_nerf, gic, spring_gaus_synthetic, spring_gaus_real, nerfstudio, d_nerf, colmap, dynerf, phystwin,
-    opencv_calibration, toml_calibration,
-))  # fmt: skip
+LAYOUTS = (
+    *(pac_nerf.LAYOUT, pac_nerf.GIC, spring_gaus.SYNTHETIC, spring_gaus.REAL, nerfstudio.LAYOUT, nerfstudio.D_NERF),
+    *(reader.LAYOUT for reader in (colmap, dynerf, phystwin, opencv_calibration, toml_calibration)),
+)
 Format = Literal[
     "pac-nerf", "gic", "spring-gaus-synthetic", "spring-gaus-real", "nerfstudio", "d-nerf", "colmap", "dynerf",
     "phystwin", "opencv", "toml",

@@ -5,8 +5,6 @@ hull is looked for along the ray of each pixel, as what every other view sees on
 Matusik et al. 2000), so that it is as exact as the outlines are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -89,7 +87,7 @@ class Expectation:
         """The log odds of every frame [(H, W) each]."""
         return map(self.log_odds, range(len(self.depth)))
 
-    def at(self, frames: np.ndarray) -> Expectation:
+    def at(self, frames: np.ndarray) -> "Expectation":
         """Of some of the frames, by their numbers."""
         return replace(self, depth=self.depth[frames], loose=self.loose[frames])
 

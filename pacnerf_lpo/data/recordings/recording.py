@@ -1,7 +1,5 @@
 """A recording as a reader found it: cameras, lenses, frames and what the layout says about unit, up and ground."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,7 +109,7 @@ class Recording:
     normal: tuple[float, float, float] | None = None
     gravity: float = GRAVITY
 
-    def with_unit(self, unit: str) -> Recording:
+    def with_unit(self, unit: str) -> "Recording":
         """The same recording with lengths in m, cm, mm, or so many metres. Raises UserInputError for anything else."""
         try:
             metres = UNITS[unit] if unit in UNITS else float(unit)
@@ -121,7 +119,7 @@ class Recording:
             raise UserInputError(f"--unit {unit}: give {', '.join(UNITS)}, or how many metres one unit is")
         return replace(self, unit=metres)
 
-    def with_up(self, up: str) -> Recording:
+    def with_up(self, up: str) -> "Recording":
         """The same with an up direction: an axis, three numbers, or ``fall`` for free fall; else UserInputError."""
         if up == "fall":
             return replace(self, up=None)
@@ -137,7 +135,7 @@ class Recording:
         x, y, z = (vector / length).tolist()
         return replace(self, up=(x, y, z))
 
-    def with_ground(self, height: float | None, normal: Sequence[float] | None) -> Recording:
+    def with_ground(self, height: float | None, normal: Sequence[float] | None) -> "Recording":
         """The same recording with a ground stated. Raises UserInputError where the normal is none."""
         if normal is None:
             return replace(self, ground=self.ground if height is None else height)
@@ -150,13 +148,13 @@ class Recording:
         x, y, z = (float(value) / length for value in normal)
         return replace(self, normal=(x, y, z), ground=height)  # a height along another normal means nothing
 
-    def with_gravity(self, gravity: float) -> Recording:
+    def with_gravity(self, gravity: float) -> "Recording":
         """The same recording under gravity of this strength [m/s^2]. Raises UserInputError for a negative one."""
         if not (gravity >= 0 and np.isfinite(gravity)):
             raise UserInputError(f"--gravity {gravity:g}: give its strength in m/s^2, 9.81 on Earth, 0 for none")
         return replace(self, gravity=gravity)
 
-    def with_frame_rate(self, fps: float) -> Recording:
+    def with_frame_rate(self, fps: float) -> "Recording":
         """The same recording with times counted at ``fps`` frames a second, whatever its files say."""
         if not (fps > 0 and np.isfinite(fps)):
             raise UserInputError(f"--fps {fps:g}: give the frames per second of the videos, a positive number")
@@ -166,7 +164,7 @@ class Recording:
         )
         return replace(self, cameras=cameras)
 
-    def without(self, names: Sequence[str]) -> Recording:
+    def without(self, names: Sequence[str]) -> "Recording":
         """The same recording without these cameras. Raises UserInputError where there is no camera of a name."""
         own = [camera.name for camera in self.cameras]
         for name in names:

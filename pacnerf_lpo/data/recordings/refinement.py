@@ -1,7 +1,5 @@
 """Mattes from videos without plates, made again with what the other views say about them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -219,9 +219,7 @@ def _deeplabcut(table: Table, fps: float | None) -> Trajectory:
             "as DeepLabCut 3D or Anipose writes them"
         )
     positions = [[table.numbers(columns[name, axis], f"{name} {axis}") for axis in AXES] for name in names]
-    if fps is None:
-        raise UserInputError(f"{table.path}: counts frames and has no times; give --fps")
-    return _wide(table.path, names, positions, table.numbers(0, "frame") / fps)
+    return _wide(table.path, names, positions, _times(table, ["frame"], fps))
 
 
 def _anipose(table: Table, names: Sequence[str], fps: float | None) -> Trajectory:

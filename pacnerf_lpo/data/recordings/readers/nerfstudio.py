@@ -1,11 +1,15 @@
-"""nerfstudio and instant-ngp: ``transforms.json`` with intrinsics for all frames or for each."""
+"""nerfstudio and instant-ngp: ``transforms.json`` with intrinsics for all frames or for each. D-NeRF:
+``transforms_<split>.json`` with one field of view, and a pose and a time per image.
+"""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pacnerf_lpo.data.images import image_size
+from pacnerf_lpo.data.index import NAME as PAC_NERF
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic, intrinsic_matrix
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers, read_values
 from pacnerf_lpo.data.recordings.readers.layout import Layout, has
@@ -16,6 +20,7 @@ from pacnerf_lpo.errors import UserInputError
 NAME = "transforms.json"
 OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
 FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
+SPLITS = ("train", "val", "test")
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "")
 
 
@@ -25,6 +30,21 @@ def read(folder: Path) -> Recording:
     values = read_values(path)
     shots = [shot_of(path, number, {**values, **frame}) for number, frame in enumerate(_frames(path, values))]
     return Recording(LAYOUT.name, folder, still_cameras(path, shots), up=(0.0, 0.0, 1.0))
+
+
+def read_d_nerf(folder: Path) -> Recording:
+    """OpenGL cameras of all splits. Its times go from 0 to 1 whatever the length, so they are the order alone."""
+    shots = []
+    for path in (folder / f"transforms_{split}.json" for split in SPLITS):
+        if path.is_file():
+            values = read_values(path)
+            number_at(str(path), values, "camera_angle_x")
+            for number, frame in enumerate(entry(str(path), values, "frames")):
+                number_at(f"{path}, frame {number}", frame, "time")
+                shots.append(shot_of(path, number, {**values, **frame}))
+    found = still_cameras(folder, shots)
+    cameras = (replace(one, frames=tuple(replace(frame, time=None) for frame in one.frames)) for one in found)
+    return Recording(D_NERF.name, folder, tuple(cameras))
 
 
 def _frames(path: Path, values: Any) -> list[dict[str, Any]]:
@@ -66,3 +86,4 @@ def _lens(where: str, values: dict[str, Any]) -> Lens:
 
 
 LAYOUT = Layout("nerfstudio", NAME, has(NAME), read)
+D_NERF = Layout("d-nerf", "transforms_train.json", has("transforms_train.json", without=PAC_NERF), read_d_nerf)

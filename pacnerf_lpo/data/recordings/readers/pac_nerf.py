@@ -1,5 +1,8 @@
-"""PAC-NeRF: ``all_data.json`` with one pose per image, ``data/r_<camera>_<frame>.png``, plates as frame -1."""
+"""PAC-NeRF: ``all_data.json`` with one pose per image, ``data/r_<camera>_<frame>.png``, plates as frame -1. GIC: the
+same with ``transforms_train.json``, images ``m_`` on white and, transparent, ``a_``.
+"""
 
+from dataclasses import replace
 from pathlib import Path
 
 from pacnerf_lpo.data.checks import check_cameras
@@ -24,5 +27,20 @@ def read(folder: Path) -> Recording:
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 1.0, 0.0), ground=0.0)
 
 
-GIC = "transforms_train.json"
-LAYOUT = Layout("pac-nerf", f"{NAME} without {GIC}", has(NAME, without=GIC), read)
+def read_gic(folder: Path) -> Recording:
+    """As PAC-NeRF's layout, with the transparent images ``a_`` where there are any."""
+    recording = read(folder)
+    cameras = tuple(_transparent(camera) for camera in recording.cameras)
+    return replace(recording, layout=GIC.name, cameras=cameras)
+
+
+def _transparent(camera: Camera) -> Camera:
+    frames = tuple(replace(f, file=f.file.with_name("a" + f.file.name[1:])) for f in camera.frames)
+    if not all(frame.file.is_file() for frame in frames):
+        return camera
+    return replace(camera, frames=frames, plate=None, on_white=False)
+
+
+MARK = "transforms_train.json"
+LAYOUT = Layout("pac-nerf", f"{NAME} without {MARK}", has(NAME, without=MARK), read)
+GIC = Layout("gic", f"{NAME} and {MARK}", has(NAME, MARK), read_gic)
