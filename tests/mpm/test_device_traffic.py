@@ -34,7 +34,7 @@ class Operations(TorchDispatchMode):
 
 @dataclass
 class Watched:
-    """What a rollout and its gradient did: torch operations, ``bind`` and ``launch`` in their order, and what was bound."""
+    """What a rollout and its gradient did: torch operations, ``bind`` and ``launch`` in order, and what was bound."""
 
     events: list[str] = field(default_factory=list)
     bound: list[dict[str, Any]] = field(default_factory=list)
