@@ -21,7 +21,13 @@ FAILED = "failed: "
 MARKDOWN = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
 LATEX = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
 LEGEND = "Best **bold**, second best <u>underlined</u>, of each baseline's columns; in brackets what the paper prints."
-TEX = {"↑": r"$\uparrow$", "↓": r"$\downarrow$", "†": r"$^\dagger$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
+GREEK = {"μ": r"\mu", "κ": r"\kappa", "τ": r"\tau", "η": r"\eta", "ν": r"\nu", "θ": r"\theta"}  # noqa: RUF001
+TEX = str.maketrans(
+    {"↑": r"$\uparrow$", "↓": r"$\downarrow$", "†": r"$^\dagger$", "±": r"$\pm$"}
+    | {"_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
+    | {power: f"$^{number}$" for number, power in enumerate("⁰¹²³⁴")}
+    | {letter: f"${name}$" for letter, name in GREEK.items()}
+)
 AVERAGE = "average"
 
 
@@ -148,14 +154,6 @@ def marked(row: Row, groups: Sequence[str]) -> Row:
     return replace(row, entries=tuple(entries))
 
 
-TEX |= {power: f"$^{number}$" for number, power in enumerate("⁰¹²³⁴")}
-TEX |= {
-    letter: f"${name}$"
-    for letter, name in zip("μκτηνθ", (r"\mu", r"\kappa", r"\tau", r"\eta", r"\nu", r"\theta"), strict=True)
-}
-TEX |= {"±": r"$\pm$"}
-
-
 def write_table(table: Table, folder: Path) -> list[Path]:
     """Write ``NAME.md``, ``NAME.csv`` and ``NAME.tex``; returns their paths."""
     paths = []
@@ -195,14 +193,14 @@ def latex(table: Table) -> str:
     """A ``tabular`` with booktabs' rules; the paper's figures in brackets."""
     missing = _notes(table)
     lines = [rf"% {table.title}", rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}", r"\toprule"]
-    lines.append(" & ".join(map(_tex, (*table.head, *table.columns))) + r" \\")
+    lines.append(" & ".join(name.translate(TEX) for name in (*table.head, *table.columns)) + r" \\")
     lines[1:1] = [f"% {number}: {_reason(note)}" for number, note in enumerate(missing, start=1)]
     last = None
     for row in table.rows:
         if row.scene != last:
             lines.append(r"\midrule")
         cells = [_cell(row, entry, LATEX, missing).replace("±", r"$\pm$") for entry in row.entries]
-        names = _tex(row.scene) if row.scene != last else "", _tex(row.quantity)
+        names = row.scene.translate(TEX) if row.scene != last else "", row.quantity.translate(TEX)
         lines.append(" & ".join((*names, *cells)) + r" \\")
         last = row.scene
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
@@ -225,10 +223,6 @@ def _cell(row: Row, entry: Entry, marks: Mapping[str, str], missing: list[str]) 
         text = marks[entry.mark].format(row.printed(entry.value))
         text += "" if entry.deviation is None else f" ± {row.printed(entry.deviation)}"
     return text if entry.paper is None else f"{text} ({row.printed(entry.paper)})"
-
-
-def _tex(text: str) -> str:
-    return "".join(TEX.get(letter, letter) for letter in text)
 
 
 @cache

@@ -11,7 +11,6 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import diagnosis_sections as sections
 from pacnerf_lpo.report import diagnosis_words as words
-from pacnerf_lpo.report.diagnosis_sections import recordings_section
 from pacnerf_lpo.report.flights import flights_section
 from pacnerf_lpo.report.page import atlas, atlas_columns, page, parts
 from pacnerf_lpo.report.wording import together
@@ -90,7 +89,7 @@ def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
         rounds=[_round(done, number) for number, done in enumerate(result["rounds"])],
         flights=flights_section(result),
         points="" if result.get("flights") else sections.points_table(result),
-        recordings=recordings_section(result),
+        recordings=sections.recordings_section(result),
         parameters=sections.parameter_table(result),
         undetermined=words.undetermined(result),
         limits=words.NOT_IDENTIFIABLE,

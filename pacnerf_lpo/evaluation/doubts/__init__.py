@@ -6,7 +6,6 @@ from typing import Any
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.evaluation.doubts import identification, recording
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
-from pacnerf_lpo.evaluation.doubts.identification import doubts_about_methods
 from pacnerf_lpo.evaluation.doubts.images import doubts_about_images
 from pacnerf_lpo.evaluation.run_directory import Stage
 from pacnerf_lpo.mpm.physics import Physics
@@ -38,7 +37,7 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
     elif stage.record.phase == "physics":
         yield from identification.doubts_about_parameters(physics, state, course.get("searched", {}))
         yield from identification.doubts_about_identification(course, physics)
-        yield from doubts_about_methods(stage.record.methods, physics)
+        yield from identification.doubts_about_methods(stage.record.methods, physics)
 
 
 def doubts_of_run(
