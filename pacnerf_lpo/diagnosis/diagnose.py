@@ -381,20 +381,19 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
         return None
     for place, earlier in enumerate(rounds[:-1]):
         comparison = earlier.comparison
-        _, better, _ = better_null(problem, earlier.effects, comparison, known, comparison.cost, mask)
+        better = better_null(problem, earlier.effects, comparison, known, comparison.cost, mask).known
         if better is not None:
             return place, better
     return len(rounds) - 1, known
 
 
 def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Screening) -> list[Refit]:
-    """Refits against the least cost of the model without their effects that any of those to the same data has found."""
-    found = []
+    """Refits against the best optimum of the model without them that any of those to the same data has found."""
+    found, size = [], int(problem.usable.sum())
     for again in refits:
-        outside = again.name in screening.outside
-        least = min(other.cost_without for other in refits if (other.name in screening.outside) == outside)
-        size = int(problem.usable.sum())
-        found.append(again if least == again.cost_without else again.against(least, size, screening))
+        same = [other for other in refits if (other.name in screening.outside) == (again.name in screening.outside)]
+        least = min(same, key=lambda other: other.cost_without)
+        found.append(again.against(least.cost_without, least.held_without, size, screening))
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,13 +80,16 @@ class Refit:
         """As a decision sees it."""
         return Contender(self.name, self.cost + self.held.cost, self.occam + self.held.occam, self.p_value)
 
-    def against(self, cost_without: float, size: int, screening: Screening) -> Refit:
-        """The same against another optimum of the model without the effect, of so many data in all."""
-        scale, without = screening.scale(self.name), cost_without + self.held_without.cost
-        occam = self.occam + self.held.occam - self.held_without.occam
+    def against(self, cost_without: float, held_without: Prediction, size: int, screening: Screening) -> Refit:
+        """The same against another optimum of the model without the effect, and what that predicts, of so many data in
+        all.
+        """
+        scale, without = screening.scale(self.name), cost_without + held_without.cost
+        occam = self.occam + self.held.occam - held_without.occam
         factor = log_bayes_factor(without, self.cost + self.held.cost, size, occam, scale)
         p_value = screening.p_value(factor)
-        return replace(self, cost_without=cost_without, log_bayes_factor=factor, p_value=p_value)
+        again = replace(self, cost_without=cost_without, held_without=held_without)
+        return replace(again, log_bayes_factor=factor, p_value=p_value)
 
 
 def refit(
@@ -133,8 +137,9 @@ def refit(
     again = fits.scored(best, screening, rollouts + used)
     if thorough and again.p_value < LEVEL and again.cost < best_cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
-        cost, known, used = better_null(*null, fits.seen(best))
-        again = replace(again.against(cost, fits.whole_size, screening), better=known, simulated=again.simulated + used)
+        without = better_null(*null, fits.seen(best))
+        again = replace(again, better=without.known, simulated=again.simulated + without.rollouts)
+        again = again.against(without.cost, without.held or again.held_without, fits.whole_size, screening)
     return again
 
 
@@ -197,9 +202,10 @@ class _Fits:
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
         suspect = tuple(notes(self.model, best.free, mean, deviation))
         held = self._predicted(*self.objective.seen(best), deviation)
-        rest = occam, self._held_without, held, 1.0, suspect, rollouts
+        held_without = self._predicted(self.comparison.residual, self.comparison.jacobian, self.comparison.deviation)
+        rest = occam, held_without, held, 1.0, suspect, rollouts
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
-            self.without, self.whole_size, screening
+            self.without, held_without, self.whole_size, screening
         )
 
     def _log_occam_factor(self, free: np.ndarray, jacobian: np.ndarray, scale: float) -> float:
@@ -218,20 +224,11 @@ class _Fits:
         return widest + log_spread_factor(away, covariance, self.spreads)
 
     @cached_property
-    def _held_without(self) -> Prediction:
-        return self._predicted(self.comparison.residual, self.comparison.jacobian, self.comparison.deviation)
-
-    @cached_property
     def _whole(self) -> NoiseModel:
         return self.comparison.noise(self.problem, self.problem.usable)
 
-    def _predicted(self, residual: np.ndarray, jacobian: np.ndarray, deviation: np.ndarray) -> Prediction:
-        """Of the usable entries not fitted, by residual and derivative of a model [(R, F, 11), (R, F, 11, K)]."""
-        fitted = self.mask[self.problem.usable]
-        if fitted.all():
-            return Prediction(0.0, 0.0)
-        changes = np.nan_to_num(jacobian[self.problem.usable]) * deviation
-        return prediction(self._whole, self.noise, np.nan_to_num(residual[self.problem.usable]), changes, fitted)
+    def _predicted(self, *seen: np.ndarray) -> Prediction:
+        return _predicted(self.problem, self.mask, (self._whole, self.noise), *seen)
 
     def seen(self, found: Fit) -> np.ndarray:
         """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""
@@ -271,6 +268,21 @@ def against_without(
     return fits.scored(Fit(free, fits.objective(free), jacobian, 1, fits.objective), screening, found.rollouts)
 
 
+class BetterNull(NamedTuple):
+    """A model fitted again from where a larger one, which contains it, ended.
+
+    cost: the least that is known of it, in the fitted entries.
+    known, held: values there [SI], and what it predicts of the other entries, if the model is decisively more probable
+        with them than as it was fitted.
+    rollouts: that it took.
+    """
+
+    cost: float
+    known: dict[str, float] | None
+    held: Prediction | None
+    rollouts: int
+
+
 def better_null(
     problem: Problem,
     effects: Sequence[Effect],
@@ -279,7 +291,7 @@ def better_null(
     without: float,
     mask: np.ndarray,
     changes: np.ndarray | None = None,
-) -> tuple[float, dict[str, float] | None, int]:
+) -> BetterNull:
     """Fit a model again from where a larger one, which contains it, ended.
 
     Args:
@@ -288,29 +300,51 @@ def better_null(
         without: cost of the model where it was fitted, in the entries of
         mask: [(R, F, 11), bool]
         changes: of the residual by the unknowns of the model, for the first steps [(R, F, 11, K)]; None: measured.
-
-    Returns:
-        The least cost known; the values there, if the model is decisively more probable with them than as it was
-        fitted, else None; and the number of rollouts.
     """
     model, noise = problem.model(effects, known), comparison.noise(problem, mask)
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
-    free, rows = np.clip(model.start, *model.bounds), objective.rows
+    free, rows, none = np.clip(model.start, *model.bounds), objective.rows, BetterNull(without, None, None, 1)
     try:
         now = objective(free)
     except SimulationError:
-        return without, None, 1
+        return none
     start = Fit(free, now, None if changes is None else objective.derivative(changes), 0, objective)
     if start.jacobian is not None:
         step = np.linalg.lstsq(start.jacobian[rows], -now[rows], rcond=None)[0]
         promised = now[rows] + start.jacobian[rows] @ step
         if promised @ promised > without:
-            return without, None, 1
+            return none
     settings = model.scales, model.bounds, QUICK_ITERATIONS
     found = fit(objective, start, *settings, abort_above=without, rows=rows, confirm=False)
-    cost = found.cost_of(rows)
-    better = log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) > DECISIVE
-    return min(cost, without), model.physical(found.free) if better else None, 1 + found.rollouts
+    cost, rollouts = found.cost_of(rows), 1 + found.rollouts
+    if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:
+        return BetterNull(min(cost, without), None, None, rollouts)
+    noises = comparison.noise(problem, problem.usable), noise
+    held = _predicted(problem, mask, noises, *objective.seen(found), comparison.deviation)
+    return BetterNull(cost, model.physical(found.free), held, rollouts)
+
+
+def _predicted(
+    problem: Problem,
+    mask: np.ndarray,
+    noises: tuple[NoiseModel, NoiseModel],
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    deviation: np.ndarray,
+) -> Prediction:
+    """Of the usable entries that were not fitted.
+
+    Args:
+        problem: the run.
+        mask: entries that were fitted [(R, F, 11), bool]
+        noises: of the usable entries, and of the fitted ones.
+        residual, jacobian, deviation: of the model, and of the priors of its unknowns [(R, F, 11), (R, F, 11, K), (K,)]
+    """
+    fitted = mask[problem.usable]
+    if fitted.all():
+        return Prediction(0.0, 0.0)
+    changes = np.nan_to_num(jacobian[problem.usable]) * deviation
+    return prediction(*noises, np.nan_to_num(residual[problem.usable]), changes, fitted)
 
 
 def _begun(

@@ -32,7 +32,7 @@ def test_held_out_data_count_as_the_fitted_ones_do():
     found, judged = refit("LinearDrag"), screening(LinearDrag=9.0)
 
     def scored(with_it: Prediction, without: Prediction) -> Refit:
-        return replace(found, held=with_it, held_without=without).against(200.0, SIZE, judged)
+        return replace(found, held=with_it).against(200.0, without, SIZE, judged)
 
     alike = scored(Prediction(80.0, 0.0), Prediction(80.0, 0.0))
     better, worse = scored(Prediction(30.0, 0.0), Prediction(80.0, 0.0)), scored(Prediction(160.0, 0.0), alike.held)

@@ -86,9 +86,10 @@ def test_the_optimum_of_a_larger_model_is_a_start_for_a_smaller_one(misled, tmp_
     wrong = diagnosed(misled, tmp_path, until="screen")[0]
     fitted, mask = wrong.comparison, misled.fitted
     told = misled, (), fitted
-    cost, known, _ = better_null(*told, {**falling.TRUTH, "drag": 0.1}, fitted.cost, mask)
+    cost, known, held, _ = better_null(*told, {**falling.TRUTH, "drag": 0.1}, fitted.cost, mask)
     assert known is not None and known["E"] < 10**RIDGE
     assert cost < 0.5 * fitted.cost
+    assert held is not None and held.cost < 2 * (misled.usable & ~mask).sum()
     assert better_null(*told, fitted.known, fitted.cost, mask)[:2] == (pytest.approx(fitted.cost), None)
 
 

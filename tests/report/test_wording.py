@@ -35,7 +35,7 @@ class Shape:
     def score(self, name: str) -> Any:
         return SimpleNamespace(log_bayes_factor=9.0) if name == SHAPE else None
 
-    def p_value(self, name: str, log_bayes_factor: float) -> float:
+    def p_value(self, log_bayes_factor: float) -> float:
         return self.found
 
 
