@@ -99,8 +99,8 @@ class Run:
     @property
     def by_outlines(self) -> bool:
         """Whether the parameters were fitted to the outlines and not to the pixels."""
-        method = self.config["phases"]["physics"]["init_args"]["method"]["class_path"]
-        return method.endswith(".OutlineGaussNewton")
+        method = self.config["phases"]["physics"]["init_args"].get("method", {})
+        return method.get("class_path", "").rpartition(".")[2] == "OutlineGaussNewton"
 
     @property
     def scene(self) -> str:
