@@ -1,9 +1,10 @@
 """What every hypothesis would change, by one simulation for each probe, and how well that explains the residual."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
@@ -15,8 +16,9 @@ from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.inference.calibration import Calibration, calibrate
 from pacnerf_lpo.inference.classes import correlation
 from pacnerf_lpo.inference.decision import LEVEL
-from pacnerf_lpo.inference.evidence import Score, score
+from pacnerf_lpo.inference.evidence import Alternative, Score, score
 from pacnerf_lpo.inference.hypotheses import Hypothesis
+from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 FORCE, SHAPE = "UnknownForce", "WrongShape"
@@ -26,12 +28,11 @@ FORCES = (0.3, 1.0, 3.0, 10.0)
 SHAPES = (2.0, 4.0)
 """The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect; one such unit is part
 of every model."""
-MEDIAN_DEVIATE = 0.6745
 LEAST_CAMERAS = 4
-"""Views whose faults of one kind show how large such residuals are by themselves: the median of fewer would be that of
-the very fault in question."""
-CERTAIN = 1 - 1e-9
-"""Probability above which a logarithm of its complement is not taken."""
+"""Other views whose faults of one kind show how large such residuals are by themselves: the median of fewer says little
+more than one of them."""
+PARALLEL = 1e-6
+"""Part of a fault, of its size, below which another one explains it all."""
 LEAST_CHANGE = 1e-4
 """A trial that moves no silhouette moment by so much [pixels] changes nothing."""
 
@@ -117,8 +118,8 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     hypotheses = [*probes.hypotheses, *discrepancies(comparison, mask)]
     noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
     calibration = calibrate(noise, hypotheses, LEVEL)
-    found = [score(noise, residual, one, calibration.scales[one.name]) for one in hypotheses]
-    scales = {name: s * usual_fault(found, name) for name, s in calibration.scales.items()}
+    usual = usual_faults(noise, residual, hypotheses, calibration.scales)
+    scales = {name: s * usual.get(name, 1.0) for name, s in calibration.scales.items()}
     found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
     scores = [replace(one, signature=_whole(one.signature, mask)) for one in found]
     scores.sort(key=lambda one: -one.log_bayes_factor)
@@ -212,19 +213,36 @@ def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:
     return name, 1.0 if candidate.discrete else trial[name] - null[name]
 
 
-def usual_fault(scores: Sequence[Score], name: str) -> float:
-    """By how much faults of the kind of this one are larger in a typical camera than noise, at least 1.
+def usual_faults(
+    noise: NoiseModel, residual: np.ndarray, hypotheses: Sequence[Hypothesis], scales: Mapping[str, float]
+) -> dict[str, float]:
+    """By how much faults of the kind of each camera fault are larger in a typical other camera than noise, at least 1.
 
     Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to
-    view; so the cameras themselves are the null (Efron 2004): their median deviate has to be that of a normal one.
+    view; so the other cameras are the null (Efron 2004): their median deviate has to be that of noise. It is taken
+    beside the fault in question, which shows in all cameras as the fitted motion gives way to it.
+
+    Args:
+        noise, residual: of all data (D,)
+        hypotheses: camera faults and others.
+        scales: factor on the noise along each.
     """
-    kind, at, _ = name.partition("@")
-    deviates = [
-        float(np.sqrt(max(one.gain, 0.0) / len(one.coefficient)))
-        for one in scores
-        if at and one.name.startswith(kind + "@")
-    ]
-    return max(1.0, float(np.median(deviates)) / MEDIAN_DEVIATE) if len(deviates) >= LEAST_CAMERAS else 1.0
+    faults = [one for one in hypotheses if "@" in one.name]
+    left, axes = noise.whiten_residual(residual), {}
+    for one, tried in zip(faults, Alternative.of_all(noise, faults), strict=True):
+        axes[one.name] = tried[0].axes
+    found = {}
+    for name, own in axes.items():
+        kind = name.partition("@")[0] + "@"
+        others = {other: found for other, found in axes.items() if other.startswith(kind) and other != name}
+        beside = left - own @ (own.T @ left)
+        deviates = []
+        for other, directions in others.items():
+            free = directions - own @ (own.T @ directions)
+            change = free @ np.linalg.lstsq(free, beside, rcond=PARALLEL)[0]
+            deviates.append(np.sqrt(change @ change / chi2.median(free.shape[1])) / scales[other])
+        found[name] = max(1.0, float(np.median(deviates))) if len(deviates) >= LEAST_CAMERAS else 1.0
+    return found
 
 
 def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:

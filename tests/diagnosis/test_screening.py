@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import FORCE, fitted_by, usual_fault
+from pacnerf_lpo.diagnosis.screening import FORCE, fitted_by, usual_faults
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.hypotheses import Hypothesis
+from pacnerf_lpo.inference.layout import Layout
+from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects import LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.render.camera_faults import CameraShift
 from tests.diagnosis import falling
-from tests.diagnosis.examples import score, screened
+from tests.diagnosis.examples import screened
 
 pytestmark = pytest.mark.slow
 
@@ -95,13 +99,42 @@ def test_an_effect_is_superfluous_only_where_its_coefficient_is_at_its_null(fitt
     assert superfluous(problem, found) == [effects[1]]
 
 
-def test_the_usual_fault_of_a_camera_is_the_median_of_its_kind():
-    """A gain of the cost is the square of a deviate; the median deviate of normal ones is 0.6745."""
-    names = [f"CameraShift@{view}" for view in range(5)]
-    scores = [score(name, 1.0) for name in names]
-    assert usual_fault(scores, names[0]) == pytest.approx(3.0 / 0.6745)
-    assert usual_fault(scores[:3], names[0]) == 1.0  # too few
-    assert usual_fault(scores, "LinearDrag") == 1.0 and usual_fault(scores, "CameraDrift@1") == 1.0
+VIEWS, FRAMES = 6, 10
+
+
+def white_noise() -> NoiseModel:
+    """One kind of data in six views and ten frames, with a noise of 1."""
+    view, frame = np.divmod(np.arange(VIEWS * FRAMES), FRAMES)
+    replicates = np.random.default_rng(1).standard_normal((20, VIEWS * FRAMES))
+    return NoiseModel.from_replicates(replicates, np.ones(VIEWS * FRAMES), Layout(view, frame, np.full(len(view), "x")))
+
+
+def usual(noise: NoiseModel, residual: np.ndarray, columns: np.ndarray) -> list[float]:
+    """Of a shift of each view."""
+    faults = [
+        Hypothesis(f"CameraShift@{view}", (column[:, None],), (np.ones(1),)) for view, column in enumerate(columns)
+    ]
+    others = [Hypothesis("LinearDrag", (np.ones((VIEWS * FRAMES, 1)),), (np.ones(1),))]
+    found = usual_faults(noise, residual, [*faults, *others], dict.fromkeys([f.name for f in [*faults, *others]], 1.0))
+    assert set(found) == {fault.name for fault in faults}
+    return list(found.values())
+
+
+def test_the_usual_fault_of_a_camera_is_that_of_the_others():
+    noise, shifts = white_noise(), np.kron(np.eye(VIEWS), np.ones(FRAMES))
+    sizes = 3.0 * np.sqrt(chi2.median(1)) * np.array([1, -1, 1, 1, -1, -1])
+    everywhere = noise.mean + sizes / np.linalg.norm(noise.whiten(shifts.T), axis=0) @ shifts
+    assert usual(noise, everywhere, shifts) == pytest.approx(VIEWS * [3.0], rel=0.1)
+    assert usual(noise, noise.mean, shifts) == VIEWS * [1.0]
+    assert usual(noise, everywhere, shifts[:4]) == 4 * [1.0]  # too few others
+
+
+def test_a_fault_that_shows_in_all_cameras_is_no_usual_one():
+    """The fitted motion gives way to the fault of one camera by a sixth, and so all others are off by that."""
+    noise, shifts = white_noise(), np.kron(np.eye(VIEWS), np.ones(FRAMES))
+    given_way = shifts - shifts.mean(0)
+    found = usual(noise, noise.mean + 20.0 * given_way[2], given_way)
+    assert found[2] == pytest.approx(1.0) and min(found[:2] + found[3:]) > 3
 
 
 def test_fits_see_the_motion_that_tests_install(stable):
