@@ -228,10 +228,11 @@ def usual_faults(
         scales: factor on the noise along each.
     """
     faults = [one for one in hypotheses if "@" in one.name]
-    left, axes = noise.whiten_residual(residual), {}
-    for one, tried in zip(faults, Alternative.of_all(noise, faults), strict=True):
-        axes[one.name] = tried[0].axes
-    found = {}
+    if not faults:
+        return {}
+    tried = Alternative.of_all(noise, faults)
+    axes = {one.name: alternatives[0].axes for one, alternatives in zip(faults, tried, strict=True)}
+    left, found = noise.whiten_residual(residual), {}
     for name, own in axes.items():
         kind = name.partition("@")[0] + "@"
         others = {other: found for other, found in axes.items() if other.startswith(kind) and other != name}

@@ -127,6 +127,7 @@ def test_the_usual_fault_of_a_camera_is_that_of_the_others():
     assert usual(noise, everywhere, shifts) == pytest.approx(VIEWS * [3.0], rel=0.1)
     assert usual(noise, noise.mean, shifts) == VIEWS * [1.0]
     assert usual(noise, everywhere, shifts[:4]) == 4 * [1.0]  # too few others
+    assert usual(noise, everywhere, shifts[:0]) == []
 
 
 def test_a_fault_that_shows_in_all_cameras_is_no_usual_one():
