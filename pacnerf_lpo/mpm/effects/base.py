@@ -113,7 +113,8 @@ class Effect(ABC):
 
 def _constructor(kind: type[Effect]) -> Callable[..., None]:
     """A constructor that takes the coefficients of a class one by one, and what its base takes besides them."""
-    base, one = kind.__init__, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    base = getattr(kind.__init__, "written", kind.__init__)  # by hand, of a class whose subclass is one, too
+    one = inspect.Parameter.POSITIONAL_OR_KEYWORD
     own, _, *more = inspect.signature(base).parameters.values()
     coefficients = [inspect.Parameter(name, one, default=kind.null[name], annotation=float) for name in kind.parameters]
     signature = inspect.Signature([own, *coefficients, *(p for p in more if p.name != "constants")])
@@ -124,7 +125,7 @@ def _constructor(kind: type[Effect]) -> Callable[..., None]:
         values = {name: value for name, value in given.arguments.items() if name != own.name}
         base(self, {name: values.pop(name) for name in kind.parameters}, **values)
 
-    construct.__signature__ = signature  # type: ignore[attr-defined]
+    construct.__signature__, construct.written = signature, base  # type: ignore[attr-defined]
     return construct
 
 
