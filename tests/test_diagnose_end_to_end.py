@@ -83,8 +83,10 @@ def test_the_page_says_so(diagnosed: Path):
     assert "linear drag" in sentence.lower() and escape(sentence) in page
 
 
-def test_the_overlay_adds_the_drag(diagnosed: Path, tmp_path: Path):
-    overlay = yaml.safe_load((diagnosed / "effects.yaml").read_text())["physics"]
+def test_the_overlay_adds_the_drag_and_lets_the_next_fit_identify_it(diagnosed: Path, tmp_path: Path):
+    content = yaml.safe_load((diagnosed / "effects.yaml").read_text())
+    assert content["outer_loop"] == {"rounds": 1}  # the run has none: it was only made to be diagnosed
+    overlay = content["physics"]
     path = tmp_path / "effects.yaml"
     path.write_text(yaml.safe_dump(overlay["effects"]))
     (found,) = read_candidates(path, NeoHookean(), ())

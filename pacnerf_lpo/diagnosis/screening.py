@@ -122,9 +122,25 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     scales = {name: s * usual.get(name, 1.0) for name, s in calibration.scales.items()}
     found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
     scores = [replace(one, signature=_whole(one.signature, mask)) for one in found]
+    scores = unfitted(problem, comparison, scores, scales)
     scores.sort(key=lambda one: -one.log_bayes_factor)
     signatures = np.stack([one.signature for one in scores])
     return Screening(scores, replace(calibration, scales=scales), probes.outside, correlation(signatures))
+
+
+def unfitted(
+    problem: Problem, comparison: Comparison, scores: Sequence[Score], scales: Mapping[str, float]
+) -> list[Score]:
+    """Scores in which what is no effect of the catalogue, and is never fitted, has the log Bayes factor of the fitted
+    data where that is less than that of all: what was held out may speak against it, not for it.
+    """
+    mask = problem.fitted
+    noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
+    of_fitted = {
+        one.name: score(noise, residual, one, scales[one.name]).log_bayes_factor
+        for one in discrepancies(comparison, mask)
+    }
+    return [replace(one, log_bayes_factor=min(one.log_bayes_factor, of_fitted.get(one.name, np.inf))) for one in scores]
 
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
