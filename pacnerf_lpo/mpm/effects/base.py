@@ -71,8 +71,9 @@ class Effect(ABC):
         super().__init_subclass__()
         if "parameters" in vars(cls) and "null" not in vars(cls):
             cls.null = dict.fromkeys(cls.parameters, 0.0)
-        if "parameters" in vars(cls) and "__init__" not in vars(cls):
-            cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
+        written = getattr(cls.__init__, "written", cls.__init__)  # by hand; what was made for a base fits that alone
+        if "parameters" in vars(cls) and "guess" in inspect.signature(written).parameters:
+            cls.__init__ = _constructor(cls, written)  # type: ignore[method-assign]
 
     def __init__(self, guess: Mapping[str, float], constants: Mapping[str, float] | None = None):
         where = type(self).__name__
@@ -111,9 +112,8 @@ class Effect(ABC):
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
 
 
-def _constructor(kind: type[Effect]) -> Callable[..., None]:
-    """A constructor that takes the coefficients of a class one by one, and what its base takes besides them."""
-    base = getattr(kind.__init__, "written", kind.__init__)  # by hand, of a class whose subclass is one, too
+def _constructor(kind: type[Effect], base: Callable[..., None]) -> Callable[..., None]:
+    """A constructor that takes the coefficients of a class one by one, and what its base takes besides ``guess``."""
     one = inspect.Parameter.POSITIONAL_OR_KEYWORD
     own, _, *more = inspect.signature(base).parameters.values()
     coefficients = [inspect.Parameter(name, one, default=kind.null[name], annotation=float) for name in kind.parameters]
