@@ -106,7 +106,7 @@ def compared(result: Result) -> str:
         held = "Every third tracked point and the" if tracked else "The"
     return (
         f"{what} that the model predicts. {held} last {last} were held out: no parameter was fitted to them, so they "
-        "check at the end whether the model predicts what it has not seen."
+        "count for whether a model predicts what it has not seen."
     )
 
 
