@@ -21,7 +21,7 @@ FREE = ["drag", "E", "v_x", "v_y", "v_z", "ground_height"]
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory):
+def asked_once(tmp_path_factory: pytest.TempPathFactory):
     """The script: ask, add the best, fit; a session that has been through it, and what it suggested."""
     with pytest.MonkeyPatch.context() as patch:
         install(patch)
@@ -30,6 +30,14 @@ def asked(tmp_path_factory: pytest.TempPathFactory):
         session.add(suggestions[0].effect, suggestions[0].values)
         session.fit(FREE)
         yield session, suggestions
+
+
+@pytest.fixture
+def asked(asked_once):
+    """At the step of the fit, wherever the test before went."""
+    session, suggestions = asked_once
+    session.go_to(next(n for n, step in enumerate(session.steps) if step.name == f"fit of {', '.join(FREE)}"))
+    return session, suggestions
 
 
 def test_the_drag_comes_first_with_its_evidence(asked):
