@@ -22,7 +22,7 @@ def overlay(problem: Problem, effects: Sequence[Effect], values: dict[str, float
             "effects": [as_config(effect, values) for effect in effects],
         }
     }
-    if isinstance(problem, RunProblem) and problem.run.config["outer_loop"]["rounds"] == 0:
+    if isinstance(problem, RunProblem) and problem.run.config.get("outer_loop", {}).get("rounds") == 0:
         section["outer_loop"] = {"rounds": 1}
     head = "# Effects and values of a model; use it after the configuration of the run.\n"
     return head + yaml.safe_dump(section, sort_keys=False)
