@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,9 @@ from markupsafe import escape
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.commands import diagnose
 from pacnerf_lpo.diagnosis.catalogue import read_candidates
+from pacnerf_lpo.diagnosis.posterior import keep_intervals
+from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
+from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.mpm.materials import NeoHookean
 
 pytestmark = pytest.mark.end_to_end
@@ -102,3 +106,23 @@ def test_nothing_is_simulated_again(diagnosed: Path, monkeypatch):
     after = (diagnosed / "diagnosis.json").read_text()
     verdicts = [json.loads(text)["verdict"] for text in (before, after)]
     assert verdicts[0] == verdicts[1]
+
+
+def test_the_fit_of_the_intervals_takes_the_place_of_the_phase_once(diagnosed: Path, tmp_path: Path, monkeypatch):
+    copied = tmp_path / "run"
+    shutil.copytree(diagnosed.parent, copied)
+    monkeypatch.setattr(Run, "by_outlines", True)
+    had = Run(copied).uncorrected.state
+    keep_intervals(Run(copied), lambda _: None, particles=500)
+    stage = Run(copied).uncorrected
+    content = json.loads((copied / INTERVALS_FILE).read_text())
+    found = content["parameters"]
+    assert content["phase"] == stage.stem and stage.record.before is not None
+    assert all(one["low"] <= one["value"] <= one["high"] for one in found.values())
+    assert stage.state.physics["E"] == pytest.approx(found["E"]["value"], rel=1e-6)
+    assert stage.state.velocity.mean(0).tolist() == pytest.approx([found[f"v_{k}"]["value"] for k in "xyz"], abs=1e-5)
+    assert stage.record.before["v_x"] == pytest.approx(float(had.velocity.mean(0)[0]))
+    files = [stage.state_path, copied / INTERVALS_FILE]
+    before = [path.read_bytes() for path in files]
+    keep_intervals(Run(copied), lambda _: None, particles=500)
+    assert [path.read_bytes() for path in files] == before

@@ -19,7 +19,7 @@ REPLICATES, SEED = 8, 1
 """As few simulated nulls as a diagnosis can do with; Student's t makes the intervals as much wider."""
 
 
-def keep_intervals(run: Run, progress: Progress) -> None:
+def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> None:
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
     determine, and from which phase.
 
@@ -31,16 +31,17 @@ def keep_intervals(run: Run, progress: Progress) -> None:
     Args:
         run: of which a phase with a motion is finished.
         progress: receives a line about each step.
+        particles: the body is sampled by about so many.
 
     Raises:
-        UserInputError: too few views or frames.
+        UserInputError: no law has been chosen yet.
         SimulationError: the identified motion is unstable.
     """
-    problem = RunProblem(run, judged=False)
+    problem = RunProblem(run, particles=particles, judged=False)
     if problem.stage.record.before is not None:
         return
     effects = tuple(problem.physics.effects)
-    options = {"replicates": REPLICATES, "seed": SEED, "particles": PARTICLES}
+    options = {"replicates": REPLICATES, "seed": SEED, "particles": particles}
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), False, progress)
     comparison = store.once("intervals", step)
@@ -60,7 +61,12 @@ def keep_intervals(run: Run, progress: Progress) -> None:
 
 
 def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
-    """Give the state of a phase other parameters and another velocity [SI]; the manifest keeps its own."""
+    """Give the state of a phase other parameters and another velocity; the manifest keeps its own.
+
+    Args:
+        run, stage: the run, and the phase in it.
+        known: parameters and velocity by name [SI]
+    """
     state, names = stage.state, ("v_x", "v_y", "v_z")
     before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
     change = torch.tensor([known[name] - before[name] for name in names])

@@ -91,7 +91,8 @@ class RunProblem(StateProblem):
         particles: the body is sampled by about so many.
         tracks, clouds: measured in addition to the video, in place of the run's own; None: as the run has them.
         images: False: only points are compared.
-        judged: whether something is held out to judge by; else what the run was not fitted to.
+        judged: whether frames, and views if there are no test views, are held out to judge by; False: the run's
+            training views are fitted in all frames.
 
     Raises:
         UserInputError: too few views or frames, or wrong or too few points.

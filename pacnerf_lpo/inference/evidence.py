@@ -38,11 +38,6 @@ class Alternative:
     turn: np.ndarray = field(repr=False)
 
     @staticmethod
-    def of(noise: NoiseModel, change: np.ndarray) -> Alternative:
-        """Standardise the columns of an alternative (D, m)."""
-        return Alternative._spanned(noise.whiten(change))
-
-    @staticmethod
     def of_all(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> list[list[Alternative]]:
         """Those of every hypothesis, each of them with every spread of its prior, one after the other."""
         widths = [[change.shape[1] for change in one.alternatives] for one in hypotheses]

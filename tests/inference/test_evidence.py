@@ -119,7 +119,7 @@ def test_coefficients_are_the_posterior_mean_in_their_unit():
 
 def test_a_residual_below_the_noise_is_no_evidence():
     """A small effect, and nothing else: a dispersion that is estimated, not bounded, would call it large."""
-    alternative = Alternative.of(NOISE, DRAG[0][:, None])
+    ((alternative,),) = Alternative.of_all(NOISE, [Hypothesis("drag", (DRAG[0][:, None],), (np.ones(1),))])
     small = alternative.log_bayes_factor(np.array([1.0]), np.array(0.0), 1.0, False)
     usual = alternative.log_bayes_factor(np.array([1.0]), np.array(191.0), 1.0, False)
     assert small == pytest.approx(float(usual)) and small < 0.5
