@@ -156,6 +156,7 @@ class _Fits:
     ):
         self.problem, self.comparison = problem, comparison
         self.name, self.spreads, self.effects = candidate.name, candidate.spreads, [*effects, candidate.effect]
+        self.one_sided = candidate.effect.one_sided and not candidate.discrete
         outside = candidate.name in screening.outside
         self.mask = fitted_by(problem, outside)
         self.noise = comparison.noise(problem, self.mask)
@@ -221,7 +222,7 @@ class _Fits:
         mean, deviation = self.objective.prior
         away = ((free - mean) / deviation)[self.own]
         widest = log_occam_factor(changes[:, ~self.own], changes[:, self.own])
-        return widest + log_spread_factor(away, covariance, self.spreads)
+        return widest + log_spread_factor(away, covariance, self.spreads, self.one_sided)
 
     @cached_property
     def _whole(self) -> NoiseModel:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 LEVEL = 0.01
 """Probability that a diagnosis names anything where nothing is missing: an invented effect costs a user more than a
@@ -96,20 +97,27 @@ def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
     return half_log_volume(others) - half_log_volume(np.concatenate((others, own), axis=1))
 
 
-def log_spread_factor(mean: np.ndarray, covariance: np.ndarray, spreads: Sequence[float]) -> float:
+def log_spread_factor(
+    mean: np.ndarray, covariance: np.ndarray, spreads: Sequence[float], one_sided: bool = False
+) -> float:
     """Logarithm of by how much coefficients are more probable with a prior of several spreads, equally probable, than
     with one of N(0, 1): the mean of the ratio of the two priors over the normal posterior under the latter.
 
     Args:
         mean, covariance: of that posterior (m,), (m, m)
         spreads: standard deviations
+        one_sided: whether the (only) coefficient is positive: its prior is twice as dense there, and zero elsewhere
     """
     factors = []
     for spread in spreads:
         excess = 1 / spread**2 - 1
         wider = np.eye(len(mean)) + excess * covariance
-        square = excess * mean @ np.linalg.solve(wider, mean)
-        factors.append(-len(mean) * np.log(spread) - 0.5 * (np.linalg.slogdet(wider)[1] + square))
+        centre = np.linalg.solve(wider, mean)
+        factor = -len(mean) * np.log(spread) - 0.5 * (np.linalg.slogdet(wider)[1] + excess * mean @ centre)
+        if one_sided:
+            deviate = centre[0] * np.sqrt(wider[0, 0] / covariance[0, 0])
+            factor += np.log(2) + norm.logcdf(deviate)
+        factors.append(factor)
     return float(logsumexp(factors) - np.log(len(factors)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from pacnerf_lpo.inference.decision import (
     DECISIVE,
@@ -118,3 +118,20 @@ def test_a_prior_of_several_spreads_against_the_evidence_of_each():
     expected = logsumexp([evidence(spread) for spread in spreads]) - np.log(3) - evidence(1.0)
     assert log_spread_factor(covariance @ changes.T @ y, covariance, spreads) == pytest.approx(expected)
     assert log_spread_factor(covariance @ changes.T @ y, covariance, (1.0,)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_one_sided_prior_of_several_spreads_against_the_evidence_by_quadrature():
+    random, spreads = np.random.default_rng(6), (0.05, 0.3, 1.0)
+    column = 4.0 * random.standard_normal(30)
+    y = 0.1 * column + random.standard_normal(30)
+    variance = 1 / (1 + column @ column)
+    values = np.linspace(-3.0, 3.0, 60_001)
+    likelihood = np.exp(values * (column @ y) - values**2 * (column @ column) / 2)
+
+    def evidence(spread: float, sides: int) -> float:
+        prior = norm.pdf(values, scale=spread) * (values > 0 if sides == 1 else 0.5)
+        return float((2 * prior * likelihood).sum())
+
+    expected = np.log(np.mean([evidence(spread, 1) for spread in spreads]) / evidence(1.0, 2))
+    mean, covariance = np.array([variance * (column @ y)]), np.array([[variance]])
+    assert log_spread_factor(mean, covariance, spreads, one_sided=True) == pytest.approx(expected, abs=1e-3)
