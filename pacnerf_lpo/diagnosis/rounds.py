@@ -102,13 +102,15 @@ class Verdict:
 
 
 def verdict(rounds: list[Round]) -> Verdict:
-    """The verdict: what was accepted, unless what is left can only be physics that no known effect makes."""
+    """The verdict: what was accepted, unless a smooth force is left that no known effect makes. Where the model leaves
+    more than it predicts, and no force either explains that, the effects stay named, and the rest is said to be left.
+    """
     last, names = rounds[-1], accepted_names(rounds)
     more_than_noise = leaves_more(last) or any(discrepancy_wins(last, name) for name in (FORCE, SHAPE))
     share = removed_share(rounds[0], last) if names else None
     if not last.finished and not names:
         return Verdict("unfinished", [], more_than_noise, None)
-    if unknown_wins(last):
+    if discrepancy_wins(last, FORCE) or (unknown_wins(last) and not names):
         return Verdict("unknown", names, True, share)
     if not names:
         return Verdict("nothing", [], more_than_noise, None)

@@ -35,6 +35,12 @@ DRAG, SHIFT = refit("LinearDrag"), refit("CameraShift@2")
             ["LinearDrag"],
             True,
         ),
+        (  # no force explains what is left
+            [round_of(accepted=DRAG, screened=KNOWN), round_of(screened=KNOWN, held=(1e-3, 3.0))],
+            "missing",
+            ["LinearDrag"],
+            True,
+        ),
         ([round_of(accepted=DRAG, screened=PUSHED), round_of(screened=PUSHED)], "unknown", ["LinearDrag"], True),
         ([round_of(accepted=SHIFT, screened=QUIET), round_of(screened=QUIET)], "camera", ["CameraShift@2"], False),
         (

@@ -28,8 +28,8 @@ def interval(name: str, low: float, value: float, high: float) -> dict:
     return {"name": name, "low": low, "value": value, "high": high}
 
 
-def scored(name: str, factor: float, p_value: float = 0.5) -> dict:
-    return {"name": name, "log_bayes_factor": factor, "p_value": p_value}
+def scored(name: str, factor: float, p_value: float = 0.5, **more: float) -> dict:
+    return {"name": name, "log_bayes_factor": factor, "p_value": p_value, **more}
 
 
 TABLE = [interval("E", 0.9e5, 1e5, 1.1e5), interval("nu", 0.1, 0.15, 0.2), interval("v_x", 0.1, 0.2, 0.3)]
@@ -96,7 +96,7 @@ def rows(outcomes: list[Outcome]) -> list[str]:
 FIRST = round_of(
     "QuadraticDrag",
     ("QuadraticDrag", "LinearDrag"),
-    (scored("LinearDrag", 30.0, 1e-5), scored("QuadraticDrag", 31.0, 1.23456e-6)),
+    (scored("LinearDrag", 31.0, 1.23456e-6, log_odds=-1.0), scored("QuadraticDrag", 30.0, 1e-5, log_odds=0.0)),
     (scored("GravityMagnitude", 25.0, 1e-4), scored("LinearDrag", 24.0), scored("UniformForce", 26.0)),
 )
 LAST = round_of(table=(interval("drag", 0.8, 0.9, 1.1),))

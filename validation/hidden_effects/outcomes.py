@@ -27,7 +27,8 @@ class Outcome:
     kind: of the verdict: nothing, missing, camera, unknown, unfinished; ``failed`` where there is none.
     named: effects that the verdict names, in order.
     classes: for each of them, the names that the recording does not tell apart from it, itself first.
-    ranking: first names of the first round: its refits by log Bayes factor, then its other candidates by theirs.
+    ranking: first names of the first round: its refits by their odds, by which a verdict chooses and the report lists
+        them, then its other candidates by their Bayes factors.
     p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
     more_than_noise: whether the verdict says that what is left is more than the model predicts.
     covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
@@ -120,8 +121,9 @@ def outcome(scene: Path) -> Outcome | None:
 
 def _ranking(first: dict) -> tuple[str, ...]:
     screened = [] if first["screen"] is None else first["screen"]["candidates"]
-    ranked = [sorted(entries, key=lambda entry: -entry["log_bayes_factor"]) for entries in (first["refits"], screened)]
-    return tuple(dict.fromkeys(entry["name"] for entries in ranked for entry in entries))
+    refitted = sorted(first["refits"], key=lambda again: -again["log_odds"])
+    others = sorted(screened, key=lambda candidate: -candidate["log_bayes_factor"])
+    return tuple(dict.fromkeys(entry["name"] for entry in (*refitted, *others)))
 
 
 def _smallest(first: dict) -> float | None:
