@@ -330,7 +330,7 @@ class _Diagnosis:
                 wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
                 if wanted and more_than_noise(found, refits, size):
                     attempt(candidate, searched)
-        return against_the_best(self.problem, refits, screening), simulated[0]
+        return against_the_best(refits, screening), simulated[0]
 
     def _effort(self, steps: Sequence[str], simulated: float) -> dict[str, float]:
         """Seconds of some steps together, and the number of their simulations."""
@@ -387,13 +387,13 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
     return len(rounds) - 1, known
 
 
-def against_the_best(problem: Problem, refits: Sequence[Refit], screening: Screening) -> list[Refit]:
+def against_the_best(refits: Sequence[Refit], screening: Screening) -> list[Refit]:
     """Refits against the best optimum of the model without them that any of those to the same data has found."""
-    found, size = [], int(problem.usable.sum())
+    found = []
     for again in refits:
         same = [other for other in refits if (other.name in screening.outside) == (again.name in screening.outside)]
         least = min(same, key=lambda other: other.cost_without)
-        found.append(again.against(least.cost_without, least.held_without, size, screening))
+        found.append(again.against(least.cost_without, least.held_without, screening))
     return found
 
 

@@ -24,6 +24,7 @@ from pacnerf_lpo.inference.decision import (
     DECISIVE,
     LEVEL,
     Contender,
+    believed,
     log_bayes_factor,
     log_occam_factor,
     log_spread_factor,
@@ -56,6 +57,7 @@ class Refit:
     p_value: of the whole procedure.
     notes: sentences about estimates at a bound or far from what was expected.
     simulated: simulations that it took.
+    sizes: numbers of the data that it is fitted to, and of all.
     better: values at which the model without the effect is decisively better than where it was fitted, found from where
         this fit ended [SI]; None: there are none.
     """
@@ -73,6 +75,7 @@ class Refit:
     p_value: float
     notes: tuple[str, ...]
     simulated: int
+    sizes: tuple[int, int]
     better: dict[str, float] | None = None
 
     @property
@@ -80,13 +83,13 @@ class Refit:
         """As a decision sees it."""
         return Contender(self.name, self.cost + self.held.cost, self.occam + self.held.occam, self.p_value)
 
-    def against(self, cost_without: float, held_without: Prediction, size: int, screening: Screening) -> Refit:
-        """The same against another optimum of the model without the effect, and what that predicts, of so many data in
-        all.
-        """
+    def against(self, cost_without: float, held_without: Prediction, screening: Screening) -> Refit:
+        """The same against another optimum of the model without the effect, and what that predicts."""
         scale, without = screening.scale(self.name), cost_without + held_without.cost
         occam = self.occam + self.held.occam - held_without.occam
-        factor = log_bayes_factor(without, self.cost + self.held.cost, size, occam, scale)
+        fitted = log_bayes_factor(cost_without, self.cost, self.sizes[0], self.occam, scale)
+        whole = log_bayes_factor(without, self.cost + self.held.cost, self.sizes[1], occam, scale)
+        factor = float(believed(whole, fitted))
         p_value = screening.p_value(factor)
         again = replace(self, cost_without=cost_without, held_without=held_without)
         return replace(again, log_bayes_factor=factor, p_value=p_value)
@@ -139,7 +142,7 @@ def refit(
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         without = better_null(*null, fits.seen(best))
         again = replace(again, better=without.known, simulated=again.simulated + without.rollouts)
-        again = again.against(without.cost, without.held or again.held_without, fits.whole_size, screening)
+        again = again.against(without.cost, without.held or again.held_without, screening)
     return again
 
 
@@ -164,7 +167,7 @@ class _Fits:
         self.model = problem.model(self.effects, {**comparison.known, **candidate.effect.guess})
         self.objective = StandardisedObjective(problem, self.model, self.mask, self.noise)
         self.own = np.isin(self.model.names, list(candidate.effect.parameters))
-        self.size, self.whole_size = int(self.mask.sum()), int(problem.usable.sum())
+        self.size = int(self.mask.sum())
 
     def best(
         self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, thorough: bool
@@ -204,9 +207,10 @@ class _Fits:
         suspect = tuple(notes(self.model, best.free, mean, deviation))
         held = self._predicted(*self.objective.seen(best), deviation)
         held_without = self._predicted(self.comparison.residual, self.comparison.jacobian, self.comparison.deviation)
-        rest = occam, held_without, held, 1.0, suspect, rollouts
+        sizes = self.size, int(self.problem.usable.sum())
+        rest = occam, held_without, held, 1.0, suspect, rollouts, sizes
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
-            self.without, held_without, self.whole_size, screening
+            self.without, held_without, screening
         )
 
     def _log_occam_factor(self, free: np.ndarray, jacobian: np.ndarray, scale: float) -> float:

@@ -13,9 +13,9 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each
-from pacnerf_lpo.inference.calibration import Calibration, calibrate
+from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate
 from pacnerf_lpo.inference.classes import correlation
-from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.decision import LEVEL, believed
 from pacnerf_lpo.inference.evidence import Alternative, Score, score
 from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -117,30 +117,23 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     mask = problem.usable
     hypotheses = [*probes.hypotheses, *discrepancies(comparison, mask)]
     noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-    calibration = calibrate(noise, hypotheses, LEVEL)
+    inside, outside = (
+        Fitted(entries[mask], comparison.marginal(problem, entries))
+        for entries in (fitted_by(problem, False), fitted_by(problem, True))
+    )
+    fitted = [outside if one.name in probes.outside else inside for one in hypotheses]
+    calibration = calibrate(noise, hypotheses, fitted, LEVEL)
     usual = usual_faults(noise, residual, hypotheses, calibration.scales)
     scales = {name: s * usual.get(name, 1.0) for name, s in calibration.scales.items()}
-    found = [score(noise, residual, one, scales[one.name]) for one in hypotheses]
-    scores = [replace(one, signature=_whole(one.signature, mask)) for one in found]
-    scores = unfitted(problem, comparison, scores, scales)
+    scores = []
+    for one, part in zip(hypotheses, fitted, strict=True):
+        found = score(noise, residual, one, scales[one.name])
+        own = score(part.noise, residual[part.rows], part.of(one), scales[one.name]).log_bayes_factor
+        factor = float(believed(found.log_bayes_factor, own))
+        scores.append(replace(found, log_bayes_factor=factor, signature=_whole(found.signature, mask)))
     scores.sort(key=lambda one: -one.log_bayes_factor)
     signatures = np.stack([one.signature for one in scores])
     return Screening(scores, replace(calibration, scales=scales), probes.outside, correlation(signatures))
-
-
-def unfitted(
-    problem: Problem, comparison: Comparison, scores: Sequence[Score], scales: Mapping[str, float]
-) -> list[Score]:
-    """Scores in which what is no effect of the catalogue, and is never fitted, has the log Bayes factor of the fitted
-    data where that is less than that of all: what was held out may speak against it, not for it.
-    """
-    mask = problem.fitted
-    noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-    of_fitted = {
-        one.name: score(noise, residual, one, scales[one.name]).log_bayes_factor
-        for one in discrepancies(comparison, mask)
-    }
-    return [replace(one, log_bayes_factor=min(one.log_bayes_factor, of_fitted.get(one.name, np.inf))) for one in scores]
 
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:

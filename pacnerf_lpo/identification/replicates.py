@@ -132,32 +132,43 @@ def _typical_square(values: np.ndarray) -> float:
     return float(of_views[:kept].mean())
 
 
-def distorted(body: Body, sigma: float, random: np.random.Generator) -> Body:
+def distorted(body: Body, sigma: float, random: np.random.Generator, reference: Body | None = None) -> Body:
     """The body with its surface moved by about ``sigma`` [m], by an affine part and by places that move on their own,
     and with a matter that is denser on one side than on the other.
+
+    Args:
+        body: to distort.
+        sigma: root mean square of the displacement.
+        random: of the distortion.
+        reference: another sampling of the body, whose particles say where its places are; None: the body. With the
+            same reference and random numbers, all samplings are distorted alike.
     """
-    positions = body.positions
-    centre = positions.mean(0)
-    extent = float((positions.amax(0) - positions.amin(0)).norm()) / 2
-    relative = (positions - centre) / extent
-    strain = torch.tensor(random.standard_normal((3, 3)), dtype=positions.dtype)
-    places = bumps(body)
-    moves = torch.tensor(random.standard_normal((len(places), 3)), dtype=positions.dtype)
-    moved = relative @ (strain + strain.T) / 2 + places.T @ moves
-    moved = moved - moved.mean(0)
-    size = moved.square().sum(1).mean().sqrt().clamp_min(1e-9)
-    lean = relative @ torch.tensor(random.standard_normal(3), dtype=positions.dtype)
-    fraction = (body.fraction * (1 + DENSITY_ERROR * lean)).clamp_min(0.1 * body.fraction.min())
-    return Body(positions + moved * (sigma / size), fraction, body.spacing)
+    reference = body if reference is None else reference
+    centre = reference.positions.mean(0)
+    extent = float((reference.positions.amax(0) - reference.positions.amin(0)).norm()) / 2
+    dtype, count = body.positions.dtype, min(PLACES, len(reference.positions))
+    strain, moves, lean = (
+        torch.tensor(random.standard_normal(shape), dtype=dtype) for shape in ((3, 3), (count, 3), (3,))
+    )
+
+    def field(positions: Tensor) -> Tensor:
+        return (positions - centre) / extent @ (strain + strain.T) / 2 + bumps(reference, positions).T @ moves
+
+    there = field(reference.positions)
+    size = (there - there.mean(0)).square().sum(1).mean().sqrt().clamp_min(1e-9)
+    moved = (field(body.positions) - there.mean(0)) * (sigma / size)
+    denser = 1 + DENSITY_ERROR * ((body.positions - centre) / extent @ lean)
+    fraction = (body.fraction * denser).clamp_min(0.1 * body.fraction.min())
+    return Body(body.positions + moved, fraction, body.spacing)
 
 
-def bumps(body: Body) -> Tensor:
-    """Gaussians of height 1 around places all over a body, at its particles [(K, N)]; none is narrower than a node
-    spacing, as no grid would resolve it.
+def bumps(body: Body, positions: Tensor) -> Tensor:
+    """Gaussians of height 1 around places all over a body, at some positions [m, (N, 3)], (K, N); none is narrower than
+    a node spacing, as no grid would resolve it.
     """
     places, reach = spread(body.positions, min(PLACES, len(body.positions)))
     width = max(BUMP * reach, body.spacing)
-    return (-0.5 * torch.cdist(places, body.positions).square() / width**2).exp()
+    return (-0.5 * torch.cdist(places, positions).square() / width**2).exp()
 
 
 def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:

@@ -129,7 +129,7 @@ def wrong_bodies(problem: StateProblem, sigma: float) -> Iterator[Body]:
                 return sigma * polynomials(points, body.positions)[order][number]
 
             yield problem.thinned(offset)
-    for bump in bumps(body):
+    for bump in bumps(body, body.positions):
         for axis in axes:
             yield Body(body.positions + LOCAL * sigma * bump[:, None] * axis, body.fraction, body.spacing)
     for lean in (*linear, torch.stack(quadratic[:3]).sum(0)):

@@ -9,11 +9,12 @@ correlated hypotheses is simulated as a whole.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
+from pacnerf_lpo.inference.decision import believed
 from pacnerf_lpo.inference.evidence import Alternative
 from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -25,6 +26,28 @@ DRAWS = 5000
 """Simulated selections: a p-value of 0.01 is found to a seventh of itself."""
 TAIL_DRAWS = 25
 """Fewer simulated maxima than this beyond a score: the p-value is extrapolated."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The data among all that a hypothesis is fitted to.
+
+    rows: which of all data [(D,), bool]
+    noise: of these, with the fitted parameters and the discrepancies among its directions
+    """
+
+    rows: np.ndarray
+    noise: NoiseModel
+
+    def of(self, hypothesis: Hypothesis) -> Hypothesis:
+        """What a hypothesis about all data says of these."""
+        return replace(hypothesis, alternatives=tuple(change[self.rows] for change in hypothesis.alternatives))
+
+    def among_all(self, whole: NoiseModel, axes: np.ndarray) -> np.ndarray:
+        """Directions of these data, standardised by their own noise, among all, standardised by the whole (D, m)."""
+        found = np.zeros((len(self.rows), axes.shape[1]))
+        found[self.rows] = self.noise.adjoint(axes)
+        return whole.inverse_adjoint(found)
 
 
 @dataclass(frozen=True)
@@ -61,19 +84,22 @@ class Calibration:
         )
 
 
-def calibrate(noise: NoiseModel, hypotheses: Sequence[Hypothesis], level: float, seed: int = 0) -> Calibration:
+def calibrate(
+    noise: NoiseModel, hypotheses: Sequence[Hypothesis], fitted: Sequence[Fitted], level: float, seed: int = 0
+) -> Calibration:
     """Scales, threshold and null distribution for all hypotheses of one decision.
 
     Args:
         noise: of the residual, with the fitted parameters and the discrepancies among its directions
         hypotheses: all that compete, camera faults and discrepancies included
+        fitted: the data that each of them is fitted to
         level: family-wise false-alarm rate
         seed: of the simulated selections
     """
     names = [hypothesis.name for hypothesis in hypotheses]
     scales = dict(zip(names, moderated_scales(left_out_squares(noise, hypotheses)).tolist(), strict=True))
     dof = len(noise.replicates) - 1 + LENDING / 2
-    draws = np.sort(_simulated_maxima(noise, hypotheses, scales, dof, seed))
+    draws = np.sort(_simulated_maxima(noise, hypotheses, fitted, scales, dof, seed))
     return Calibration(scales, dof, level, float(np.quantile(draws, 1 - level)), draws)
 
 
@@ -103,20 +129,35 @@ def moderated_scales(squares: np.ndarray) -> np.ndarray:
 
 
 def _simulated_maxima(
-    noise: NoiseModel, hypotheses: Sequence[Hypothesis], scales: Mapping[str, float], dof: float, seed: int
+    noise: NoiseModel,
+    hypotheses: Sequence[Hypothesis],
+    fitted: Sequence[Fitted],
+    scales: Mapping[str, float],
+    dof: float,
+    seed: int,
 ) -> np.ndarray:
     """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
-    found, random = Alternative.of_all(noise, hypotheses), np.random.default_rng(seed)
-    basis = np.linalg.qr(np.concatenate([a.axes for tried in found for a in tried], axis=1))[0]
+    whole = Alternative.of_all(noise, hypotheses)
+    parts = [Alternative.of_all(part.noise, [part.of(one)])[0] for one, part in zip(hypotheses, fitted, strict=True)]
+    axes = [
+        [(a.axes, part.among_all(noise, b.axes)) for a, b in zip(tried, own, strict=True)]
+        for tried, own, part in zip(whole, parts, fitted, strict=True)
+    ]
+    basis = np.linalg.qr(np.concatenate([one for tried in axes for pair in tried for one in pair], axis=1))[0]
+    random = np.random.default_rng(seed)
     heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
     residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]
-    outside = random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS)
+    squares = random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS) + (residuals**2).sum(1)
+
+    def factor(alternative: Alternative, directions: np.ndarray, one: Hypothesis) -> np.ndarray:
+        u, share = residuals @ (basis.T @ directions), len(alternative.axes) / len(basis)
+        scale = scales[one.name]
+        return alternative.log_bayes_factor(scale * u, share * squares - (u**2).sum(1), scale, one.one_sided)
+
     largest = np.full(DRAWS, -np.inf)
-    for hypothesis, tried in zip(hypotheses, found, strict=True):
-        s, factors = scales[hypothesis.name], []
-        for alternative in tried:
-            u = s * residuals @ (basis.T @ alternative.axes)
-            rest = outside + (residuals**2).sum(1) - (u / s) ** 2 @ np.ones(u.shape[1])
-            factors.append(alternative.log_bayes_factor(u, rest, s, hypothesis.one_sided))
-        largest = np.maximum(largest, logsumexp(factors, axis=0) - np.log(len(tried)))
+    for one, tried, own, pairs in zip(hypotheses, whole, parts, axes, strict=True):
+        of_all = [factor(a, directions, one) for a, (directions, _) in zip(tried, pairs, strict=True)]
+        of_part = [factor(b, directions, one) for b, (_, directions) in zip(own, pairs, strict=True)]
+        mean_of = [logsumexp(factors, axis=0) - np.log(len(tried)) for factors in (of_all, of_part)]
+        largest = np.maximum(largest, believed(*mean_of))
     return largest

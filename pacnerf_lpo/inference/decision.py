@@ -87,6 +87,17 @@ def log_bayes_factor(cost_without: float, cost: float, size: int, occam: float, 
     return size / 2 * float(np.log1p(gain / max(cost, float(size)))) + occam
 
 
+def believed(whole: np.ndarray | float, fitted: np.ndarray | float) -> np.ndarray:
+    """Log Bayes factors of all data, as far as they are believed: what was held out adds to what the fitted data say
+    for a hypothesis, and may speak against it. Where those say nothing for it, it has no more than they say: errors of
+    a motion grow in time, and where it was not fitted it shows more of them than replicates do.
+
+    Args:
+        whole, fitted: of all data, and of the fitted ones (...)
+    """
+    return np.where(np.asarray(fitted) > 0, whole, np.minimum(whole, fitted))
+
+
 def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
     """Logarithm of the part of the prior of a hypothesis' coefficients that the data leave.
 

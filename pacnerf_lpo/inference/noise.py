@@ -178,6 +178,18 @@ class NoiseModel:
         """W (r - mean) (D,): standard normal where the null model holds."""
         return self.whiten(residual - self.mean)
 
+    def adjoint(self, values: np.ndarray) -> np.ndarray:
+        """W^T x (D,) or (D, m)."""
+        shorter = (1 / np.sqrt(1 + self.weights**2) - 1) * self.basis
+        turned = values + shorter @ (self.basis.T @ values)
+        return self.series.multiply(self.whitener.transpose(0, 2, 1), turned) / np.sqrt(1 + 1 / len(self.replicates))
+
+    def inverse_adjoint(self, values: np.ndarray) -> np.ndarray:
+        """W^-T x (D,) or (D, m)."""
+        longer = (np.sqrt(1 + self.weights**2) - 1) * self.basis
+        turned = self.series.multiply(np.linalg.inv(self.whitener).transpose(0, 2, 1), values)
+        return (turned + longer @ (self.basis.T @ turned)) * np.sqrt(1 + 1 / len(self.replicates))
+
     def with_directions(self, changes: np.ndarray) -> NoiseModel:
         """The same with further known errors, one column for each of one standard deviation (D, M)."""
         directions = np.concatenate((self.directions, changes), axis=1)

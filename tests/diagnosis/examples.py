@@ -59,6 +59,7 @@ def refit(name: str, **changes: Any) -> Refit:
         "p_value": 1e-4,
         "notes": ("a note",),
         "simulated": 12,
+        "sizes": (120, 180),
     }
     return Refit(**{**values, **changes})
 

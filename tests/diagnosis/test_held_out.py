@@ -28,11 +28,13 @@ def diagnosed(problem: falling.Falling, folder) -> list[Round]:
 
 
 def test_held_out_data_count_as_the_fitted_ones_do():
-    """They may speak for an effect, against it, and against parameters that they would have to determine."""
+    """They may speak for an effect, against it, and against parameters that they would have to determine; alone, they
+    name nothing.
+    """
     found, judged = refit("LinearDrag"), screening(LinearDrag=9.0)
 
     def scored(with_it: Prediction, without: Prediction) -> Refit:
-        return replace(found, held=with_it).against(200.0, without, SIZE, judged)
+        return replace(found, held=with_it).against(200.0, without, judged)
 
     alike = scored(Prediction(80.0, 0.0), Prediction(80.0, 0.0))
     better, worse = scored(Prediction(30.0, 0.0), Prediction(80.0, 0.0)), scored(Prediction(160.0, 0.0), alike.held)
@@ -41,6 +43,8 @@ def test_held_out_data_count_as_the_fitted_ones_do():
     assert worse.log_bayes_factor < alike.log_bayes_factor - 10 and worse.p_value > alike.p_value
     wider = scored(Prediction(80.0, -40.0), alike.held)
     assert wider.log_bayes_factor == pytest.approx(alike.log_bayes_factor - 40)
+    alone = replace(found, cost=199.0, held=Prediction(10.0, 0.0)).against(200.0, alike.held, judged)
+    assert alone.log_bayes_factor < found.occam + 1.0 and alone.p_value > 0.4
 
 
 def test_of_two_effects_that_fit_as_well_the_one_that_predicts_is_named():

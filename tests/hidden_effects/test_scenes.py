@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
 from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.inference.decision import LEVEL
@@ -47,6 +48,20 @@ def test_the_video_is_that_of_the_truth_and_the_model_starts_elsewhere(scenes):
     far = np.nanstd(problem.residual(guess.predict(guess.start))[..., :2])
     assert close < 0.5 * far  # centroids: true values on a coarser grid beat the first guess
     assert problem.fitted.any(axis=(1, 2)).sum() == TINY.views - TINY.held
+
+
+def test_every_sampling_of_the_body_is_distorted_alike(scenes):
+    """Replicates of a body are samplings of it, and no other bodies."""
+    problem = KnownShape.read(scenes[NULL])
+
+    def moved(spacing: float, seed: int) -> np.ndarray:
+        """Displacements of the particles nearest to some of the coarse ones."""
+        plain, sampled = problem._undistorted(spacing, seed), problem.sample(spacing, seed)
+        distance = torch.cdist(problem._reference.positions[::10], plain.positions)
+        return (sampled.positions - plain.positions)[distance.argmin(1)].numpy()
+
+    coarse, fine = moved(problem.spacing, 0), moved(0.6 * problem.spacing, 7)
+    assert np.linalg.norm(coarse - fine) < 0.35 * np.linalg.norm(coarse)
 
 
 def test_scenes_are_drawn_once_and_alike(scenes, tmp_path):

@@ -127,12 +127,12 @@ def test_a_distorted_body_moves_by_so_much_and_more_finely_than_it_bends(ball):
         assert float(moved.square().sum(1).mean().sqrt()) == pytest.approx(SIGMA, rel=1e-4)
         left = moved - smooth @ torch.linalg.lstsq(smooth, moved).solution
         assert float(left.square().sum() / moved.square().sum()) > 0.05
-    assert bumps(body).shape == (PLACES, len(body.positions))
+    assert bumps(body, body.positions).shape == (PLACES, len(body.positions))
 
 
 def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
     few = Body(ball.coarse_body.positions[:5], torch.ones(5), DX)
-    places = bumps(few)
+    places = bumps(few, few.positions)
     assert places.shape == (5, 5) and torch.isfinite(places).all()
     distances = torch.cdist(few.positions, few.positions).flatten().sort().values
     assert torch.allclose(places.flatten().sort().values, (-0.5 * distances.flip(0) ** 2 / DX**2).exp(), atol=1e-5)

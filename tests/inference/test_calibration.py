@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, kstest
 
 from pacnerf_lpo.inference import calibration
-from pacnerf_lpo.inference.calibration import Calibration, calibrate, moderated_scales
-from pacnerf_lpo.inference.decision import LEVEL
-from pacnerf_lpo.inference.evidence import Score, score
+from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, moderated_scales
+from pacnerf_lpo.inference.decision import LEVEL, believed
+from pacnerf_lpo.inference.evidence import Alternative, Score, score
 from tests.inference import toy
 
 HYPOTHESES = toy.hypotheses()
@@ -31,7 +31,7 @@ def recordings() -> list[tuple[list[float], float, str]]:
         patch.setattr(calibration, "DRAWS", DRAWS)
         for _ in range(MODELS):
             noise = toy.learnt(rng, 10)
-            calibrated = calibrate(noise, HYPOTHESES, LEVEL)
+            calibrated = calibrate(noise, HYPOTHESES, toy.all_fitted(noise, len(HYPOTHESES)), LEVEL)
 
             def best(strength: float, noise=noise, calibrated=calibrated) -> tuple[float, str]:
                 moved = toy.PRIOR * toy.jacobian() @ rng.standard_normal(toy.jacobian().shape[1])
@@ -63,6 +63,37 @@ def test_a_strong_effect_or_one_that_resembles_it_is_named(recordings):
     assert sum(named) >= binom.ppf(CHANCE, MODELS, 0.97)
 
 
+def test_p_values_hold_where_a_part_is_held_out():
+    """Two views, and the last frames of the others; scored and simulated by the same rule."""
+    rng, world = np.random.default_rng(2), toy.World()
+    layout = toy.layout()
+    rows = (layout.view < 2) & (layout.frame < toy.FRAMES - 2)
+    drawn = world.draw(rng, 40)
+    whole, part = toy.of_rows(drawn, np.ones_like(rows)), toy.of_rows(drawn, rows)
+    fitted = Fitted(rows, part)
+    calibrated = calibrate(whole, HYPOTHESES, [fitted] * len(HYPOTHESES), LEVEL)
+
+    def p_value() -> float:
+        measured = world.draw(rng, 1)[0] + toy.PRIOR * toy.jacobian() @ rng.standard_normal(5)
+        factors = []
+        for one in HYPOTHESES:
+            scale = calibrated.scales[one.name]
+            of_all = score(whole, measured, one, scale).log_bayes_factor
+            factors.append(believed(of_all, score(part, measured[rows], fitted.of(one), scale).log_bayes_factor))
+        return calibrated.p_value(float(max(factors)))
+
+    p_values = [p_value() for _ in range(100)]
+    assert kstest(p_values, "uniform", alternative="greater").pvalue > CHANCE  # not too many small ones
+    assert 0.3 < np.median(p_values) < 0.8
+    seen = fitted.among_all(whole, Alternative.of_all(part, [fitted.of(HYPOTHESES[0])])[0][0].axes)
+    assert np.linalg.norm(seen, axis=0) == pytest.approx(1.0, abs=0.2)  # a deviate is one, whichever way it is counted
+
+
+def test_held_out_data_add_to_the_fitted_ones_and_name_nothing_alone():
+    whole, fitted = np.array([9.0, 9.0, -3.0, -3.0]), np.array([2.0, -1.0, -1.0, 2.0])
+    assert believed(whole, fitted).tolist() == [9.0, -1.0, -3.0, -3.0]
+
+
 def test_a_p_value_is_the_share_of_simulated_maxima_beyond_and_falls_on_as_a_power():
     draws = np.sort(np.random.default_rng(1).exponential(size=10_000))
     told = Calibration({}, 10.0, 0.01, float(np.quantile(draws, 0.99)), draws)
@@ -91,7 +122,8 @@ def test_the_threshold_rises_with_the_number_of_hypotheses():
     """The same one twice costs nothing, but for another draw of the dispersion; twelve more cost their odds."""
     noise = toy.learnt(np.random.default_rng(3), 12)
     alone, twice, all_ = (
-        calibrate(noise, chosen, 0.05).threshold for chosen in (HYPOTHESES[:1], HYPOTHESES[:1] * 2, HYPOTHESES)
+        calibrate(noise, chosen, toy.all_fitted(noise, len(chosen)), 0.05).threshold
+        for chosen in (HYPOTHESES[:1], HYPOTHESES[:1] * 2, HYPOTHESES)
     )
     assert twice == pytest.approx(alone, abs=0.2) and all_ > alone + 1.0
 

@@ -25,6 +25,8 @@ def test_whitening_inverts_the_covariance():
     whitener, whole = noise.whiten(np.eye(SIZE)), covariance(noise)
     np.testing.assert_allclose(whitener @ whole @ whitener.T, np.eye(SIZE), atol=1e-9)
     assert (np.sqrt(np.diag(whole)) >= toy.SENSOR).all()
+    np.testing.assert_allclose(noise.adjoint(np.eye(SIZE)), whitener.T, atol=1e-9)
+    np.testing.assert_allclose(noise.inverse_adjoint(noise.adjoint(np.eye(SIZE))), np.eye(SIZE), atol=1e-9)
 
 
 def test_directions_add_their_outer_product_to_the_covariance():

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pacnerf_lpo.inference.calibration import Fitted
 from pacnerf_lpo.inference.hypotheses import Hypothesis
 from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -122,9 +123,18 @@ PRIOR = 5.0
 
 def learnt(rng: np.random.Generator, count: int, world: World | None = None) -> NoiseModel:
     """The noise model of a comparison: from replicates, with the fitted parameters among its directions."""
-    sensor = np.full(len(layout()), SENSOR)
-    drawn = (world or World()).draw(rng, count)
-    return NoiseModel.from_replicates(drawn, sensor, layout(), PRIOR * jacobian())
+    return of_rows((world or World()).draw(rng, count), np.ones(len(layout()), bool))
+
+
+def of_rows(drawn: np.ndarray, rows: np.ndarray) -> NoiseModel:
+    """The noise model of some of the data [(D,), bool], from replicates (T, D)."""
+    sensor = np.full(int(rows.sum()), SENSOR)
+    return NoiseModel.from_replicates(drawn[:, rows], sensor, entries(layout(), rows), PRIOR * jacobian()[rows])
+
+
+def all_fitted(noise: NoiseModel, count: int) -> list[Fitted]:
+    """For so many hypotheses: nothing is held out."""
+    return [Fitted(np.ones(len(noise.mean), bool), noise)] * count
 
 
 def smooth(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:

@@ -61,7 +61,17 @@ class KnownShape(BodyProblem):
         return {**self.physics.guess, **self.setting.guess}
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """One particle in each cell of a lattice of spacing/2, at the centre of the matter there, distorted."""
+        """One particle in each cell of a lattice of spacing/2, at the centre of the matter there, distorted; every
+        sampling alike.
+        """
+        random = np.random.default_rng(self.setting.warp_seed)
+        return distorted(self._undistorted(spacing, seed), self.setting.warp, random, self._reference)
+
+    @cached_property
+    def _reference(self) -> Body:
+        return self._undistorted(self.setting.spacing, 0)
+
+    def _undistorted(self, spacing: float, seed: int) -> Body:
         half = spacing / 2
         shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
         reach, centre = self.setting.reach, torch.tensor(self.setting.centre, dtype=torch.float32)
@@ -72,8 +82,7 @@ class KnownShape(BodyProblem):
         solid = self.setting.inside(points.reshape(-1, 3)).float().reshape(len(points), -1)
         kept = solid.mean(1) > LEAST_FRACTION
         positions = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
-        body = Body(positions, solid.mean(1)[kept], spacing)
-        return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed))
+        return Body(positions, solid.mean(1)[kept], spacing)
 
 
 def physics_of(setting: Setting) -> Physics:
