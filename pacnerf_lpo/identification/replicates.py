@@ -12,7 +12,7 @@ from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.identification.silhouette_moments import KINDS
-from pacnerf_lpo.inference.sensor import sensor_scale
+from pacnerf_lpo.inference.sensor import MEDIAN_OF_CHI2, sensor_scale
 
 FINENESS = (0.6, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range, which is wide, so that they
@@ -115,21 +115,22 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
     views = slice(problem.views)
     sensor = problem.sensor[views, 0, :-1]
-    caused = _typical_square(beside_median(shapes - reference[views, 0, :-1]) / sensor)
+    caused = _typical_squares(beside_median(shapes - reference[views, 0, :-1]) / sensor)
     differences = problem.relative(problem.measured - reference)[views, 0, :-1]
-    measured = _typical_square(differences / sensor) - 1
-    return max(least, 2 * least * float(np.sqrt(max(measured, 0.0) / caused)))
+    measured = _typical_squares(differences / sensor) - 1
+    return max(least, 2 * least * float(np.sqrt((measured / caused).clip(min=0.0).max())))
 
 
-def _typical_square(values: np.ndarray) -> float:
-    """Variance of deviates [(..., V, K)] in which single cameras that are wrong do not count: the mean of all but the
-    worst fifth of the views. A median would not see a shape that is wrong in the directions that few cameras look in.
+def _typical_squares(values: np.ndarray) -> np.ndarray:
+    """Variance of deviates [(..., V, K)] in which single cameras that are wrong do not count: by their median square,
+    and by the mean of all but the worst fifth of the views, as a shape that few cameras have seen is wrong in some
+    directions only [(2,)].
     """
     squares = np.moveaxis(values**2, -2, 0).reshape(values.shape[-2], -1)
     squares = squares[np.isfinite(squares).any(axis=1)]
     of_views = np.sort(np.nanmean(squares, axis=1))
     kept = max(1, len(of_views) - max(1, round(SINGLE_CAMERAS * len(of_views))))
-    return float(of_views[:kept].mean())
+    return np.array([np.nanmedian(squares) / MEDIAN_OF_CHI2, of_views[:kept].mean()])
 
 
 def distorted(body: Body, sigma: float, random: np.random.Generator, reference: Body | None = None) -> Body:
