@@ -16,8 +16,9 @@ def run(name: str, arguments: str = "{}", material: Material | None = None) -> N
     """Check an effect or a material before it is fitted to anything, in a few seconds: one line for each check.
 
     Of an effect: that it is described, that nothing changes where it vanishes, that each of its probes moves a small
-    block, and that derivatives by its coefficients agree with differences. Of a material: that a body at rest stays at
-    rest, and the derivatives by its parameters.
+    block, and that derivatives by its coefficients agree with differences. Of a material: that small strains meet the
+    moduli which its parameters mean (E and nu, or mu and kappa [Pa]), that the moduli follow point.stiffness, that
+    deformation costs work, that a body at rest stays at rest, and the derivatives by its parameters.
 
     example: pacnerf-lpo check magnetic.Magnetic
 

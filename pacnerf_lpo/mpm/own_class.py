@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.one_particle import ALL_WAYS, EYE, SHEAR, SQUEEZE, OneParticle, meant_moduli
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
 
@@ -27,6 +28,8 @@ the ends make half a per cent; a gradient that is cut is another number.
 """
 SAME, SEEN = 1e-12, 1e-8
 """Metres: positions of 1 m in 64 bits, rounded some times a substep; and what is far above that."""
+NONE = 1e-6
+"""Relative to the bulk modulus: a shear modulus or a viscosity that only rounding leaves."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,10 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
 def check_material(material: Material) -> Iterator[Check]:
     """Checks of a constitutive law at its guess; raises as :func:`check_effect`."""
     yield _described(material.parameters)
+    small = list(_small_strains(material))
+    yield from small
+    if not all(check.kept for check in small):  # such a body hardly moves as one
+        return
     moved = _block(material, [], at_rest=True)({})
     away = float((moved - moved[:1]).abs().max())
     yield Check("a body at rest stays at rest", f"{away:.1e} m", away <= SAME)
@@ -84,6 +91,28 @@ def check_material(material: Material) -> Iterator[Check]:
 def _described(parameters: Mapping[str, Parameter]) -> Check:
     bad = [name for name, one in parameters.items() if name != one.name or not one.unit or not one.label]
     return Check("parameters have their name, a unit and a label", ", ".join(bad) or ", ".join(parameters), not bad)
+
+
+def _small_strains(material: Material) -> Iterator[Check]:
+    """The moduli, where parameters mean some; whether they follow the stiffness; and the sign of the stress."""
+    law, squeeze, shear = OneParticle(material), -SQUEEZE * EYE, SHEAR * ALL_WAYS
+    trials = {"bulk": (squeeze, 0.0, 3), "shear": (shear, -SQUEEZE, 2)}
+    found = {name: law.resistance(strain, before) for name, (strain, before, _) in trials.items()}
+    least = -NONE * abs(found["bulk"][0])
+    meant = meant_moduli(material)
+    for (name, (strain, _, share)), modulus in zip(trials.items(), reversed(meant or ()), strict=False):
+        (work, stress), expected = found[name], share * modulus * strain
+        off = float((stress - expected).norm() / expected.norm())
+        said = f"{work / share:.5g} Pa, the parameters mean {modulus:.5g} Pa; stress off by {100 * off:.2g} %"
+        yield Check(f"{name} modulus at small strain", said, off <= AGREE)
+    halves = {name: law.resistance(strain, before, 0.5)[0] for name, (strain, before, _) in trials.items()}
+    follows = all(abs(halves[n] - work / 2) <= AGREE * abs(work) - least for n, (work, _) in found.items())
+    said = ", ".join(f"{name} {found[name][0]:.3g} and {half:.3g} Pa" for name, half in halves.items())
+    yield Check("stress is half as large where point.stiffness is half", said, follows)
+    costs = {name: work for name, (work, _) in found.items()} | {"expansion": law.resistance(-squeeze)[0]}
+    costs |= {"flow": law.viscosity(ALL_WAYS), "flow inwards": law.viscosity(-EYE)}
+    said = "stress along strain or rate: " + ", ".join(f"{name} {work:.3g}" for name, work in costs.items())
+    yield Check("deformation costs work", said, costs["bulk"] > 0 and all(work >= least for work in costs.values()))
 
 
 def _gradients(move: Callable[[Mapping], Tensor], parameters: Mapping[str, Parameter], at: Mapping) -> Iterator[Check]:
