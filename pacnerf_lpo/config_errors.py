@@ -44,6 +44,8 @@ def find_configs(args: Sequence[str]) -> tuple[list[str], list[Path]]:
 
 def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> UserInputError:
     """The parser's complaint as one line, with the nearest right name and the place of the wrong one in the files."""
+    if isinstance(cause := cause_of(error), UserInputError):
+        return cause
     text = str(error)
     where = ".".join(re.findall(r'Parser key "([^"]+)"', text))
     for explanation in (_unknown_key, _unknown_class, _missing, _wrong_type):

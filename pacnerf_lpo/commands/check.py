@@ -1,5 +1,6 @@
 """``pacnerf-lpo check``: whether an effect or a material of one's own keeps what its class promises."""
 
+import inspect
 import json
 from importlib import import_module
 from typing import Any
@@ -53,6 +54,8 @@ def _made(name: str, arguments: str) -> Effect | Material:
         homes = [import_module(module)] if module else [effects, materials, camera_faults]
         found: Any = next((getattr(home, kind) for home in homes if hasattr(home, kind)), None)
         given = json.loads(arguments)
+    except UserInputError:
+        raise
     except (ModuleNotFoundError, ValueError) as error:
         raise UserInputError(f"check {name}: {error}; modules are looked for here and among those installed") from error
     if not (isinstance(found, type) and issubclass(found, (Effect, Material))):
@@ -60,4 +63,5 @@ def _made(name: str, arguments: str) -> Effect | Material:
     try:
         return found(**given)
     except TypeError as error:
-        raise UserInputError(f"check {name}: {error}; give its arguments with --arguments") from error
+        remedy = "write it in the class" if inspect.isabstract(found) else "give its arguments with --arguments"
+        raise UserInputError(f"check {name}: {error}; {remedy}") from error

@@ -5,7 +5,7 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from pacnerf_lpo.mpm import runtime, taichi_calls
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect, GroundEffect, InitialState, LawEffect, Softening
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.point import LocalLaws
+from pacnerf_lpo.mpm.point import LocalLaws, mistake_of
 from pacnerf_lpo.mpm.rollout import Engine, Rollout
 
 E = TypeVar("E", bound=Effect)
@@ -161,7 +161,7 @@ class Simulator:
         C = x.new_zeros(3, 3)
         for effect in of_kind(self.effects, InitialState):
             c = SimpleNamespace(**{name: values[name].to(x) for name in (*effect.parameters, *effect.constants)})
-            v, mass, stiffness = effect.apply(x, v, mass, stiffness, c)
+            v, mass, stiffness = _applied(effect, x, v, mass, stiffness, c)
             gradient = effect.velocity_gradient(c)
             C = C if gradient is None else C + gradient
         flat = torch.cat([C.reshape(9), torch.eye(3).reshape(9).to(x)]).expand(len(x), 18)
@@ -207,7 +207,7 @@ def of_kind(effects: Sequence[Effect], kind: type[E]) -> list[E]:
 
 def check_model(where: str, material: Material, ground: Ground, effects: Sequence[Effect]) -> None:
     """Raise UserInputError when two of them use one name, two effects bring a ground, or one does not suit the
-    material.
+    material, or a function returns another form than it should.
     """
     grounds = of_kind(effects, GroundEffect)
     if len(grounds) > 1:
@@ -224,6 +224,21 @@ def check_model(where: str, material: Material, ground: Ground, effects: Sequenc
     names = [*own, *ground.parameters, *(name for e in effects for name in (*e.parameters, *e.constants))]
     if twice := [name for name in names if names.count(name) > 1]:
         raise UserInputError(f"{where}: material, ground and effects have two parameters {twice[0]!r}; keep one")
+    if material.deforms:
+        laws, others = local_laws(material, ground, effects)
+        laws.try_out([*map(float, _coefficients(material).values()), *others.values()])
+    two = torch.ones(2, 3), torch.ones(2, 3), torch.ones(2), torch.ones(2)
+    for effect in of_kind(effects, InitialState):
+        given = {**effect.guess, **effect.constants}
+        _applied(effect, *two, SimpleNamespace(**{name: torch.tensor(value) for name, value in given.items()}))
+
+
+def _applied(effect: InitialState, *given: Any) -> tuple[Tensor, Tensor, Tensor]:
+    """What ``effect.apply`` returns of what it is given; raises UserInputError where the shapes are others."""
+    found = effect.apply(*given)
+    if not isinstance(found, tuple) or [getattr(x, "shape", None) for x in found] != [x.shape for x in given[1:4]]:
+        raise mistake_of(effect.apply, "has to return the tuple of velocity (N, 3), mass (N,) and stiffness (N,)")
+    return found
 
 
 def local_laws(material: Material, ground: Ground, effects: Sequence[Effect]) -> tuple[LocalLaws, dict[str, float]]:
