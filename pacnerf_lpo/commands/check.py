@@ -5,6 +5,7 @@ import json
 from importlib import import_module
 from typing import Any
 
+from pacnerf_lpo.config_errors import nearest
 from pacnerf_lpo.errors import RunError, UserInputError
 from pacnerf_lpo.mpm import effects, materials
 from pacnerf_lpo.mpm.effects import Effect
@@ -59,7 +60,9 @@ def _made(name: str, arguments: str) -> Effect | Material:
     except (ModuleNotFoundError, ValueError) as error:
         raise UserInputError(f"check {name}: {error}; modules are looked for here and among those installed") from error
     if not (isinstance(found, type) and issubclass(found, (Effect, Material))):
-        raise UserInputError(f"check {name}: there is no effect or material of this name")
+        known = [key for home in homes for key, v in vars(home).items() if inspect.isclass(v)]
+        own = "" if module else "; a class of your own has its module before it, such as magnetic.Magnetic"
+        raise UserInputError(f"check {name}: there is no effect or material of this name{own}{nearest(kind, known)}")
     try:
         return found(**given)
     except TypeError as error:

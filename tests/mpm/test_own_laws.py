@@ -61,8 +61,10 @@ class Spin(effects.InitialSpin):
 
 
 def own(kind: type, **functions: Any) -> Any:
-    """An object of a class of somebody's own with other functions."""
-    return type("Own", (kind,), {name: staticmethod(function) for name, function in functions.items()})()
+    """A material or an effect with other functions, without a class that others would see."""
+    made = kind()
+    vars(made).update(functions)
+    return made
 
 
 @pytest.mark.parametrize(
