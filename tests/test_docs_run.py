@@ -87,6 +87,10 @@ def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeyp
     assert of_video[1] == "scenes/charged" and Path("scenes/charged/scene.yaml").is_file()
     found = json.loads((tmp_path / "scenes/throws/diagnosis/diagnosis.json").read_text())
     assert found["verdict"]["effects"] == ["Magnetic"]
+    written = set(found) - {"verdict", "rounds"} | {f"verdict.{key}" for key in found["verdict"]}
+    written |= {f"rounds[].{key}" for one in found["rounds"] for key in one}
+    written |= {f"rounds[].refits[].{key}" for one in found["rounds"] for refit in one["refits"] for key in refit}
+    assert written == keys_of_formats("### diagnosis.json")
     (fitted,) = (one for one in found["rounds"][-1]["parameters"] if one["name"] == "gyration")
     assert fitted["low"] < 0.8 < fitted["high"]  # the script's k; 90 % intervals, with its one seed
     words = [word for file in ("fit", "demo", "own.yaml") for word in ("--config", file)]
@@ -117,10 +121,16 @@ def test_a_material_of_ones_own_works_as_the_page_says(
     assert material.guesses(1.0, 1.0)[1].guess == {"E": 1e5, "nu": 0.3, "s": 1.0}, "an impact changes nothing"
 
 
-def test_keys_of_formats_are_written_by_the_package():
+def keys_of_formats(heading: str) -> set[str]:
+    """Of the page about formats, from a heading on; the second of a row is next to the first."""
     text = (ROOT / "docs/formats.md").read_text()
-    keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
-    names = {name.rpartition(".")[2].removesuffix("[]") for pair in keys for name in pair if name}
+    rows = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index(heading) :], re.MULTILINE)
+    besides = {f"{first.rpartition('.')[0]}.{second}".removeprefix(".") for first, second in rows if second}
+    return {first for first, _ in rows} | besides
+
+
+def test_keys_of_formats_are_written_by_the_package():
+    names = {key.rpartition(".")[2].removesuffix("[]") for key in keys_of_formats("### results.json")}
     assert {"doubts", "verdict", "sentence", "indistinguishable"} - {"verdict"} <= names
     source = "".join(path.read_text() for path in (ROOT / "pacnerf_lpo").glob("**/*.py"))
     assert all(re.search(rf'"{name}"|\b{name}: ', source) for name in names)
