@@ -102,7 +102,7 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
         module, _, name = found[1].rpartition(".")
         looked = "modules are looked for among the installed packages and in the folder where you run the command"
         if module in sys.modules:
-            looked = f"its classes are {', '.join(own_classes(module))}{nearest(name, own_classes(module))}"
+            looked = f"see its file{nearest(name, vars(sys.modules[module]))}"
         return f"{_place(found[1], files)}{where}: {found[1]} cannot be imported: {found[2].strip()}; {looked}"
     return None
 
@@ -161,11 +161,6 @@ def _check_yaml(path: Path) -> Path:
     if content is not None and not isinstance(content, dict):
         raise UserInputError(f"{path}: expected sections such as `data:` at the top, found {type(content).__name__}")
     return path
-
-
-def own_classes(module: str) -> list[str]:
-    """Names of the classes that an imported module defines itself."""
-    return [name for name, v in vars(sys.modules[module]).items() if inspect.isclass(v) and v.__module__ == module]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import Record, plain
 from pacnerf_lpo.mpm.taichi_calls import Emitted
 from pacnerf_lpo.mpm.tensors import Tensor3
@@ -40,30 +39,6 @@ Law = Callable[[Point, SimpleNamespace], tuple[Tensor3, Tensor3]]
 Wrapper = Callable[[Law, Point, SimpleNamespace], tuple]
 Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
 Factor = Callable[[Point, SimpleNamespace], Any]
-VECTOR = "three numbers, (x, x, x)"
-STRESSES = "the tuple of new deformation gradient and Kirchhoff stress, each three rows of three"
-
-
-def mistake_of(function: Any, said: str) -> UserInputError:
-    """The error that a function of somebody's class makes, with its name and place."""
-    code = function.__code__
-    return UserInputError(f"{code.co_filename}, line {code.co_firstlineno}: {function.__qualname__} {said}")
-
-
-def returned(function: Any, value: Any, form: str, *lengths: int) -> Any:
-    """What a function returned; raises UserInputError where it has not the ``form``, in words, and the ``lengths``: of
-    the value, of each of its entries, and so on down to the numbers.
-    """
-
-    def shape(part: Any) -> str:
-        return f"({', '.join(map(shape, part))})" if hasattr(part, "__len__") else "x"
-
-    expected = "x"
-    for length in reversed(lengths):
-        expected = f"({', '.join([expected] * length)})"
-    if shape(value) != expected:
-        raise mistake_of(function, f"has to return {form}; it returns {shape(value)}, where x is a number")
-    return value
 
 
 @dataclass(frozen=True)
@@ -95,55 +70,24 @@ class LocalLaws:
     def stress(self, point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3, list[Any]]:
         """New deformation gradient, Kirchhoff stress [Pa] and history of one particle."""
         for factor in self.factors:
-            point = replace(point, stiffness=point.stiffness * returned(factor, factor(point, c), "one number"))
+            point = replace(point, stiffness=point.stiffness * factor(point, c))
         given, new = point.history, list(point.history)
 
         def nested(level: int, offset: int) -> Law:
             if level == len(self.wrappers):
-                return lambda point, c: returned(self.law, self.law(point, c), STRESSES, 2, 3, 3)
+                return self.law
             wrapper, kept = self.wrappers[level]
             inner, mine = nested(level + 1, offset + kept), slice(offset, offset + kept)
 
             def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
-                out = wrapper(inner, replace(point, history=given[mine]), c)
-                if not isinstance(out, tuple) or [len(x) for x in out] != [3, 3] + [kept] * bool(kept):
-                    more = f", and a list of {kept}" if kept else ""
-                    raise mistake_of(wrapper, f"has to return {STRESSES}{more}")
-                new[mine] = out[2] if kept else []
-                return out[0], out[1]
+                F, tau, *history = wrapper(inner, replace(point, history=given[mine]), c)
+                new[mine] = history[0] if kept else []
+                return F, tau
 
             return law
 
         F, tau = nested(0, 0)(point, c)
         return F, tau, new
-
-    def velocity(self, point: Point, c: SimpleNamespace) -> list[Any]:
-        """Velocity of one particle after the substep under the body accelerations alone [m/s, (3,)]."""
-        velocity = list(point.v)
-        for law in self.accelerations:
-            a = returned(law, law(point, c), VECTOR, 3)
-            velocity = [u + point.dt * x for u, x in zip(velocity, a, strict=True)]
-        return velocity
-
-    def on_ground(self, u: list[Any], c: SimpleNamespace) -> list[Any]:
-        """The velocity that the ground lets a node have [m/s, (3,)]."""
-        return returned(self.ground, self.ground(u, c), VECTOR, 3)
-
-    def try_out(self, values: Sequence[float]) -> None:
-        """Raise UserInputError where a law returns another form than it should, as far as floats show it (of some laws
-        only their kernel does), given the values of the coefficients in order.
-        """
-        c, some = SimpleNamespace(**dict(zip(self.names, values, strict=True))), [0.1, 0.2, 0.3]
-        F, C = [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.9]], [[0.1, 0.2, 0.3], [0.2, 0.1, 0.0], some]
-        point = Point(F, C, some, some, some, 0.1, 1e-3, 1.0, 1e-3, 1.0, [0.1] * self.history)
-        parts: list[tuple[Callable, Any]] = [(self.stress, point), (self.velocity, point), (self.on_ground, some)]
-        for part, seen in parts:
-            try:
-                part(seen, c)
-            except UserInputError:
-                raise
-            except Exception:
-                continue  # the kernel says what is wrong, if it is
 
 
 class Evaluation(Emitted):
@@ -169,7 +113,10 @@ class Evaluation(Emitted):
         self._coefficients = row(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._F_new, self._tau, self._history = laws.stress(self._point, named)
-        self._velocity = laws.velocity(self._point, named)
+        self._velocity = list(self._point.v)
+        for acceleration in laws.accelerations:
+            a = acceleration(self._point, named)
+            self._velocity = [u + self._point.dt * c for u, c in zip(self._velocity, a, strict=True)]
         self.F_new, self.tau = _values(self._F_new), _values(self._tau)
         self.velocity, self.history = [plain(u) for u in self._velocity], [plain(h) for h in self._history]
 
@@ -206,7 +153,7 @@ class GroundEvaluation(Emitted):
         self._record = Record()
         self._u, self._coefficients = self._record.variables(velocity), self._record.variables(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
-        self._out = laws.on_ground(self._u, named)
+        self._out = laws.ground(self._u, named)
         self.velocity = [plain(u) for u in self._out]
 
     def pull_back(self, g: list) -> list:

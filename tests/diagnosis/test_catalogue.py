@@ -65,7 +65,10 @@ def test_a_list_of_candidates_is_read_and_written(tmp_path):
             "- class_path: LinearDrag\n  init_arg: {drag: 1}\n",
             "unknown key effects.init_arg; did you mean effects.init_args?",
         ),
-        ("- class_path: tests.diagnosis.examples.Magnus\n", "has no attribute 'Magnus'; its classes are "),
+        (
+            "- class_path: tests.diagnosis.test_catalogue.LinearDarg\n",
+            "has no attribute 'LinearDarg'; see its file; did you mean LinearDrag?",
+        ),
         ("- class_path: LinearDrag\n  init_args: {drag: fast}\n", ", line 2: effects.drag: expected float, got fast"),
         ("- class_path: LinearDrag\n  init_args: {drag: -1e9}\n", ": LinearDrag: drag = -1e+09 1/s is not a possible"),
         ("{", ", line 1: not valid YAML"),

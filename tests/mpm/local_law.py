@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.mpm import materials
-from pacnerf_lpo.mpm.one_particle import OneParticle
+from pacnerf_lpo.mpm.one_particle import one_particle
 from tests.mpm.twin import EYE, LAWS
 
 
@@ -38,7 +38,7 @@ def by_engine(
     """The engine's law, compiled into a kernel of its own as it is into the substep's."""
     material = getattr(materials, law)()
     material.guess = parameters  # which may lie on their bounds
-    return OneParticle(material)((EYE + dt * C) @ F, C, dt, stiffness)
+    return one_particle(material)((EYE + dt * C) @ F, C, dt, stiffness)
 
 
 EVALUATORS: dict[str, Evaluator] = {"twin": by_twin, "engine": by_engine}

@@ -15,7 +15,7 @@ from pacnerf_lpo.mpm import effects
 from pacnerf_lpo.mpm.differentiation import exp, log, maximum, where
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.materials import Material, NeoHookean, VonMises
-from pacnerf_lpo.mpm.one_particle import EYE, OneParticle
+from pacnerf_lpo.mpm.one_particle import one_particle
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.point import Point
 
@@ -70,13 +70,22 @@ def own(kind: type, **functions: Any) -> Any:
 @pytest.mark.parametrize(
     ("made", "returns"),
     [
-        (lambda: own(LinearDrag, acceleration=lambda point, c: [0.0, c.drag]), "three numbers, (x, x, x)"),
-        (lambda: own(LinearDrag, acceleration=lambda point, c: c.drag), "returns x, where x is a number"),
-        (lambda: own(effects.ThermalSoftening, factor=lambda point, c: [1.0]), "has to return one number"),
-        (lambda: own(effects.KelvinVoigt, law=lambda inner, point, c: inner(point, c)[1]), "has to return the tuple"),
+        (
+            lambda: own(LinearDrag, acceleration=lambda point, c: [0.0, c.drag]),
+            "has to return (x, x, x); it returns (x, x) ",
+        ),
+        (lambda: own(LinearDrag, acceleration=lambda point, c: c.drag), "it returns x (x is a number"),
+        (lambda: own(effects.ThermalSoftening, factor=lambda point, c: [1.0]), "has to return x; it returns (x)"),
+        (
+            lambda: own(effects.KelvinVoigt, law=lambda inner, point, c: inner(point, c)[1]),
+            "(tensor, tensor); it returns tensor",
+        ),
         (lambda: own(effects.GroundFriction, velocity=lambda u, c: u[:2]), "it returns (x, x)"),
         (Spin, "Spin.apply has to return the tuple of velocity"),
-        (lambda: own(NeoHookean, law=lambda point, c: NeoHookean.law(point, c)[1]), "has to return the tuple"),
+        (
+            lambda: own(NeoHookean, law=lambda point, c: NeoHookean.law(point, c)[1]),
+            "(tensor, tensor); it returns tensor",
+        ),
     ],
 )
 def test_what_returns_another_form_is_refused_when_the_model_is_made(made: Any, returns: str):
@@ -91,8 +100,10 @@ def test_what_only_a_kernel_computes_is_refused_there():
     """A law in principal space cannot be tried out with floats."""
     material = own(VonMises, law=lambda point, c: VonMises.law(point, c)[1])
     Physics(material)
-    with pytest.raises(UserInputError, match=r"test_own_laws.py, line \d+: .* has to return the tuple"):
-        OneParticle(material)(EYE, EYE)
+    with pytest.raises(
+        UserInputError, match=r"test_own_laws.py, line \d+: .* has to return \(tensor, tensor\); it returns tensor"
+    ):
+        one_particle(material)(torch.eye(3).double(), torch.zeros(3, 3).double())
 
 
 @pytest.mark.parametrize(
