@@ -23,7 +23,7 @@ def one_particle(material: Material) -> Callable[..., tuple[Tensor, Tensor]]:
     start()
     launcher = _launcher(local_laws(material, Sticky(), ())[0])
     given = {name: torch.tensor(value, dtype=torch.float64) for name, value in material.guess.items()}
-    coefficients = torch.stack([*material.coefficients(given).values()])
+    coefficients = torch.tensor([float(v) for v in material.coefficients(given).values()], dtype=torch.float64)
 
     def law(F: Tensor, C: Tensor, dt: float = 1e-6, stiffness: float = 1.0) -> tuple[Tensor, Tensor]:
         numbers = torch.cat([F.reshape(9), C.reshape(9), coefficients.new_tensor([dt, stiffness]), coefficients])

@@ -204,6 +204,7 @@ def test_the_command_checks_the_classes_of_the_documentation(tmp_path: Path, mon
         (["nowhere.Magnetic"], "check nowhere.Magnetic: No module named 'nowhere'"),
         (["NeoHookean", "--arguments", '{"e": 1}'], "give its arguments with --arguments"),
         (["TimeOffset"], "a fault of a camera"),
+        (["pacnerf_lpo.mpm.materials.rigid.Rigid"], "a rigid body has no stress"),
     ],
 )
 def test_a_mistake_is_one_line(words: list[str], expected: str, capsys):
