@@ -5,6 +5,7 @@ import difflib
 import inspect
 import itertools
 import re
+import sys
 from abc import ABC
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -44,6 +45,8 @@ def find_configs(args: Sequence[str]) -> tuple[list[str], list[Path]]:
 
 def explain(error: Exception, parser: ArgumentParser, files: Sequence[Path]) -> UserInputError:
     """The parser's complaint as one line, with the nearest right name and the place of the wrong one in the files."""
+    if isinstance(cause := cause_of(error), UserInputError):
+        return cause
     text = str(error)
     where = ".".join(re.findall(r'Parser key "([^"]+)"', text))
     for explanation in (_unknown_key, _unknown_class, _missing, _wrong_type):
@@ -69,13 +72,16 @@ def _unknown_key(text: str, where: str, parser: ArgumentParser, files: Sequence[
     elif found := re.search(r"Group '(.+)' does not accept option '(.+)'", text):
         key = f"{found[1]}.{found[2]}"
     elif found := re.search(r"class_path '([^']+)'[^']*Option '([^']+)' is not accepted", text):
-        key = f"{where}.init_args.{found[2]}"
-        known = [f"{where}.init_args.{name}" for name in inspect.signature(imported(found[1])).parameters]
+        kind, within = imported(found[1]), f"{where}.init_args."
+        known = [within + name for name in inspect.signature(kind).parameters]
+        key = within + found[2]
+        if ABC in kind.__bases__:  # no class was given: the entry itself has a wrong key
+            key, known = f"{where}.{found[2].split('.')[0]}", [f"{where}.class_path", f"{where}.init_args"]
     elif found := re.search(r"Option '([^']+)' is not accepted", text):
         key = found[1]
     else:
         return None
-    return f"{_place(key.split('.')[-1], files)}unknown key {key}{_nearest(key, known)}"
+    return f"{_place(key.split('.')[-1], files)}unknown key {key}{nearest(key, known)}"
 
 
 def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequence[Path]) -> str | None:
@@ -84,15 +90,19 @@ def _unknown_class(text: str, where: str, parser: ArgumentParser, files: Sequenc
     if "is abstract" in text:
         return f"{where} is not chosen yet; give it a class_path first, one of {listing}"
     if found := re.search(r"Expected a dot import path string: (\S+)", text):
-        nearest = _nearest(found[1], names)
-        known = f"; known are {listing}" if names and not (nearest and len(names) > LISTED) else ""
-        return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{nearest}"
+        near = nearest(found[1], names)
+        known = f"; known are {listing}" if names and not (near and len(names) > LISTED) else ""
+        own = f"; a class of your own has its module before it, MODULE.{found[1]}"
+        return f"{_place(found[1], files)}{where}: there is no {found[1]}{known}{own}{near}"
     if found := re.search(r"Import path (\S+) does not correspond to a subclass of (\w+)", text):
         own = f"a class of your own has to inherit from {found[2]}"
         return f"{_place(found[1], files)}{where}: {found[1]} is no {found[2]}; known are {listing}, and {own}"
     absent = r"No module named [^\n]+|module [^\n]+ has no attribute [^\n]+"
     if found := re.search(rf"Problem with given class_path\s+'([^']+)':\s+({absent})", text):
+        module, _, name = found[1].rpartition(".")
         looked = "modules are looked for among the installed packages and in the folder where you run the command"
+        if module in sys.modules:
+            looked = f"see its file{nearest(name, vars(sys.modules[module]))}"
         return f"{_place(found[1], files)}{where}: {found[1]} cannot be imported: {found[2].strip()}; {looked}"
     return None
 
@@ -133,22 +143,28 @@ def _wrong_type(text: str, where: str, parser: ArgumentParser, files: Sequence[P
     return f"{place}{where}: expected {wanted}, got {value[1] if value else 'something else'}"
 
 
-def _check_yaml(path: Path) -> Path:
+def read_any_yaml(path: Path) -> Any:
+    """What a file says that should be YAML. Raises UserInputError where it cannot be read."""
     try:
-        content = yaml.safe_load(path.read_text())
+        return yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise UserInputError(f"--config {path}: {reason}") from None
+        raise UserInputError(f"{path}: {reason}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
         raise UserInputError(f"{path}{line}: not valid YAML ({getattr(error, 'problem', error)})") from None
+
+
+def _check_yaml(path: Path) -> Path:
+    content = read_any_yaml(path)
     if content is not None and not isinstance(content, dict):
         raise UserInputError(f"{path}: expected sections such as `data:` at the top, found {type(content).__name__}")
     return path
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
+    """``; did you mean NAME?`` with the nearest of the known names; empty where none is near."""
     match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f"; did you mean {match[0]}?" if match else ""
 

@@ -52,7 +52,7 @@ def complain(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         ),
         (
             MATERIAL.format("FakeMaterail", "nu: 0.1"),
-            "no FakeMaterail; known are FakeMaterial; did you mean",
+            "known are FakeMaterial; a class of your own has its module before it, MODULE.FakeMaterail; did you mean",
         ),
         (
             "physics:\n  material:\n    class_path: fractions.Fraction\n",

@@ -20,10 +20,13 @@ from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.explore import Session
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.presets import stack
 from tests.data.recordings.layouts import opencv_shared
 from tests.data.trajectories.throws import write_throws
 from tests.test_docs import CONTRIBUTING, GUIDE, ROOT, blocks, gallery, guide_commands
 
+TINY = ["--views", "6", "--image_size", "64", "--dx", "0.06", "--frames", "10"]
+"""Of a synthetic video that is read and not fitted."""
 PAGES = [*GUIDE, CONTRIBUTING, *sorted((ROOT / "validation/results").glob("*.md"))]
 
 
@@ -68,16 +71,26 @@ def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeyp
     page = ROOT / "docs/own_effect.md"
     effect, script = blocks(page, "python")
     candidates, overlay = blocks(page, "yaml")
+    (synthesized,) = commands("docs/own_effect.md", "synthesize")
     assert len(effect.splitlines()) <= 40
     (tmp_path / "magnetic.py").write_text(effect)
     (tmp_path / "candidates.yaml").write_text(candidates)
     (tmp_path / "own.yaml").write_text(overlay)
     exec(compile(script, "own_effect.md", "exec"), {})
     for name in ("init", "diagnose"):
-        (words,) = commands("docs/own_effect.md", name)
+        words, of_video = commands("docs/own_effect.md", name)
         assert main(words) == 0
+    assert main([*synthesized, *TINY]) == 0 and main(commands("docs/own_effect.md", "init")[1]) == 0
+    assert json.loads(Path("synthetic/charged/truth.json").read_text())["hidden_effects"]["magnetic"] == {
+        "gyration": 0.8
+    }
+    assert of_video[1] == "scenes/charged" and Path("scenes/charged/scene.yaml").is_file()
     found = json.loads((tmp_path / "scenes/throws/diagnosis/diagnosis.json").read_text())
     assert found["verdict"]["effects"] == ["Magnetic"]
+    written = set(found) - {"verdict", "rounds"} | {f"verdict.{key}" for key in found["verdict"]}
+    written |= {f"rounds[].{key}" for one in found["rounds"] for key in one}
+    written |= {f"rounds[].refits[].{key}" for one in found["rounds"] for refit in one["refits"] for key in refit}
+    assert written == keys_of_formats("### diagnosis.json")
     (fitted,) = (one for one in found["rounds"][-1]["parameters"] if one["name"] == "gyration")
     assert fitted["low"] < 0.8 < fitted["high"]  # the script's k; 90 % intervals, with its one seed
     words = [word for file in ("fit", "demo", "own.yaml") for word in ("--config", file)]
@@ -92,20 +105,32 @@ def test_a_material_of_ones_own_works_as_the_page_says(
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     page = ROOT / "docs/own_material.md"
     law, tried = blocks(page, "python")
-    (overlay,) = blocks(page, "yaml")
+    overlay, several = blocks(page, "yaml")
     (tmp_path / "stiffening.py").write_text(law)
     (tmp_path / "rubber.yaml").write_text(overlay)
     test = doctest.DocTestParser().get_doctest(tried, {}, page.name, str(page), 0)
     assert doctest.DocTestRunner().run(test).failed == 0
-    (words,) = commands("docs/own_material.md", "fit")
-    physics = PhaseCLI(words[1:], VideoData, Physics).physics
+    (synthesized,), (made,) = (commands("docs/own_material.md", name) for name in ("synthesize", "init"))
+    assert main([*synthesized, *TINY]) == 0 and main(made) == 0
+    ((_, scene, *words),) = commands("docs/own_material.md", "fit")
+    physics = PhaseCLI(stack(Path(scene), words)[0], VideoData, Physics).physics
     assert type(physics.material).__name__ == "Stiffening" and {"E", "nu", "s"} <= set(physics.free_names)
+    (tmp_path / "rubber.yaml").write_text(several)
+    material = PhaseCLI(stack(Path(scene), words)[0], VideoData, Physics).physics.material
+    assert [type(law).__name__ for law in material.guesses(1.0, 1.0)] == ["NeoHookean", "Stiffening"]
+    assert material.guesses(1.0, 1.0)[1].guess == {"E": 1e5, "nu": 0.3, "s": 1.0}, "an impact changes nothing"
+
+
+def keys_of_formats(heading: str) -> set[str]:
+    """Of the page about formats, from a heading on; the second of a row is next to the first."""
+    text = (ROOT / "docs/formats.md").read_text()
+    rows = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index(heading) :], re.MULTILINE)
+    besides = {f"{first.rpartition('.')[0]}.{second}".removeprefix(".") for first, second in rows if second}
+    return {first for first, _ in rows} | besides
 
 
 def test_keys_of_formats_are_written_by_the_package():
-    text = (ROOT / "docs/formats.md").read_text()
-    keys = re.findall(r"^\| `([\w.\[\]]+)`(?:, `(\w+)`)? \|", text[text.index("### results.json") :], re.MULTILINE)
-    names = {name.rpartition(".")[2].removesuffix("[]") for pair in keys for name in pair if name}
+    names = {key.rpartition(".")[2].removesuffix("[]") for key in keys_of_formats("### results.json")}
     assert {"doubts", "verdict", "sentence", "indistinguishable"} - {"verdict"} <= names
     source = "".join(path.read_text() for path in (ROOT / "pacnerf_lpo").glob("**/*.py"))
     assert all(re.search(rf'"{name}"|\b{name}: ', source) for name in names)

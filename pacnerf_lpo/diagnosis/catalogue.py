@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from jsonargparse import ArgumentError, ArgumentParser
 
+from pacnerf_lpo.config_errors import explain, read_any_yaml
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm import effects as known_effects
 from pacnerf_lpo.mpm.effects.base import Effect, GroundEffect
@@ -117,11 +117,7 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
     """
     if not path.is_file():
         raise UserInputError(f"{path}: no such file; give a YAML list of effects, as physics.effects has it")
-    try:
-        content = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
-    found = read_effects(path, content)
+    found = read_effects(path, read_any_yaml(path))
     for effect in found:
         effect.check_material(material)
         as_config(effect, effect.guess)
@@ -130,12 +126,15 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
 
 def read_effects(path: Path, content: Any) -> list[Effect]:
     """Effects from entries of ``class_path`` and ``init_args`` that a file has. Raises UserInputError."""
+    if not isinstance(content, list):
+        raise UserInputError(f"{path}: not a list of effects; write for each of them a line `- class_path: NAME`")
     parser = ArgumentParser(exit_on_error=False)
     parser.add_argument("--effects", type=list[Effect])
     try:
         return parser.instantiate(parser.parse_object({"effects": content})).effects
     except (ArgumentError, ValueError, TypeError) as error:
-        raise UserInputError(f"{path}: not a list of effects with class_path and init_args ({error})") from error
+        said = str(explain(error, parser, [path] if path.is_file() else []))
+        raise UserInputError(said if said.startswith(str(path)) else f"{path}: {said}") from error
 
 
 def candidates(effects: Sequence[Effect], material: Material, installed: Sequence[Effect]) -> list[Candidate]:

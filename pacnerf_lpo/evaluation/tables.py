@@ -6,6 +6,7 @@ from typing import Any
 from pacnerf_lpo.quantities import quantity
 
 ALL_FRAMES, FRAME_0 = "all frames", "frame 0"
+IDENTIFIED = "identified"
 
 
 def markdown_table(results: Mapping[str, Any]) -> str:
@@ -60,6 +61,12 @@ def result_phase(results: Mapping[str, Any]) -> Mapping[str, Any]:
     return phases_to_result(results)[-1]
 
 
+def value_head(results: Mapping[str, Any]) -> str:
+    """What a column of the parameters' values is called: where no phase has identified any, they are the guess."""
+    identified = results["free"] and {"law", "physics"} & {phase["phase"] for phase in phases_to_result(results)}
+    return IDENTIFIED if identified else "value (physics not identified)"
+
+
 def round_ends(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The phase each round of Algorithm 1 is judged by: its correction, or its identification where none follows."""
     ends = {phase["round"]: phase for phase in results["phases"] if phase["round"] > 0 and phase["phase"] != "refit"}
@@ -107,7 +114,7 @@ def lpips_cell(metrics: Mapping[str, Any]) -> str:
 def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
     last, guess = result_phase(results), results["guess"]
     errors, intervals = last.get("truth_errors"), results.get("intervals")
-    head = ["parameter", "guess", "identified"]
+    head = ["parameter", "guess", value_head(results)]
     head += [] if intervals is None else [f"{100 * intervals['level']:.0f} % interval"]
     head += [] if errors is None else ["true", "error"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials.base import Material
+from pacnerf_lpo.mpm.one_particle import one_particle
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.mpm.simulator import Simulator
 
@@ -27,6 +28,13 @@ the ends make half a per cent; a gradient that is cut is another number.
 """
 SAME, SEEN = 1e-12, 1e-8
 """Metres: positions of 1 m in 64 bits, rounded some times a substep; and what is far above that."""
+NONE = 1e-6
+"""Relative to the bulk modulus: a shear modulus or a viscosity that only rounding leaves."""
+EYE = torch.eye(3, dtype=torch.float64)
+SHEAR = torch.tensor([[2.0, 1.0, -2.0], [1.0, -3.0, 1.5], [-2.0, 1.5, 1.0]], dtype=torch.float64)
+"""In all directions, without a change of volume."""
+SQUEEZED, SHEARED = 1e-6, 1e-8
+"""Strains far below any yield; sand carries a shear under a much larger pressure only."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,10 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
 def check_material(material: Material) -> Iterator[Check]:
     """Checks of a constitutive law at its guess; raises as :func:`check_effect`."""
     yield _described(material.parameters)
+    small = list(_small_strains(material))
+    yield from small
+    if not all(check.kept for check in small):  # such a body hardly moves as one
+        return
     moved = _block(material, [], at_rest=True)({})
     away = float((moved - moved[:1]).abs().max())
     yield Check("a body at rest stays at rest", f"{away:.1e} m", away <= SAME)
@@ -84,6 +96,43 @@ def check_material(material: Material) -> Iterator[Check]:
 def _described(parameters: Mapping[str, Parameter]) -> Check:
     bad = [name for name, one in parameters.items() if name != one.name or not one.unit or not one.label]
     return Check("parameters have their name, a unit and a label", ", ".join(bad) or ", ".join(parameters), not bad)
+
+
+def _small_strains(material: Material) -> Iterator[Check]:
+    """The moduli, where parameters mean some; whether they follow the stiffness; and the sign of the stress."""
+    law, pressed = one_particle(material), (1 - SQUEEZED) * EYE
+
+    def answer(change: Tensor, F: Tensor = EYE, flows: bool = False, stiffness: float = 1.0) -> tuple[float, Tensor]:
+        """Of the stress to a strain, or a rate of it, from a state F: along that change over its square; all [Pa]."""
+        before, after = ((F, 0 * EYE), (F, change)) if flows else ((F, 0 * EYE), (F + change, 0 * EYE))
+        stress = law(*after, stiffness=stiffness)[1] - law(*before, stiffness=stiffness)[1]
+        return float((stress * change).sum() / (change * change).sum()), stress
+
+    trials = {"bulk": (-SQUEEZED * EYE, EYE, 3), "shear": (SHEARED * SHEAR, pressed, 2)}
+    found = {name: answer(change, F) for name, (change, F, _) in trials.items()}
+    for name, modulus in _meant_moduli(material).items():
+        (work, stress), (change, _, share) = found[name], trials[name]
+        off = float((stress / (share * modulus) - change).norm() / change.norm())
+        said = f"{work / share:.5g} Pa, the parameters mean {modulus:.5g} Pa; stress off by {100 * off:.2g} %"
+        yield Check(f"{name} modulus at small strain", said, off <= AGREE)
+    costs, least = {name: work for name, (work, _) in found.items()}, -NONE * abs(found["bulk"][0])
+    halves = {name: answer(change, F, stiffness=0.5)[0] for name, (change, F, _) in trials.items()}
+    follows = all(abs(halves[name] - work / 2) <= AGREE * abs(work) - least for name, work in costs.items())
+    said = ", ".join(f"{name} {costs[name]:.3g} and {half:.3g} Pa" for name, half in halves.items())
+    yield Check("stress is half as large where point.stiffness is half", said, follows)
+    costs |= {"expansion": answer(SQUEEZED * EYE)[0]}
+    costs |= {name: answer(rate, flows=True)[0] for name, rate in (("flow", SHEAR), ("flow inwards", -EYE))}
+    said = "stress along strain or rate: " + ", ".join(f"{name} {work:.3g}" for name, work in costs.items())
+    yield Check("deformation costs work", said, costs["bulk"] > 0 and all(work >= least for work in costs.values()))
+
+
+def _meant_moduli(material: Material) -> dict[str, float]:
+    """Bulk and shear modulus [Pa] that the parameters mean; none where their names and units do not say it."""
+    given = {(name, one.unit): material.guess[name] for name, one in material.parameters.items()}
+    E, nu, mu, kappa = map(given.get, (("E", "Pa"), ("nu", "1"), ("mu", "Pa"), ("kappa", "Pa")))
+    if E is not None and nu is not None:
+        return {"bulk": E / (3 * (1 - 2 * nu)), "shear": E / (2 * (1 + nu))}
+    return {} if mu is None or kappa is None else {"bulk": kappa, "shear": mu}
 
 
 def _gradients(move: Callable[[Mapping], Tensor], parameters: Mapping[str, Parameter], at: Mapping) -> Iterator[Check]:

@@ -1,6 +1,8 @@
 """A physical parameter: its name, its SI unit, its range, and the coordinate in which it is optimised."""
 
 import math
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -145,6 +147,21 @@ class Parameter:
     def of_recording(self, recording: str) -> "Parameter":
         """The parameter as one recording of several has it."""
         return replace(self, name=name_in(self.name, recording), label=f"{self.label} in {recording}")
+
+
+def check_declared(kind: type, probed: bool) -> None:
+    """Raise UserInputError where a class of a material or an effect lacks ``parameters`` or, if it is ``probed``,
+    ``probes``, or has them in another form.
+    """
+    parameters, probes = getattr(kind, "parameters", None), getattr(kind, "probes", None)
+    if not (isinstance(parameters, Mapping) and all(isinstance(v, Parameter) for v in parameters.values())):
+        lacks = "parameters = named(Parameter(...), ...)"
+    elif probed and not (isinstance(probes, Sequence) and all(isinstance(v, Mapping) for v in probes)):
+        lacks = 'probes = ({"NAME": VALUE}, {"NAME": VALUE}), a tuple of values of all coefficients'
+    else:
+        return
+    file = getattr(sys.modules.get(kind.__module__), "__file__", kind.__module__)
+    raise UserInputError(f"{file}, class {kind.__name__}: {lacks.split()[0]} of this form are missing; write {lacks}")
 
 
 def name_in(name: str, recording: str) -> str:

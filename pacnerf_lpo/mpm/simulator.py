@@ -3,9 +3,10 @@
 # mypy: disable-error-code="type-abstract"
 
 import difflib
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -15,10 +16,11 @@ from pacnerf_lpo.mpm import runtime, taichi_calls
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect, GroundEffect, InitialState, LawEffect, Softening
 from pacnerf_lpo.mpm.ground import Ground, Sticky
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.point import LocalLaws
+from pacnerf_lpo.mpm.point import LocalLaws, Point
 from pacnerf_lpo.mpm.rollout import Engine, Rollout
 
 E = TypeVar("E", bound=Effect)
+NUMBER, VECTOR, TENSOR = "x", "(x, x, x)", "((x, x, x), (x, x, x), (x, x, x))"
 
 
 class Simulator:
@@ -207,7 +209,7 @@ def of_kind(effects: Sequence[Effect], kind: type[E]) -> list[E]:
 
 def check_model(where: str, material: Material, ground: Ground, effects: Sequence[Effect]) -> None:
     """Raise UserInputError when two of them use one name, two effects bring a ground, or one does not suit the
-    material.
+    material, or a function returns another form than it should.
     """
     grounds = of_kind(effects, GroundEffect)
     if len(grounds) > 1:
@@ -224,6 +226,61 @@ def check_model(where: str, material: Material, ground: Ground, effects: Sequenc
     names = [*own, *ground.parameters, *(name for e in effects for name in (*e.parameters, *e.constants))]
     if twice := [name for name in names if names.count(name) > 1]:
         raise UserInputError(f"{where}: material, ground and effects have two parameters {twice[0]!r}; keep one")
+    if material.deforms:
+        laws, others = local_laws(material, ground, effects)
+        _try_out(laws, {**_coefficients(material), **others})
+    two = torch.ones(2, 3), torch.ones(2, 3), torch.ones(2), torch.ones(2)
+    for effect in of_kind(effects, InitialState):
+        given = {**effect.guess, **effect.constants}
+        found = effect.apply(*two, SimpleNamespace(**{name: torch.tensor(value) for name, value in given.items()}))
+        if not isinstance(found, tuple) or [getattr(x, "shape", None) for x in found] != [x.shape for x in two[1:]]:
+            raise _mistake(effect.apply, "has to return the tuple of velocity (N, 3), mass (N,) and stiffness (N,)")
+
+
+def _try_out(laws: LocalLaws, values: Mapping[str, Any]) -> None:
+    """Raise UserInputError where a law returns another form than it should, as far as floats show it: some laws compute
+    in a kernel only, which says it then.
+    """
+    c, some = SimpleNamespace(**{name: float(value) for name, value in values.items()}), [0.1, 0.2, 0.3]
+    F, C = [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.9]], [[0.1, 0.2, 0.3], [0.2, 0.1, 0.0], some]
+    point = Point(F, C, some, some, some, 0.1, 1e-3, 1.0, 1e-3, 1.0, [0.1] * laws.history)
+    tried: list[tuple[Callable, Any]] = [(laws.stress, point), (laws.ground, some)]
+    for law, seen in [*tried, *((law, point) for law in laws.accelerations)]:
+        try:
+            law(seen, c)
+        except UserInputError:
+            raise
+        except Exception:
+            continue
+
+
+def _mistake(function: Any, said: str) -> UserInputError:
+    """What a function of somebody's class does wrong, with its name and place."""
+    code = function.__code__
+    return UserInputError(f"{code.co_filename}, line {code.co_firstlineno}: {function.__qualname__} {said}")
+
+
+@functools.cache
+def _checked(law: Any, form: str) -> Callable[..., Any]:
+    """A law that raises UserInputError where it returns another form."""
+
+    def form_of(part: Any) -> str:
+        form = f"({', '.join(map(form_of, part))})" if hasattr(part, "__len__") else NUMBER
+        return "tensor" if form == TENSOR else form
+
+    def checked(*seen: Any) -> Any:
+        found = law(*seen)
+        if form_of(found) != form:
+            said = f"has to return {form}; it returns {form_of(found)}"
+            raise _mistake(law, f"{said} (x is a number, a tensor three rows of three numbers)")
+        return found
+
+    return checked
+
+
+def _with_history(kept: int) -> str:
+    history = f", ({', '.join([NUMBER] * kept)})" if kept else ""
+    return f"(tensor, tensor{history})"
 
 
 def local_laws(material: Material, ground: Ground, effects: Sequence[Effect]) -> tuple[LocalLaws, dict[str, float]]:
@@ -233,12 +290,12 @@ def local_laws(material: Material, ground: Ground, effects: Sequence[Effect]) ->
     own = {} if grounds else ground.guess
     values = {**own, **{k: v for effect in inside for k, v in (*effect.guess.items(), *effect.constants.items())}}
     laws = LocalLaws(
-        material.law,
-        tuple(effect.acceleration for effect in of_kind(effects, BodyForce)),
-        grounds[0].velocity if grounds else ground.velocity,
+        _checked(material.law, _with_history(0)),
+        tuple(_checked(effect.acceleration, VECTOR) for effect in of_kind(effects, BodyForce)),
+        _checked(grounds[0].velocity if grounds else ground.velocity, VECTOR),
         (*_coefficients(material), *values),
-        tuple((effect.law, effect.history) for effect in of_kind(effects, LawEffect)),
-        tuple(effect.factor for effect in of_kind(effects, Softening)),
+        tuple((_checked(e.law, _with_history(e.history)), e.history) for e in of_kind(effects, LawEffect)),
+        tuple(_checked(effect.factor, NUMBER) for effect in of_kind(effects, Softening)),
     )
     return laws, values
 

@@ -76,6 +76,8 @@ def is_evaluated(run: Run) -> bool:
 
 def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Names of the identified parameters, and their values with units."""
+    if tables.value_head(results) != tables.IDENTIFIED:
+        return []
     found = tables.result_phase(results)["parameters"]
     return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in results["free"]]
 
@@ -83,7 +85,7 @@ def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
     last, before = tables.result_phase(results), tables.before_sentence(results)
-    return parts("report").parameters(results, last, tables.describe_error, before)
+    return parts("report").parameters(results, last, tables.describe_error, before, tables.value_head(results))
 
 
 def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:

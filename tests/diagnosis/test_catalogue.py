@@ -55,14 +55,36 @@ def test_a_list_of_candidates_is_read_and_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "word"),
-    [("- class_path: LinearDragg\n", "LinearDragg"), ("{", "not a list"), ("- class_path: Cohesion\n", "Cohesion")],
+    ("content", "said"),
+    [
+        ("- class_path: Magnus\n- class_path: LinearDragg\n", ", line 2: effects: there is no LinearDragg; a class of"),
+        ("- class_path: LinearDragg\n", "did you mean LinearDrag?"),
+        ("- class_path: LinearDrag\n  init_args: {drga: 1}\n", ", line 2: unknown key effects.init_args.drga; did you"),
+        ("- class_pth: LinearDrag\n", ", line 1: unknown key effects.class_pth; did you mean effects.class_path?"),
+        (
+            "- class_path: LinearDrag\n  init_arg: {drag: 1}\n",
+            "unknown key effects.init_arg; did you mean effects.init_args?",
+        ),
+        (
+            "- class_path: tests.diagnosis.test_catalogue.LinearDarg\n",
+            "has no attribute 'LinearDarg'; see its file; did you mean LinearDrag?",
+        ),
+        ("- class_path: LinearDrag\n  init_args: {drag: fast}\n", ", line 2: effects.drag: expected float, got fast"),
+        ("- class_path: LinearDrag\n  init_args: {drag: -1e9}\n", ": LinearDrag: drag = -1e+09 1/s is not a possible"),
+        ("{", ", line 1: not valid YAML"),
+        ("", ": not a list of effects; write for each of them a line `- class_path: NAME`"),
+        ("candidates: []\n", ": not a list of effects"),
+        ("- class_path: Cohesion\n", "Cohesion"),
+    ],
 )
-def test_a_wrong_list_is_one_clear_error(tmp_path, content, word):
+def test_a_wrong_list_is_one_clear_line(tmp_path, content, said):
     path = tmp_path / "candidates.yaml"
     path.write_text(content)
-    with pytest.raises(UserInputError, match=word):
+    with pytest.raises(UserInputError) as refused:
         read_candidates(path, NeoHookean(), [])
+    message = str(refused.value)
+    assert said in message and "\n" not in message and "Parser" not in message
+    assert message.startswith(str(path)) or "Cohesion" in said
 
 
 def test_a_missing_list_is_named(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pacnerf_lpo.evaluation.tables import markdown_table, result_phase, round_rows
+from pacnerf_lpo.report.html import found_values, parameter_table
 
 
 def phase(role: str, number: int, psnr: float, young: float, **more: Any) -> dict[str, Any]:
@@ -14,7 +15,7 @@ def phase(role: str, number: int, psnr: float, young: float, **more: Any) -> dic
         "label": f"{role}, round {number}",
         "round": number,
         "phase": role,
-        "parameters": {"E": {"value": young, "unit": "Pa"}},
+        "parameters": {"E": {"value": young, "unit": "Pa", "label": "Young's modulus"}},
         "truth_errors": {"E": {"error": 0.01 * psnr, "true": 1e6, "measure": "log10"}},
         "image_metrics": {"train": metrics, "test": {**metrics, "psnr": psnr - 1}},
     } | more
@@ -42,6 +43,19 @@ def test_every_round_shows_what_its_correction_gave():
         ["2", "22.00", "21.00", "2e+05 (0.220 in log10)"],
     ]
     assert round_rows(results((None,), None)) == []
+
+
+def test_a_run_without_an_identification_says_that_its_values_are_not_identified():
+    static = {**results((None,), None), "phases": [phase("static", 0, 20.0, 1e4)], "result": "r0_static"}
+    known, law = {**results((None,), None), "free": []}, {**static, "phases": [phase("law", 0, 20.0, 1e4)]}
+    for found in (static, known):
+        assert "| parameter | guess | value (physics not identified) | true |" in markdown_table(found)
+        assert found_values(found) == []
+    for found in (results((None,), None), {**law, "result": "r0_law"}):
+        assert "| parameter | guess | identified | true |" in markdown_table(found)
+        assert [name for name, _ in found_values(found)] == ["E"]
+    page = parameter_table({**static, "phases": [{**phase("static", 0, 20.0, 1e4), "velocity": [0.0, 0.0, 0.0]}]})
+    assert "<th>value (physics not identified)</th>" in page
 
 
 def test_the_chosen_round_is_marked_and_is_the_result():

@@ -11,9 +11,11 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.mpm import effects
 from pacnerf_lpo.mpm.differentiation import exp, log, maximum, where
 from pacnerf_lpo.mpm.effects import LinearDrag
-from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.materials import Material, NeoHookean, VonMises
+from pacnerf_lpo.mpm.one_particle import one_particle
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.point import Point
 
@@ -48,6 +50,76 @@ def test_what_a_kernel_cannot_compute_is_one_line_with_its_place(name: str):
     assert str(refused.value).startswith(f"{__file__}, line {line}: ") and "\n" not in str(refused.value)
     if name in ("if", "max", "and"):
         assert "use where, maximum, minimum" in str(refused.value)
+
+
+class Spin(effects.InitialSpin):
+    """Returns a part of the state only."""
+
+    @staticmethod
+    def apply(positions, velocity, mass, stiffness, c):
+        return velocity
+
+
+def own(kind: type, **functions: Any) -> Any:
+    """A material or an effect with other functions, without a class that others would see."""
+    made = kind()
+    vars(made).update(functions)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("made", "returns"),
+    [
+        (
+            lambda: own(LinearDrag, acceleration=lambda point, c: [0.0, c.drag]),
+            "has to return (x, x, x); it returns (x, x) ",
+        ),
+        (lambda: own(LinearDrag, acceleration=lambda point, c: c.drag), "it returns x (x is a number"),
+        (lambda: own(effects.ThermalSoftening, factor=lambda point, c: [1.0]), "has to return x; it returns (x)"),
+        (
+            lambda: own(effects.KelvinVoigt, law=lambda inner, point, c: inner(point, c)[1]),
+            "(tensor, tensor); it returns tensor",
+        ),
+        (lambda: own(effects.GroundFriction, velocity=lambda u, c: u[:2]), "it returns (x, x)"),
+        (Spin, "Spin.apply has to return the tuple of velocity"),
+        (
+            lambda: own(NeoHookean, law=lambda point, c: NeoHookean.law(point, c)[1]),
+            "(tensor, tensor); it returns tensor",
+        ),
+    ],
+)
+def test_what_returns_another_form_is_refused_when_the_model_is_made(made: Any, returns: str):
+    found = made()
+    with pytest.raises(UserInputError) as refused:
+        Physics(found) if isinstance(found, NeoHookean) else Physics(NeoHookean(), effects=[found])
+    assert str(refused.value).startswith(f"{__file__}, line ") and returns in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_only_a_kernel_computes_is_refused_there():
+    """A law in principal space cannot be tried out with floats."""
+    material = own(VonMises, law=lambda point, c: VonMises.law(point, c)[1])
+    Physics(material)
+    with pytest.raises(
+        UserInputError, match=r"test_own_laws.py, line \d+: .* has to return \(tensor, tensor\); it returns tensor"
+    ):
+        one_particle(material)(torch.eye(3).double(), torch.zeros(3, 3).double())
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "lacks"),
+    [
+        (effects.BodyForce, {"probes": ({"k": 1.0},)}, "parameters = named(Parameter(...), ...)"),
+        (effects.BodyForce, {"parameters": LinearDrag.parameters}, "probes = ("),
+        (effects.BodyForce, {"parameters": LinearDrag.parameters, "probes": {"drag": 1.0}}, "probes = ("),
+        (Material, {"coefficients": staticmethod(lambda p: {})}, "parameters = named(Parameter(...), ...)"),
+    ],
+)
+def test_a_class_that_lacks_what_it_declares_is_refused_where_it_is_written(kind: type, body: dict, lacks: str):
+    functions = {"acceleration": LinearDrag.acceleration, "law": NeoHookean.law}
+    with pytest.raises(UserInputError) as refused:
+        type("Own", (kind,), {**functions, **body, "__module__": __name__})
+    assert str(refused.value).startswith(f"{__file__}, class Own: ") and f"write {lacks}" in str(refused.value)
 
 
 def powers(point: Point, c: SimpleNamespace) -> list[Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from torch import Tensor
 
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.parameters import Parameter, check_declared
 from pacnerf_lpo.mpm.point import Law, Point
 
 FAR = 10.0
@@ -69,6 +69,8 @@ class Effect(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        if {Effect, ABC}.isdisjoint(cls.__bases__) and not inspect.isabstract(cls):
+            check_declared(cls, probed=True)
         if "parameters" in vars(cls) and "null" not in vars(cls):
             cls.null = dict.fromkeys(cls.parameters, 0.0)
         written = getattr(cls.__init__, "written", cls.__init__)  # by hand; what was made for a base fits that alone

@@ -1,5 +1,6 @@
 """What a material is: named parameters, and one local law. Add one by adding one file like those next to this one."""
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ from typing import ClassVar
 from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.mpm.parameters import Parameter, check_declared
 from pacnerf_lpo.mpm.point import Point
 from pacnerf_lpo.mpm.tensors import Tensor3
 
@@ -30,6 +31,11 @@ class Material(ABC):
     family: ClassVar[str] = ""
     """How a person calls a material of this kind, such as elastic."""
     deforms: ClassVar[bool] = True
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if ABC not in cls.__bases__ and not inspect.isabstract(cls):
+            check_declared(cls, probed=False)
 
     def __init__(self, guess: Mapping[str, float], known: Sequence[str] = ()):
         where = type(self).__name__
