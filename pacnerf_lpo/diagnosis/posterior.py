@@ -23,10 +23,10 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
     determine, and from which phase.
 
-    A fit to the outlines of the training views that begins at what the phase identified, the scatter of simulated nulls
-    on other grids, and errors of the reconstructed shape; kept step by step like those of a diagnosis. It has more
-    particles than the phase and weighs its data by their errors. So where the phase was fitted to outlines, too, and is
-    the result of the run, the values of this fit take the place of those of the phase.
+    A fit to the outlines that begins at what the phase identified, the scatter of simulated nulls on other grids, and
+    errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data held out. It
+    has more particles than the phase and weighs its data by their errors. So where the phase was fitted to outlines,
+    too, and is the result of the run, the values of this fit take the place of those of the phase.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -34,10 +34,10 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
         particles: the body is sampled by about so many.
 
     Raises:
-        UserInputError: no law has been chosen yet.
+        UserInputError: no law has been chosen yet, or too few views or frames.
         SimulationError: the identified motion is unstable.
     """
-    problem = RunProblem(run, particles=particles, judged=False)
+    problem = RunProblem(run, particles=particles)
     if problem.stage.record.before is not None:
         return
     effects = tuple(problem.physics.effects)

@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.flight_problem import flights, problem_of_flights
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES, Problem, StateProblem
-from pacnerf_lpo.identification.split import of_the_fit, split
+from pacnerf_lpo.identification.split import split
 from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.scene_folder import RUN
 
@@ -91,8 +91,6 @@ class RunProblem(StateProblem):
         particles: the body is sampled by about so many.
         tracks, clouds: measured in addition to the video, in place of the run's own; None: as the run has them.
         images: False: only points are compared.
-        judged: whether frames, and views if there are no test views, are held out to judge by; False: the run's
-            training views are fitted in all frames.
 
     Raises:
         UserInputError: too few views or frames, or wrong or too few points.
@@ -106,7 +104,6 @@ class RunProblem(StateProblem):
         tracks: str | None = None,
         clouds: str | None = None,
         images: bool = True,
-        judged: bool = True,
     ):
         if not run.physics.decided:
             raise UserInputError(
@@ -119,8 +116,7 @@ class RunProblem(StateProblem):
             data.measure(data.video, tracks or data.tracks, clouds or data.clouds)
         if not images and data.tracked_points is None and data.point_clouds is None:
             raise UserInputError("diagnose: --images false leaves nothing to compare; give --tracks or --clouds")
-        held = split(data) if judged else of_the_fit(data)
-        super().__init__(run.scene, data, self.stage.state, run.physics, held, images, particles, images)
+        super().__init__(run.scene, data, self.stage.state, run.physics, split(data), images, particles, images)
         if self.points is not None:
             self.split = replace(self.split, points=self.points.fitted)
         fitted, judging = int(self.fitted.sum()), int((self.usable & self.split.held[..., None]).sum())

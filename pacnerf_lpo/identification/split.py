@@ -60,12 +60,6 @@ def split(data: VideoData) -> Split:
     return Split(~held, ~late)
 
 
-def of_the_fit(data: VideoData) -> Split:
-    """The training views of the run in all frames are fitted, as its phases do."""
-    views, frames = data.video.images.shape[:2]
-    return Split(np.isin(np.arange(views), data.train), np.ones(frames, bool))
-
-
 def held_views(views: int, test: Sequence[int]) -> list[int]:
     """Which of so many views are held out: those of the test, or three of all when it has fewer than two."""
     if len(test) >= 2:
