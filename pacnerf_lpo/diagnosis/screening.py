@@ -117,11 +117,11 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     mask = problem.usable
     hypotheses = [*probes.hypotheses, *discrepancies(comparison, mask)]
     noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
-    inside, outside = (
-        Fitted(entries[mask], comparison.marginal(problem, entries))
-        for entries in (fitted_by(problem, False), fitted_by(problem, True))
-    )
-    fitted = [outside if one.name in probes.outside else inside for one in hypotheses]
+    parts = {}
+    for held in {one.name in probes.outside for one in hypotheses}:
+        entries = fitted_by(problem, held)
+        parts[held] = Fitted(entries[mask], comparison.marginal(problem, entries))
+    fitted = [parts[one.name in probes.outside] for one in hypotheses]
     calibration = calibrate(noise, hypotheses, fitted, LEVEL)
     usual = usual_faults(noise, residual, hypotheses, calibration.scales)
     scales = {name: s * usual.get(name, 1.0) for name, s in calibration.scales.items()}

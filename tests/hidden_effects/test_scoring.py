@@ -149,7 +149,8 @@ def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
     alarm = write(tmp_path / "1005", "null", [], [FIRST, LAST], "missing", "QuadraticDrag")
     unknown = write(tmp_path / "1010", "null", [], [round_of()], "unknown")
     failed = write(tmp_path / "1012", "null", [], None, "")
-    assert quiet.p_value == 0.04  # of the unknown force
+    assert quiet.p_value == quiet.linear == 0.04  # of the unknown force
+    assert alarm.p_value == pytest.approx(1.23e-6, rel=1e-3) and alarm.linear == 1e-4  # of a refit; of a straight line
     assert quiet.inside("material") == [True, False] and alarm.inside("material") == []
     text = rows([quiet, doubtful, alarm, unknown, failed])
     named = [False, False, True, False, True]
@@ -159,7 +160,7 @@ def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
     assert any(line.startswith("p-values of 4 nulls: median 0.04") for line in text)
     uniform = [replace(quiet, p_value=(k + 0.5) / 40) for k in range(40)]
     small = [replace(quiet, p_value=(k + 0.5) / 400) for k in range(40)]
-    (fine,), (bad,) = ([line for line in rows(group) if "Kolmogorov" in line] for group in (uniform, small))
+    fine, bad = (next(line for line in rows(group) if "Kolmogorov" in line) for group in (uniform, small))
     # D = 1/80 for the middles of 40 steps, where exp(-2 * 40 D^2) = 0.99; 0.9 for values in the first tenth
     assert "D = 0.01 (p = 1);" in fine and "too many small ones: p = 0.98." in fine
     assert "D = 0.90" in bad and "(p = 1)" not in bad

@@ -30,6 +30,7 @@ class Outcome:
     ranking: first names of the first round: its refits by their odds, by which a verdict chooses and the report lists
         them, then its other candidates by their Bayes factors.
     p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
+    linear: the same before anything was fitted again: by linear changes, for which the threshold is simulated.
     more_than_noise: whether the verdict says that what is left is more than the model predicts.
     covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
         that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
@@ -50,6 +51,7 @@ class Outcome:
     classes: tuple[tuple[str, ...], ...] = ()
     ranking: tuple[str, ...] = ()
     p_value: float | None = None
+    linear: float | None = None
     more_than_noise: bool = False
     covered: dict[str, bool] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
@@ -109,7 +111,8 @@ def outcome(scene: Path) -> Outcome | None:
         named=named,
         classes=classes,
         ranking=_ranking(rounds[0])[:KEPT],
-        p_value=_smallest(rounds[0]),
+        p_value=_smallest(rounds[0], rounds[0]["refits"]),
+        linear=_smallest(rounds[0], []),
         more_than_noise=verdict["more_than_noise"],
         covered=_covered(true, table),
         hidden=tuple(name for name in moved if name in table),
@@ -126,11 +129,11 @@ def _ranking(first: dict) -> tuple[str, ...]:
     return tuple(dict.fromkeys(entry["name"] for entry in (*refitted, *others)))
 
 
-def _smallest(first: dict) -> float | None:
+def _smallest(first: dict, refits: list[dict]) -> float | None:
     screen = first["screen"] or {"candidates": [], "discrepancies": {}}
-    again = {entry["name"] for entry in first["refits"]}
+    again = {entry["name"] for entry in refits}
     others = [entry for entry in screen["candidates"] if entry["name"] not in again]
-    entries = [*first["refits"], *others, *screen["discrepancies"].values()]
+    entries = [*refits, *others, *screen["discrepancies"].values()]
     return min((float(f"{entry['p_value']:.3g}") for entry in entries), default=None)
 
 

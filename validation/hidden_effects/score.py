@@ -83,16 +83,20 @@ def null(outcomes: Sequence[Outcome]) -> list[Row]:
 
 def uniformity(outcomes: Sequence[Outcome]) -> list[str]:
     """Kolmogorov-Smirnov tests of the p-values of null scenes."""
-    p_values = [o.p_value for o in outcomes if o.p_value is not None]
-    if not p_values:
-        return []
-    both, small = kstest(p_values, "uniform"), kstest(p_values, "uniform", alternative="greater")
-    return [
-        "",
-        f"p-values of {len(p_values)} nulls: median {np.median(p_values):.2f}, least {min(p_values):.2g}; "
-        f"against the uniform distribution, Kolmogorov-Smirnov D = {both.statistic:.2f} (p = {both.pvalue:.2g}); "
-        f"too many small ones: p = {small.pvalue:.2g}.",
-    ]
+    lines = []
+    for what, p_values in (
+        ("p-values", [o.p_value for o in outcomes if o.p_value is not None]),
+        ("Before anything was fitted again, p-values", [o.linear for o in outcomes if o.linear is not None]),
+    ):
+        if p_values:
+            both, small = kstest(p_values, "uniform"), kstest(p_values, "uniform", alternative="greater")
+            tested = f"Kolmogorov-Smirnov D = {both.statistic:.2f} (p = {both.pvalue:.2g})"
+            lines += [
+                "",
+                f"{what} of {len(p_values)} nulls: median {np.median(p_values):.2f}, least {min(p_values):.2g}; "
+                f"against the uniform distribution, {tested}; too many small ones: p = {small.pvalue:.2g}.",
+            ]
+    return lines
 
 
 def outside(outcomes: Sequence[Outcome]) -> list[Row]:
