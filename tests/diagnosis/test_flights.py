@@ -181,4 +181,4 @@ def test_runs_cannot_be_mixed_with_flights_and_options_of_videos_are_refused(tmp
     content["physics"]["effects"] = [{"class_path": "NoSuchEffect"}]
     path.write_text(yaml.safe_dump(content))
     assert main(["diagnose", str(tmp_path / "scene")]) == 2
-    assert "not a list of effects" in capsys.readouterr().err
+    assert "a class of your own has its module before it, MODULE.NoSuchEffect" in capsys.readouterr().err

@@ -113,7 +113,7 @@ def test_effects_come_and_go(falling: Session):
         (lambda s: s.set({}), "at least one setting"),
         (lambda s: s.add("Drag"), "no effect Drag; did you mean"),
         (lambda s: s.add("LinearDrag", {"push_x": 1.0}), "LinearDrag has no push_x; it has drag"),
-        (lambda s: s.add("nowhere.Lorentz"), "not a list of effects"),
+        (lambda s: s.add("nowhere.Lorentz"), "nowhere.Lorentz cannot be imported"),
         (lambda s: s.remove("Magnus"), "the model has no Magnus"),
         (lambda s: s.fit([]), "tick at least one"),
         (lambda s: s.fit(["drag"]), "which the model has not"),
