@@ -137,27 +137,42 @@ def _simulated_maxima(
     seed: int,
 ) -> np.ndarray:
     """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
-    whole = Alternative.of_all(noise, hypotheses)
-    parts = [Alternative.of_all(part.noise, [part.of(one)])[0] for one, part in zip(hypotheses, fitted, strict=True)]
-    axes = [
-        [(a.axes, part.among_all(noise, b.axes)) for a, b in zip(tried, own, strict=True)]
-        for tried, own, part in zip(whole, parts, fitted, strict=True)
-    ]
-    basis = np.linalg.qr(np.concatenate([one for tried in axes for pair in tried for one in pair], axis=1))[0]
+    whole = [[(one, one.axes) for one in tried] for tried in Alternative.of_all(noise, hypotheses)]
+    parts = _in_fitted(noise, hypotheses, fitted)
+    directions = [axes for tried in (*whole, *parts) for _, axes in tried]
+    basis = np.linalg.qr(np.concatenate(directions, axis=1))[0]
     random = np.random.default_rng(seed)
     heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
     residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]
     squares = random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS) + (residuals**2).sum(1)
+    together = residuals @ (basis.T @ np.concatenate(directions, axis=1))
+    coordinates = iter(np.split(together, np.cumsum([axes.shape[1] for axes in directions])[:-1], axis=1))
 
-    def factor(alternative: Alternative, directions: np.ndarray, one: Hypothesis) -> np.ndarray:
-        u, share = residuals @ (basis.T @ directions), len(alternative.axes) / len(basis)
-        scale = scales[one.name]
-        return alternative.log_bayes_factor(scale * u, share * squares - (u**2).sum(1), scale, one.one_sided)
+    def factors(one: Hypothesis, tried: Sequence[tuple[Alternative, np.ndarray]]) -> np.ndarray:
+        found, scale = [], scales[one.name]
+        for alternative, _ in tried:
+            u, share = next(coordinates), len(alternative.axes) / len(basis)
+            rest = share * squares - (u**2).sum(1)
+            found.append(alternative.log_bayes_factor(scale * u, rest, scale, one.one_sided))
+        return logsumexp(found, axis=0) - np.log(len(tried))
 
-    largest = np.full(DRAWS, -np.inf)
-    for one, tried, own, pairs in zip(hypotheses, whole, parts, axes, strict=True):
-        of_all = [factor(a, directions, one) for a, (directions, _) in zip(tried, pairs, strict=True)]
-        of_part = [factor(b, directions, one) for b, (_, directions) in zip(own, pairs, strict=True)]
-        mean_of = [logsumexp(factors, axis=0) - np.log(len(tried)) for factors in (of_all, of_part)]
-        largest = np.maximum(largest, believed(*mean_of))
-    return largest
+    of_all, of_part = (
+        [factors(one, tried) for one, tried in zip(hypotheses, group, strict=True)] for group in (whole, parts)
+    )
+    return believed(np.array(of_all), np.array(of_part)).max(0)
+
+
+def _in_fitted(
+    noise: NoiseModel, hypotheses: Sequence[Hypothesis], fitted: Sequence[Fitted]
+) -> list[list[tuple[Alternative, np.ndarray]]]:
+    """Of every hypothesis: its alternatives in the data that it is fitted to, and their directions among all."""
+    found: list[list[tuple[Alternative, np.ndarray]]] = [[] for _ in hypotheses]
+    for part in {id(one): one for one in fitted}.values():
+        places = [place for place, one in enumerate(fitted) if one is part]
+        tried = Alternative.of_all(part.noise, [part.of(hypotheses[place]) for place in places])
+        flat = [one.axes for own in tried for one in own]
+        ends = np.cumsum([axes.shape[1] for axes in flat])[:-1]
+        seen = iter(np.split(part.among_all(noise, np.concatenate(flat, axis=1)), ends, axis=1))
+        for place, own in zip(places, tried, strict=True):
+            found[place] = [(one, next(seen)) for one in own]
+    return found
