@@ -142,6 +142,9 @@ def _relative(found: Distance, first: Mapping[str, Any], measured: str) -> str:
         return f"{farther}, which is too much for chance."
     if outside:
         return f"{measured} is no farther away on average, but differs in a pattern that chance does not make."
+    if first["accepted"] and not inside:
+        size, cause = farther if times >= 1.1 else f"{measured} is no farther away", readable(first["accepted"])
+        return f"{size}. Chance would explain that size, but not that the error looks like {cause}."
     end = " In the fitted data the residual is larger than chance explains." if inside else ""
     return f"{farther}, which chance explains.{end}" if times >= 1.1 else f"{measured} is no farther away.{end}"
 

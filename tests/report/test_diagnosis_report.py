@@ -77,6 +77,9 @@ def test_a_distance_that_chance_explains_is_not_called_too_large():
     said = words.distance(result)
     assert "5.0 times as far away as that, which chance explains." in said
     assert said.endswith("In the fitted data the residual is larger than chance explains.")
+    result["rounds"][0]["check"] = example.check(1.0, 0.5)
+    said = words.distance(result)  # an effect was named for its pattern
+    assert said.endswith("Chance would explain that size, but not that the error looks like linear drag.")
 
 
 def test_a_distance_that_rises_while_the_weighted_error_falls_is_explained():
