@@ -219,11 +219,6 @@ class Group(Emitted):
         self.put(row, [largest(known, number) if most else smallest(known, number)])
 
 
-def flat(tensor: Tensor3) -> list[Any]:
-    """The nine numbers of a tensor."""
-    return [x for row in tensor for x in row]
-
-
 @ti.func
 def vector(a: ti.template(), o):
     return ti.Vector([a[o], a[o + 1], a[o + 2]])

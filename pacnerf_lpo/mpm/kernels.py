@@ -57,7 +57,7 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
         call = Launch(
             numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
-        schedule.forward(Forward(states, velocity, contact, momentum, constants), call, laws, parallel)
+        schedule.passes(Forward(states, velocity, contact, momentum, constants), call, laws, parallel, False)
 
     @ti.kernel
     def adjoint(
@@ -89,6 +89,6 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
             numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
         )  # fmt: skip
         a = Adjoint(states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients)
-        schedule.adjoint(a, call, laws, parallel)
+        schedule.passes(a, call, laws, parallel, True)
 
     return Launcher(forward, dtype), Launcher(adjoint, dtype)

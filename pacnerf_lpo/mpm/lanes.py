@@ -12,6 +12,7 @@ from typing import Any
 
 from pacnerf_lpo.mpm import taichi_calls
 from pacnerf_lpo.mpm.taichi_calls import Expr, compiling_double, ti
+from pacnerf_lpo.mpm.tensors import Tensor3
 
 LANES = 16
 """Particles in a register: as many floats as AVX-512 has. Machines with narrower registers take several for them."""
@@ -61,6 +62,11 @@ def is_wide(value: Any) -> bool:
 def keep(value: Any) -> Any:
     """Store an expression in a local variable, so that using it twice computes it once."""
     return _typed(taichi_calls.keep(value))
+
+
+def kept(tensor: Tensor3) -> Tensor3:
+    """A tensor whose entries are computed once."""
+    return [[keep(x) for x in row] for row in tensor]
 
 
 def entry(array: Any, *indices: Any) -> Any:

@@ -15,10 +15,10 @@ Numbers of a particle are those of a group: one, or a register full of them.
 from typing import Any
 
 from pacnerf_lpo.mpm.arrays import Field, Group, Setting, total, vector
-from pacnerf_lpo.mpm.lanes import keep
+from pacnerf_lpo.mpm.lanes import keep, kept
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.taichi_calls import components, ti
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, product, scaled
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, product, scaled
 from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter, scatter_and_slope
 
 
@@ -65,16 +65,6 @@ def g2p_adjoint(
     B = kept(scaled(gC, keep(4.0 * s.n.inv_dx)))
     slope = scatter_and_slope(field, velocity, here, linear(gv, B, 0.0, here), s, group)
     return [keep(s.n.inv_dx * (slope[i] - dot([row[i] for row in B], v))) for i in AXES]
-
-
-def kept(tensor: Tensor3) -> Tensor3:
-    """A tensor whose entries are computed once."""
-    return [[keep(x) for x in row] for row in tensor]
-
-
-def dot(a: list, b: list) -> Any:
-    """a · b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @ti.func

@@ -7,7 +7,7 @@ from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, plain
 from pacnerf_lpo.mpm.taichi_calls import Emitted
-from pacnerf_lpo.mpm.tensors import Tensor3
+from pacnerf_lpo.mpm.tensors import Tensor3, flat
 
 
 @dataclass(frozen=True)
@@ -124,15 +124,11 @@ class Evaluation(Emitted):
         """Emit the adjoint, given the adjoints of F_new, tau, velocity and history as nested lists of expressions."""
         p = self._point
         seeds = [
-            *(
-                (a, g)
-                for row, grow in zip(self._F_new + self._tau, gF + gtau, strict=True)
-                for a, g in zip(row, grow, strict=True)
-            ),
+            *zip(flat(self._F_new + self._tau), flat(gF + gtau), strict=True),
             *zip(self._velocity, gv, strict=True),
             *zip(self._history, gh, strict=True),
         ]
-        inputs = [*(a for row in p.F + p.C for a in row), *p.x, *p.X, *p.v, p.mass, p.stiffness]
+        inputs = [*flat(p.F + p.C), *p.x, *p.X, *p.v, p.mass, p.stiffness]
         return Adjoint(self._record.pull_back(seeds, [*inputs, *p.history, *self._coefficients]), len(p.history))
 
 

@@ -13,14 +13,14 @@ the divided differences (g_i - g_j)/(beta_i - beta_j). As k and m are isotropic,
 follow from (e_i - e_j)/(beta_i - beta_j), for nearly equal stretches by series: nothing is singular or cancels.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
-from pacnerf_lpo.mpm.lanes import absolute, keep, largest, log, select, smallest
+from pacnerf_lpo.mpm.lanes import absolute, keep, kept, largest, log, select, smallest
 from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, dot, flat, product, transposed
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
@@ -52,7 +52,7 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     size = root(largest(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE))
     inverse = keep(1.0 / size)
     S = _symmetric(lambda i, j: S[i][j] * inverse)
-    half = keep(0.5 * _dot(S[0], _cofactors(S)[0]))
+    half = keep(0.5 * dot(S[0], _cofactors(S)[0]))
     r = smallest(absolute(half), 1.0)
     c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
     for _ in range(2 if compiling_double() else 1):
@@ -64,8 +64,8 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     twist = keep(a[0] * a[1] * tilt)
     p = [keep(1.0 + side * a[0] * a[0] * tilt), keep(side * twist), keep(-side * a[0])]
     q = [twist, keep(side + a[1] * a[1] * tilt), keep(-a[1])]
-    Sp = [keep(_dot(row, p)) for row in S]
-    pp, pq = keep(_dot(p, Sp)), keep(_dot(q, Sp))
+    Sp = [keep(dot(row, p)) for row in S]
+    pp, pq = keep(dot(p, Sp)), keep(dot(q, Sp))
     d = keep(-0.5 * distinct - pp)  # half of q·Sq - p·Sp; the trace is zero
     h = root(d * d + pq * pq)
     cosine, sine = keep(absolute(d) + h + TINY), select(d < 0.0, -pq, pq)
@@ -88,27 +88,27 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
     """
     record: Record = F[0][0].record
     f = [[plain(a) for a in row] for row in F]
-    values, U = symmetric_eigen(_symmetric(lambda i, j: _dot(f[i], f[j])))
+    values, U = symmetric_eigen(_symmetric(lambda i, j: dot(f[i], f[j])))
     beta = [largest(x, SMALLEST_BETA) for x in values]
-    columns = _transposed(U)
-    turned = _product(columns, f)
+    columns = transposed(U)
+    turned = kept(product(columns, f))
     across: dict[tuple[int, int], Any] = {}
     stretched: list[Any] = []
 
     def strain_adjoint(g: list) -> list:
         along = [0.0 if g[i] is None else keep(g[i] / beta[i]) for i in AXES]
         of_b = _symmetric(lambda i, j: along[i] if i == j else across[i, j])
-        of_turned = [keep(a + b) for a, b in zip(_flat(_product(of_b, turned)), stretched, strict=True)]
-        return _flat(_product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]]))
+        of_turned = [keep(a + b) for a, b in zip(flat(kept(product(of_b, turned))), stretched, strict=True)]
+        return flat(kept(product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]])))
 
-    operands = _flat(F)
+    operands = flat(F)
     trial = record.step([0.5 * log(x) for x in beta], operands, strain_adjoint)
     strain = [maximum(x, LOG_SMALLEST_STRETCH) for x in trial]
     mean = (strain[0] + strain[1] + strain[2]) * (1.0 / 3.0)
     deviator = [x - mean for x in strain]
-    kept, new_mean = flow(strain, mean, sqrt(_dot(deviator, deviator)))
-    pressure, shear = (2.0 * mu + 3.0 * lam) * new_mean, 2.0 * mu * kept
-    lost, shift = kept - 1.0, new_mean - mean  # exactly 0 without flow
+    share, new_mean = flow(strain, mean, sqrt(dot(deviator, deviator)))
+    pressure, shear = (2.0 * mu + 3.0 * lam) * new_mean, 2.0 * mu * share
+    lost, shift = share - 1.0, new_mean - mean  # exactly 0 without flow
     ratio = [exp(lost * d + shift + (y - x)) for d, y, x in zip(deviator, strain, trial, strict=True)]
     stress = [shear * d + pressure for d in deviator]
 
@@ -118,24 +118,24 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         What else reaches the strains is left in ``across`` and ``stretched`` for their adjoint, which comes next.
         """
         g = [0.0 if x is None else x for x in g]
-        of_new = _product(columns, [g[0:3], g[3:6], g[6:9]])
+        of_new = kept(product(columns, [g[0:3], g[3:6], g[6:9]]))
         of_tau = _symmetric(lambda i, j: 0.5 * (g[9 + 3 * i + j] + g[9 + 3 * j + i]))
         of_T = _symmetric(_rotation(columns, of_tau))
         stretched.extend(keep(plain(ratio[k]) * x) for k in AXES for x in of_new[k])
-        slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(kept))
+        slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(share))
         for (i, j), (of_ratio, of_strain) in slopes.items():
-            of_R = _dot(of_new[i], turned[j]) + _dot(of_new[j], turned[i])
+            of_R = dot(of_new[i], turned[j]) + dot(of_new[j], turned[i])
             across[i, j] = keep(of_R * of_ratio + 2.0 * plain(shear) * of_T[i][j] * of_strain)
-        return [*(_dot(of_new[i], turned[i]) for i in AXES), *(of_T[i][i] for i in AXES)]
+        return [*(dot(of_new[i], turned[i]) for i in AXES), *(of_T[i][i] for i in AXES)]
 
-    change = _product(U, [[keep((plain(ratio[k]) - 1.0) * x) for x in turned[k]] for k in AXES])
-    new = [keep(x + y) for x, y in zip(_flat(f), _flat(change), strict=True)]
+    change = kept(product(U, [[keep((plain(ratio[k]) - 1.0) * x) for x in turned[k]] for k in AXES]))
+    new = [keep(x + y) for x, y in zip(flat(f), flat(change), strict=True)]
     tau = _symmetric(_spectrum(U, [plain(x) for x in stress]))
-    flat = record.step([*new, *_flat(tau)], [*ratio, *stress], adjoint)
-    return [flat[0:3], flat[3:6], flat[6:9]], [flat[9:12], flat[12:15], flat[15:18]]
+    out = record.step([*new, *flat(tau)], [*ratio, *stress], adjoint)
+    return [out[0:3], out[3:6], out[6:9]], [out[9:12], out[12:15], out[15:18]]
 
 
-def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int, int], tuple[Any, Any]]:
+def _slopes(beta: list, strain: list, ratio: list, share: Any) -> dict[tuple[int, int], tuple[Any, Any]]:
     """(ratio_i - ratio_j) / (beta_i - beta_j), and the same of the floored strains, for each pair of axes.
 
     With x = (beta_i - beta_j) / (beta_i + beta_j), e_i - e_j = artanh x; and the difference of two exponentials is
@@ -148,7 +148,7 @@ def _slopes(beta: list, strain: list, ratio: list, kept: Any) -> dict[tuple[int,
         near, square = keep(absolute(x) < NEAR), keep(x * x)
         limit = keep(total * (1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7)))))
         floored = select(beta[i] > SMALLEST_STRETCH_SQUARE, limit, 0.0)
-        exponent = keep(kept * floored - limit)
+        exponent = keep(share * floored - limit)
         y = keep(0.25 * (exponent * gap) * (exponent * gap))
         mean = 0.5 * (ratio[i] + ratio[j]) * (1.0 - y * (1.0 / 3 - y * (2.0 / 15)))
         of_ratio = select(near, mean * exponent, (ratio[i] - ratio[j]) * inverse)
@@ -161,7 +161,7 @@ def _kernel(M: Tensor3) -> list[Any]:
     A = _cofactors(M)
     first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
     a = [select(first, A[0][k], select(second, A[1][k], A[2][k])) for k in AXES]
-    scale = keep(1.0 / root(_dot(a, a)))
+    scale = keep(1.0 / root(dot(a, a)))
     return [keep(scale * x) for x in a]
 
 
@@ -177,10 +177,6 @@ def _squares(a: Tensor3) -> Any:
     return a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2] + 2.0 * off
 
 
-def _dot(a: Sequence, b: Sequence) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def _symmetric(entry: Callable[[int, int], Any]) -> Tensor3:
     """The symmetric tensor with these entries on and above the diagonal."""
     upper = {(i, j): keep(entry(i, j)) for i in AXES for j in range(i, 3)}
@@ -190,23 +186,10 @@ def _symmetric(entry: Callable[[int, int], Any]) -> Tensor3:
 def _spectrum(U: Tensor3, values: list) -> Callable[[int, int], Any]:
     """Entries of U diag(values) Uᵀ."""
     scaled = [[keep(U[i][k] * values[k]) for k in AXES] for i in AXES]
-    return lambda i, j: _dot(scaled[i], U[j])
+    return lambda i, j: dot(scaled[i], U[j])
 
 
 def _rotation(U: Tensor3, a: Tensor3) -> Callable[[int, int], Any]:
     """Entries of U a Uᵀ for symmetric a."""
-    left = [[keep(_dot(U[i], a[k])) for k in AXES] for i in AXES]
-    return lambda i, j: _dot(left[i], U[j])
-
-
-def _product(a: Tensor3, b: Tensor3) -> Tensor3:
-    columns = _transposed(b)
-    return [[keep(_dot(a[i], columns[j])) for j in AXES] for i in AXES]
-
-
-def _transposed(a: Tensor3) -> Tensor3:
-    return [[a[j][i] for j in AXES] for i in AXES]
-
-
-def _flat(a: Tensor3) -> list:
-    return [x for row in a for x in row]
+    left = [[keep(dot(U[i], a[k])) for k in AXES] for i in AXES]
+    return lambda i, j: dot(left[i], U[j])

@@ -135,9 +135,8 @@ class Run:
         while True:
             grid = self.grid(start, margin)
             if grid.nodes > MOST_NODES:
-                raise SimulationError(
-                    index, 0, f"{CAUSES[2]}: particles spread over {' x '.join(map(str, grid.size))} cells"
-                )
+                spread = " x ".join(map(str, grid.size))
+                raise SimulationError(index, 0, f"{CAUSES[2]}: particles spread over {spread} cells")
             tape.fit(grid)
             with LAUNCHING:
                 failures = self._launch(self._forward, index, tape, self._engine.launches())
@@ -153,9 +152,7 @@ class Run:
         """Set the adjoints of state, constants and coefficients to zero."""
         self._of_state = torch.zeros_like(self.state)
         self._of_constants = torch.zeros_like(self._constants)
-        self._of_coefficients = torch.zeros(
-            self._slices, self._coefficients, dtype=torch.float64, device=self.state.device
-        )
+        self._of_coefficients = self.state.new_zeros(self._slices, self._coefficients, dtype=torch.float64)
 
     def add_to_adjoint(self, of_positions: Tensor) -> None:
         """Add the adjoint of the positions at a frame [(N, 3)]."""

@@ -24,21 +24,12 @@ PATIENCE = 50000
 
 
 @ti.func
-def forward(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid, pass by pass; with ``parallel`` by as many threads as there are slices."""
-    all_passes(arrays, call, laws, parallel, False)
-
-
-@ti.func
-def adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """The same backward, from the last pass to the first."""
-    all_passes(arrays, call, laws, parallel, True)
-
-
-@ti.func
-def all_passes(
+def passes(
     arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
 ):
+    """Particles, then grid, pass by pass, with ``parallel`` by as many threads as there are slices; ``back``: the
+    adjoint, from the last pass to the first.
+    """
     apart = ti.static(LEAST_SHARE if parallel else 1)
     ti.loop_config(serialize=not parallel)
     for t in range(call.slices * apart):

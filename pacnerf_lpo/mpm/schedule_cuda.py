@@ -10,28 +10,25 @@ BLOCK = 128
 
 
 @ti.func
-def forward(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid."""
+def passes(
+    arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
+):
+    """Particles, then grid; ``back``: their adjoint. The last pass begins nothing, the first completes nothing."""
     ti.loop_config(block_dim=BLOCK)
     for p in range(call.dims[0] * LANES):
         s = Setting.of(call, laws, call.first)
-        forward_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES))
-    for o in range((call.first < call.substeps) * call.dims[1] * call.dims[2] * call.dims[3]):
+        if ti.static(back):
+            adjoint_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES), 0)
+        else:
+            forward_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES))
+    nodes = call.dims[1] * call.dims[2] * call.dims[3]
+    for o in range((call.first != (0 if ti.static(back) else call.substeps)) * nodes):
         s = Setting.of(call, laws, call.first)
         a = arrays.at(call, call.first)
-        grid_update(a, s, o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row, True)
-
-
-@ti.func
-def adjoint(arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template()):
-    """Particles, then grid."""
-    ti.loop_config(block_dim=BLOCK)
-    for p in range(call.dims[0] * LANES):
-        s = Setting.of(call, laws, call.first)
-        adjoint_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES), 0)
-    for o in range((call.first > 0) * call.dims[1] * call.dims[2] * call.dims[3]):
-        s = Setting.of(call, laws, call.first)
-        a = arrays.at(call, call.first)
-        mine = grid_update_adjoint(a, s, o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row, True)
-        for c in ti.static(range(len(laws.names))):
-            add_to_slice(a.of_coefficients, 0, c, mine[c], True)
+        i, j, k = o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row
+        if ti.static(back):
+            mine = grid_update_adjoint(a, s, i, j, k, True)
+            for c in ti.static(range(len(laws.names))):
+                add_to_slice(a.of_coefficients, 0, c, mine[c], True)
+        else:
+            grid_update(a, s, i, j, k, True)

@@ -4,7 +4,7 @@ Pass s of a frame completes substep s - 1 (G2P and the motion) and begins subste
 the particles, so that a particle is read once per substep. The adjoint goes through the same passes backward.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pacnerf_lpo.mpm.arrays import (
@@ -21,12 +21,11 @@ from pacnerf_lpo.mpm.arrays import (
     V,
     check_stencil,
     check_velocity,
-    flat,
 )
-from pacnerf_lpo.mpm.lanes import keep, new_scope, summed
-from pacnerf_lpo.mpm.operators import g2p, g2p_adjoint, kept, local_laws, p2g, p2g_adjoint, stress_impulse
+from pacnerf_lpo.mpm.lanes import keep, kept, new_scope, summed
+from pacnerf_lpo.mpm.operators import g2p, g2p_adjoint, local_laws, p2g, p2g_adjoint, stress_impulse
 from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
-from pacnerf_lpo.mpm.tensors import AXES, added, contraction, product, scaled, transposed
+from pacnerf_lpo.mpm.tensors import AXES, added, contraction, flat, product, scaled, transposed
 from pacnerf_lpo.mpm.transfer import stencil
 
 
@@ -55,10 +54,10 @@ class Forward(Emitted):
     def at(self, call: Launch, substep: Any) -> "Forward":
         """With the places of a substep."""
         earlier = keep(ti.max(substep - 1, 0))
-        return Forward(
-            self.states, self.velocity, self.contact, self.momentum, self.constants,
-            keep(call.state * earlier), keep(call.state * substep), keep(call.state * (substep + 1)),
-            keep(call.nodes * earlier), keep(call.nodes * substep), keep(call.contact * substep),
+        return replace(
+            self, before=keep(call.state * earlier), now=keep(call.state * substep),
+            ahead=keep(call.state * (substep + 1)), velocity_before=keep(call.nodes * earlier),
+            velocity_now=keep(call.nodes * substep), contact_now=keep(call.contact * substep),
         )  # fmt: skip
 
 
@@ -88,11 +87,9 @@ class Adjoint(Emitted):
     def at(self, call: Launch, substep: Any) -> "Adjoint":
         """With the places of a substep."""
         earlier = keep(ti.max(substep - 1, 0))
-        return Adjoint(
-            self.states, self.gradient, self.node, self.velocity, self.contact, self.momentum, self.constants,
-            self.of_constants, self.of_coefficients,
-            keep(call.state * substep), keep(call.state * earlier), keep(call.nodes * earlier),
-            keep(call.contact * earlier),
+        return replace(
+            self, now=keep(call.state * substep), before=keep(call.state * earlier),
+            velocity_before=keep(call.nodes * earlier), contact_before=keep(call.contact * earlier),
         )  # fmt: skip
 
 

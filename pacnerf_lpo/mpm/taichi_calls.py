@@ -63,11 +63,6 @@ def components(vector: Any) -> list[Any]:
     return [entry(vector, i) for i in range(3)]
 
 
-def entries(matrix: Any) -> list[list[Any]]:
-    """While a kernel is compiled: the nine expressions of a 3x3 matrix."""
-    return [[entry(matrix, i, j) for j in range(3)] for i in range(3)]
-
-
 def compiling_double() -> bool:
     """While a kernel is compiled: whether its real numbers are float64."""
     return impl.get_runtime().default_fp == ti.f64

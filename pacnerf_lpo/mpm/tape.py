@@ -41,10 +41,8 @@ def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tu
     """
     straight = x + duration * v
     fallen = x.new_tensor(gravity) * (0.5 * duration**2)
-    low, high = (
-        torch.minimum(x.amin(1), straight.amin(1) + fallen.clamp(max=0)),
-        torch.maximum(x.amax(1), straight.amax(1) + fallen.clamp(min=0)),
-    )
+    low = torch.minimum(x.amin(1), straight.amin(1) + fallen.clamp(max=0))
+    high = torch.maximum(x.amax(1), straight.amax(1) + fallen.clamp(min=0))
     low[1] = torch.maximum(low[1], x[1].amin().clamp(max=0.0))
     first = torch.floor(low / dx - 0.5).long() - margin
     last = torch.floor(high / dx - 0.5).long() + 2 + margin

@@ -1,5 +1,6 @@
 """3x3 tensors inside a law: nested lists of numbers (floats, or :class:`~pacnerf_lpo.mpm.differentiation.Scalar`)."""
 
+from collections.abc import Sequence
 from typing import Any
 
 Tensor3 = list[list[Any]]
@@ -9,6 +10,16 @@ AXES = range(3)
 def diagonal(x: Any, y: Any, z: Any) -> Tensor3:
     """The tensor with these on its diagonal."""
     return [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]]
+
+
+def flat(tensor: Tensor3) -> list[Any]:
+    """The nine numbers of a tensor."""
+    return [x for row in tensor for x in row]
+
+
+def dot(a: Sequence, b: Sequence) -> Any:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def product(a: Tensor3, b: Tensor3) -> Tensor3:

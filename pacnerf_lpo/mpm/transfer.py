@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacnerf_lpo.mpm import transfer_rows, transfer_single
-from pacnerf_lpo.mpm.arrays import Bench, Field, Group, Setting, flat
+from pacnerf_lpo.mpm.arrays import Bench, Field, Group, Setting
 from pacnerf_lpo.mpm.lanes import floor, keep, select
 from pacnerf_lpo.mpm.taichi_calls import Emitted, ti
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, flat
 
 
 @dataclass(frozen=True)

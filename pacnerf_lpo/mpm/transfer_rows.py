@@ -21,11 +21,8 @@ def on(group: ti.template(), row: ti.template(), lane):
 @ti.func
 def first_node(s: ti.template(), group: ti.template(), lane):
     """Place in memory of the first node of the stencil of one particle."""
-    i, j, k = (
-        int(on(group, Bench.CELL, lane)),
-        int(on(group, Bench.CELL + 1, lane)),
-        int(on(group, Bench.CELL + 2, lane)),
-    )
+    cell = ti.static(Bench.CELL)
+    i, j, k = int(on(group, cell, lane)), int(on(group, cell + 1, lane)), int(on(group, cell + 2, lane))
     return i * s.dims.plane + j * s.dims.row + k
 
 
@@ -154,11 +151,9 @@ def gather_with_slope(field: ti.template(), s: ti.template(), group: ti.template
         for i in range(3):
             w = on(group, Bench.W + i, lane)
             q1 = q + qj
-            u0, u1, u2 = (
-                row_at(field.array, o) * q,
-                row_at(field.array, o + s.dims.row) * q1,
-                row_at(field.array, o + 2 * s.dims.row) * (q1 + qj),
-            )
+            u0 = row_at(field.array, o) * q
+            u1 = row_at(field.array, o + s.dims.row) * q1
+            u2 = row_at(field.array, o + 2 * s.dims.row) * (q1 + qj)
             value = w0 * u0 + w1 * u1 + w2 * u2
             gx += on(group, Bench.DW + i, lane) * value
             gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
