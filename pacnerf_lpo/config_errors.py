@@ -8,8 +8,8 @@ import re
 import sys
 from abc import ABC
 from collections.abc import Iterable, Sequence
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, get_args, get_origin
 
 import yaml
@@ -72,7 +72,7 @@ def _unknown_key(text: str, where: str, parser: ArgumentParser, files: Sequence[
     elif found := re.search(r"Group '(.+)' does not accept option '(.+)'", text):
         key = f"{found[1]}.{found[2]}"
     elif found := re.search(r"class_path '([^']+)'[^']*Option '([^']+)' is not accepted", text):
-        kind, within = imported(found[1]), f"{where}.init_args."
+        kind, within = resolve_name(found[1]), f"{where}.init_args."
         known = [within + name for name in inspect.signature(kind).parameters]
         key = within + found[2]
         if ABC in kind.__bases__:  # no class was given: the entry itself has a wrong key
@@ -176,12 +176,6 @@ def _place(word: str, files: Sequence[Path]) -> str:
             if re.search(rf"(?<![\w.]){re.escape(word)}(?![\w.])", line.split("#")[0]):
                 return f"{path}, line {number}: "
     return ""
-
-
-def imported(class_path: str) -> type:
-    """The class of a path such as ``pacnerf_lpo.mpm.effects.Magnus``."""
-    module, _, name = class_path.rpartition(".")
-    return getattr(import_module(module), name)
 
 
 def _class_names(parser: ArgumentParser, key: str) -> list[str]:

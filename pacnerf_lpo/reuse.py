@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo.config_errors import imported
 from pacnerf_lpo.config_layers import flat
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
@@ -120,5 +120,5 @@ def _of_velocity(config: Mapping[str, Any]) -> dict[str, Any]:
     """What the velocity depends on, besides the reconstruction."""
     physics = {key: deepcopy(value) for key, value in config["physics"].items() if key not in AFTER_CONTACT}
     effects = physics.get("effects") or []
-    physics["effects"] = [one for one in effects if not issubclass(imported(one["class_path"]), GroundEffect)]
+    physics["effects"] = [one for one in effects if not issubclass(resolve_name(one["class_path"]), GroundEffect)]
     return {"phases": {"velocity": config["phases"]["velocity"]}, "physics": physics}

@@ -1,6 +1,7 @@
 """Image quality and parameter errors of every phase of a run: ``results.json``."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +15,7 @@ from pacnerf_lpo.data.assets import demo_scene
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.evaluation.doubts import doubts_of_run
 from pacnerf_lpo.evaluation.image_metrics import ImageScores, Missing, image_scores, mean_squared_error
-from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth, velocity_error
+from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, read_truth
 from pacnerf_lpo.evaluation.prediction import contact_of, render_stage
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.evaluation.tables import result_phase
@@ -105,7 +106,7 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
         errors = parameter_errors(parameters, truth, fluid=mu is not None and "s" in mu.unit)  # then mu is a viscosity
         result["truth_errors"] = {name: asdict(error) for name, error in errors.items()}
         if truth.velocity is not None and stage.moves:
-            error = velocity_error(tuple(velocity), truth.velocity)
+            error = math.dist(velocity, truth.velocity)
             result["velocity_error"] = {"true": list(truth.velocity), "error": error, "unit": "m/s"}
     try:
         return {**result, **_measure_images(run, stage)}

@@ -114,11 +114,6 @@ def young_and_poisson(mu: float, kappa: float) -> tuple[float, float]:
     return 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (2 * (3 * kappa + mu))
 
 
-def velocity_error(found: tuple[float, ...], true: tuple[float, ...]) -> float:
-    """Length of the difference of two initial velocities [m/s]."""
-    return math.dist(found, true)
-
-
 def _parameter_error(name: str, found: float, true: float) -> ParameterError:
     measure = _measure(name)
     scale = {"log10": math.log10, "radians": math.radians, "plain": float}[measure]

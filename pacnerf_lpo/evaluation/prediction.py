@@ -85,7 +85,7 @@ def simulate(run: Run, stage: Stage) -> Tensor:
 def velocity_of(run: Run, stage: Stage) -> Tensor:
     """Velocity of every particle at frame 0, the effects on it included [m/s, (N, 3)]."""
     state = stage.state
-    density, values = state.massive(state.density), _values(run, stage)
+    density, values = state.massive(state.density), run.physics.values(state)
     return run.physics.initial_velocity(state.positions, state.velocity, density, values, state.spacings)
 
 
@@ -99,7 +99,7 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     renderer = StateRenderer(stage.state)
     video, observer = run.data.video, AS_BELIEVED
     if stage.moves:  # as long as nothing has moved, nothing is known to be wrong about the cameras
-        observer = Observer(cameras_of(run.physics.effects, video), _values(run, stage))
+        observer = Observer(cameras_of(run.physics.effects, video), run.physics.values(stage.state))
     seen = observer.seen(positions, velocity_of(run, stage), video.times[: len(positions)])
     views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
@@ -181,11 +181,6 @@ def visible_particles(state: ParticleState) -> np.ndarray:
 def to_bytes(image: Tensor) -> np.ndarray:
     """Values in 0..1 to 0..255, rounded."""
     return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).numpy()
-
-
-def _values(run: Run, stage: Stage) -> dict[str, Tensor]:
-    values = {**run.physics.guess, **stage.state.physics}
-    return {name: torch.tensor(value) for name, value in values.items()}
 
 
 def _is_current(run: Run, stage: Stage, *names: str) -> bool:

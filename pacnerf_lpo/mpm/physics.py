@@ -235,15 +235,15 @@ class Physics:
         """
         return fraction**3 if self.mass_from == "alpha" else fraction
 
-    def simulate(self, state: ParticleState, frames: int) -> Tensor:
-        """Positions of a state at every frame, without gradients [m, (frames, N, 3)].
+    def values(self, state: ParticleState) -> dict[str, Tensor]:
+        """Every parameter by name, as the state knows it, else as guessed at first [SI, scalars]."""
+        return {name: torch.tensor(value) for name, value in {**self.guess, **state.physics}.items()}
 
-        Parameters that the state does not name have the value of the initial guess.
-        """
-        values = {name: torch.tensor(value) for name, value in {**self.guess, **state.physics}.items()}
+    def simulate(self, state: ParticleState, frames: int) -> Tensor:
+        """Positions of a state at every frame, with its :meth:`values`, without gradients [m, (frames, N, 3)]."""
         with torch.no_grad():
             density = state.massive(state.density)
-            return self.rollout(state.positions, state.velocity, density, values, state.spacings, frames)
+            return self.rollout(state.positions, state.velocity, density, self.values(state), state.spacings, frames)
 
     def _simulator(self, spacing: float) -> Simulator:
         key = (spacing, self.substeps)

@@ -156,11 +156,6 @@ class DynamicPhase(AbstractPhase):
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
 
 
-def known_values(physics: Physics, state: ParticleState) -> dict[str, float]:
-    """Every physical parameter by name: what the state has identified, else the initial guess [SI]."""
-    return {**physics.guess, **state.physics}
-
-
 def check_frame_rate(data: VideoData, physics: Physics) -> None:
     """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %."""
     times = data.video.times

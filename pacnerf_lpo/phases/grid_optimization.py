@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
-from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.scene.activation import alpha
@@ -57,7 +57,7 @@ class GridOptimizationModule(DynamicPhase):
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)
-        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        self._values = self.physics.values(self.state)
 
     def configure_optimizers(self) -> Any:
         groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]

@@ -6,7 +6,6 @@ import torch
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.phases.dynamic import known_values
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import Observer
@@ -34,7 +33,7 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
         images: view and frame index of each image.
     """
     video = data.video
-    values = {name: torch.tensor(value) for name, value in known_values(physics, state).items()}
+    values = physics.values(state)
     observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
     errors = []

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.phases.work import Work, compared
@@ -70,7 +70,7 @@ class LPOModule(DynamicPhase):
         for name in PARTICLES:
             self.register_buffer(f"best_{name}", getattr(self, name).detach().clone())
         self.register_buffer("best_loss", torch.tensor(math.inf))
-        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        self._values = self.physics.values(self.state)
 
     def configure_optimizers(self) -> Any:
         """Adam with one group for positions and one for density and features."""

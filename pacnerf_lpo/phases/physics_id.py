@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.identification_methods import VELOCITY_SCALE, IdentificationMethod
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.observation import Observer
@@ -55,7 +55,7 @@ class PhysicsIDModule(DynamicPhase):
     def begin(self) -> None:
         """Start from the parameters of the state, else from the material's guess."""
         self.method = self._configured.suited_to(self.state)
-        known = known_values(self.physics, self.state)
+        known = {**self.physics.guess, **self.state.physics}
         described = self.physics.parameters
         free = {name: described[name].transform.to_free(known[name]) for name in self.physics.free_names}
         self.free = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in free.items()})
@@ -94,7 +94,7 @@ class PhysicsIDModule(DynamicPhase):
     def values(self) -> dict[str, Tensor]:
         """Every physical parameter [SI, scalars], differentiable in the free coordinates."""
         described = self.physics.parameters
-        known = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        known = self.physics.values(self.state)
         return {**known, **{name: described[name].transform.to_physical(free) for name, free in self.free.items()}}
 
     def trajectory(self, frames: int) -> Tensor:

@@ -34,14 +34,15 @@ class Doubling(WeightSchedule):
     """
 
     def __init__(self, every: int = 1000, limit: float = math.inf):
-        _check_positive("every", every)
+        if every <= 0:
+            raise UserInputError(f"phases.static: schedule with every = {every:g} must be positive")
         self.every, self.limit = every, limit
 
     def factor(self, step: int, scalings: int) -> float:
         return min(self.limit, 2.0 ** (step // self.every))
 
 
-class DoublingThenHalving(WeightSchedule):
+class DoublingThenHalving(Doubling):
     """The weight doubles up to a limit, then halves at every voxel scaling, never below the default.
 
     With limit 8 and three scalings it ends at the default (LPO supplement, appendix A: PAC-NeRF-3v-dagger).
@@ -52,11 +53,10 @@ class DoublingThenHalving(WeightSchedule):
     """
 
     def __init__(self, every: int = 100, limit: float = 8.0):
-        _check_positive("every", every)
-        self.every, self.limit = every, limit
+        super().__init__(every, limit)
 
     def factor(self, step: int, scalings: int) -> float:
-        return max(1.0, min(self.limit, 2.0 ** (step // self.every)) / 2.0**scalings)
+        return max(1.0, super().factor(step, scalings) / 2.0**scalings)
 
 
 class TrainingLength:
@@ -117,8 +117,3 @@ def check_warm_up(warm_up: float) -> float:
     if not 0 <= warm_up < 1:
         raise UserInputError(f"phases.correction: warm_up = {warm_up:g} is a part of the iterations; give 0 to 0.9")
     return warm_up
-
-
-def _check_positive(name: str, value: float) -> None:
-    if value <= 0:
-        raise UserInputError(f"phases.static: schedule with {name} = {value:g} must be positive")

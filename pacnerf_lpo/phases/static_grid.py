@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import normalize
+from torch.nn.functional import mse_loss, normalize
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.losses.image import psnr, squared_error
+from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.parts import confirmed, inside_mattes
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
@@ -141,14 +141,14 @@ class StaticGridModule(AbstractPhase):
         rays, measured, matte = self._draw_rays(generator)
         samples = march(self.field.grid(), rays, self.base_spacing, self.min_weight)
         terms = {
-            "pixel": squared_error(shade(samples, self.colour).colour, measured),
+            "pixel": mse_loss(shade(samples, self.colour).colour, measured),
             "entropy": transmittance_entropy(samples.transmittance),
             "surface": surface_area(particle_alpha(self.field.grid(), generator)[1], self.field.dx),
         }
         if self.view_invariant_weight > 0:
             directions = normalize(torch.randn(len(measured), 3, generator=generator), dim=1).to(measured)
             seen = shade(samples, self.colour, directions=directions).colour
-            terms["view_invariant"] = squared_error(seen, measured)
+            terms["view_invariant"] = mse_loss(seen, measured)
         if self.silhouette_weight > 0:
             terms["silhouette"] = matte_cross_entropy(samples.transmittance, matte)
         return self._weighted_sum(terms, self.weights_at(batch))

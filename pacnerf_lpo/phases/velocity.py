@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.phases.dynamic import DynamicPhase, known_values
+from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.types import ParticleState
 
@@ -65,7 +65,7 @@ class VelocityModule(DynamicPhase):
 
     def begin(self) -> None:
         """Fix the physical parameters to what is known; before contact they hardly count."""
-        self._values = {name: torch.tensor(value) for name, value in known_values(self.physics, self.state).items()}
+        self._values = self.physics.values(self.state)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """L-BFGS; a Lightning step runs a few of its iterations, so that evaluations are not repeated."""
@@ -115,7 +115,7 @@ class VelocityModule(DynamicPhase):
 
     def export_state(self) -> ParticleState:
         velocity = self.velocity.detach().cpu().expand_as(self.state.positions).clone()
-        known = self.physics.known(known_values(self.physics, self.state))
+        known = self.physics.known({**self.physics.guess, **self.state.physics})
         return self.state.with_(velocity=velocity, physics=known)
 
     def course(self) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from pacnerf_lpo.evaluation.parameter_errors import (
     moduli,
     parameter_errors,
     read_truth,
-    velocity_error,
     young_and_poisson,
 )
 
@@ -66,10 +65,6 @@ def test_a_parameter_whose_true_value_is_unknown_or_zero_is_left_out():
 def test_a_parameter_without_a_measure_is_refused():
     with pytest.raises(UserInputError, match="no error measure for the parameter 'hardness'"):
         parameter_errors({"hardness": 1.0}, truth(hardness=1.0))
-
-
-def test_velocity_error_is_a_length():
-    assert velocity_error((0.0, -1.0, 0.0), (3.0, -1.0, 4.0)) == pytest.approx(5.0)
 
 
 def test_reading_a_truth_file(tmp_path):
