@@ -1,7 +1,7 @@
 """The effects that a diagnosis tries: all that the package knows, or those of a list."""
 
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -181,9 +181,5 @@ def as_config(effect: Effect, values: dict[str, float]) -> dict[str, Any]:
     return {"class_path": class_path(effect), "init_args": arguments}
 
 
-def _instances(kind: type[Effect], views: Sequence[int]) -> Iterator[Effect]:
-    if not issubclass(kind, Observation):
-        yield kind()  # type: ignore[call-arg]
-        return
-    for view in views:
-        yield kind(view=view)  # type: ignore[call-arg]
+def _instances(kind: type[Effect], views: Sequence[int]) -> list[Effect]:
+    return [kind(view=view) for view in views] if issubclass(kind, Observation) else [kind()]  # type: ignore[call-arg]

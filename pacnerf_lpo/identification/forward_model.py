@@ -260,7 +260,8 @@ class BodyModel(RecordingModel):
         count = self.shape[0]
         views = list(range(count))
         if before is not None:
-            views = [view for view in views if self._concerned(self.video.view_ids[view])]
+            faults, ids = faults_of(self.physics.effects), self.video.view_ids
+            views = [view for view in views if any(effect.concerns(ids[view]) for effect in faults)]
         found = np.zeros((*self.shape, len(KINDS) + 1)) if before is None else before.copy()
         found[:count, :, -1] = self.brightness(free)
         if views:
@@ -268,9 +269,6 @@ class BodyModel(RecordingModel):
         if before is None and self.points is not None:
             found = np.concatenate((found, self.points.predict(path)))
         return found
-
-    def _concerned(self, view_id: int) -> bool:
-        return any(effect.concerns(view_id) for effect in faults_of(self.physics.effects))
 
 
 def outcome(model: Model) -> np.ndarray | SimulationError:

@@ -58,7 +58,7 @@ class SmoothForce(BodyForce):
         inside = [(x - named[f"force_centre_{a}"]) / c.force_extent for a, x in zip(AXES, point.X, strict=True)]
         total: list[Any] = [0.0, 0.0, 0.0]
         for knot in range(KNOTS):
-            hat = _hat(point.t / c.force_interval - float(knot))
+            hat = maximum(1.0 - abs(point.t / c.force_interval - float(knot)), 0.0)
             if isinstance(hat, float) and hat == 0.0:
                 continue
             for index, axis in enumerate(AXES):
@@ -67,11 +67,6 @@ class SmoothForce(BodyForce):
                     value = value + named[f"force_{axis}_{other}_{knot}"] * x
                 total[index] = total[index] + hat * value
         return total
-
-
-def _hat(offset: Any) -> Any:
-    """Triangle of height 1 between -1 and 1."""
-    return maximum(1.0 - maximum(offset, -offset), 0.0)
 
 
 def force_of(problem: Problem) -> SmoothForce:

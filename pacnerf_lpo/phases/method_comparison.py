@@ -18,10 +18,10 @@ from torch.nn.functional import avg_pool2d
 from tqdm import tqdm
 
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Fit, Residual, fit
 from pacnerf_lpo.mpm.parameters import Log10
+from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.outline_method import HALVINGS, OutlineCost
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
@@ -101,10 +101,7 @@ def _starts(model: Model, *residuals: Residual) -> list[np.ndarray]:
 
 
 def _cost(residual: Residual, free: np.ndarray) -> float:
-    try:
-        return float(np.sum(residual(free) ** 2))
-    except SimulationError:
-        return float("inf")
+    return finite_loss(lambda: float(np.sum(residual(free) ** 2)))
 
 
 def _continued(own: Fit, other: Fit, model: Model) -> Fit:

@@ -10,17 +10,16 @@ from torch.nn.functional import mse_loss, normalize
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.parts import confirmed, inside_mattes
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
-from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
 from pacnerf_lpo.phases.work import Work
-from pacnerf_lpo.render.image import render_view
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
@@ -242,14 +241,9 @@ class StaticGridModule(AbstractPhase):
 
     def _images_of(self, state: ParticleState) -> dict[int, tuple[Tensor, Tensor]]:
         """Image [(H, W, 3)] and opacity [(H, W)] of the state's particles at frame 0 in each training view."""
-        colour = ColourNetwork()
-        colour.load_state_dict(state.colour_network)
-        grid = particles_to_grid(state.positions, state.density, state.features, state.spacing)
-        height, width = self.data.video.images.shape[2:4]
-        return {
-            view: render_view(grid, colour, self.data.first_rays(view), (height, width), state.base_spacing)
-            for view in self.data.train
-        }
+        renderer, (height, width) = StateRenderer(state), self.data.video.images.shape[2:4]
+        field = renderer.grid(state.positions)
+        return {view: renderer.image(field, self.data.first_rays(view), (height, width)) for view in self.data.train}
 
     def pixels_through_box(self, view: int) -> Tensor:
         """Pixels of a view whose rays meet the box and no occluder; all others are background whatever the field is."""

@@ -51,16 +51,13 @@ def page(
     """A page as text: ``values`` fill its template, ``NAME.html``; styles and scripts are names of assets, in their
     order, and the scripts read ``data``.
     """
-    return (
-        environment()
-        .get_template("page.html")
-        .render(
-            title=title,
-            style=Markup("\n".join(map(asset, styles))),
-            body=Markup(environment().get_template(f"{name}.html").render(values)),
-            data=Markup(json_text(data)),
-            scripts=Markup("\n".join(map(asset, scripts))),
-        )
+    template = environment().get_template
+    return template("page.html").render(
+        title=title,
+        style=Markup("\n".join(map(asset, styles))),
+        body=Markup(template(f"{name}.html").render(values)),
+        data=Markup(json_text(data)),
+        scripts=Markup("\n".join(map(asset, scripts))),
     )
 
 
@@ -124,9 +121,11 @@ def plain(values: np.ndarray, digits: int = 5) -> list[Any]:
     return [round(float(value), digits) if np.isfinite(value) else None for value in values]
 
 
-def data_uri(content: bytes, kind: str) -> str:
-    """A data URI, such as ``data:image/webp;base64,...``."""
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+def webp_uri(picture: Image.Image, quality: int) -> str:
+    """A picture as a data URI, ``data:image/webp;base64,...``; quality 0..100."""
+    content = io.BytesIO()
+    picture.save(content, "WEBP", quality=quality, method=4)
+    return f"data:image/webp;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def base64_array(values: np.ndarray) -> str:
@@ -155,9 +154,7 @@ def atlas(frames: np.ndarray, size: tuple[int, int], quality: int) -> str:
         if image.size != size:
             image = image.resize(size, Image.Resampling.BOX)
         sheet.paste(image, (index % columns * size[0], index // columns * size[1]))
-    content = io.BytesIO()
-    sheet.save(content, "WEBP", quality=quality, method=4)
-    return data_uri(content.getvalue(), "image/webp")
+    return webp_uri(sheet, quality)
 
 
 def quantised(positions: np.ndarray) -> tuple[np.ndarray, list[float], list[float]]:

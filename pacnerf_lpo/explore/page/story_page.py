@@ -1,6 +1,5 @@
 """The history of a session as one self-contained page: motion in 3-D, steps and errors, without a server."""
 
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.quantities import figure, quantity, symbol
-from pacnerf_lpo.report.page import data_uri, page, parts
+from pacnerf_lpo.report.page import page, parts, webp_uri
 from pacnerf_lpo.report.payload import moving_particles
 
 STORY = "story.html"
@@ -106,11 +105,9 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
 
 def _picture(session: Session, step: Step, at: tuple[int, int]) -> dict[str, str]:
     camera = session.cameras()[at[0]]
-    image = pictures.seen_by(session, camera, at[1], step.number, 0, SIDE)
-    content = io.BytesIO()
-    Image.fromarray(image).save(content, "WEBP", quality=82)
+    picture = Image.fromarray(pictures.seen_by(session, camera, at[1], step.number, 0, SIDE))
     where = f"{camera.name}, frame {at[1]}{', held out' if camera.held_out else ''}"
-    return {"where": where, "picture": data_uri(content.getvalue(), "image/webp")}
+    return {"where": where, "picture": webp_uri(picture, 82)}
 
 
 def _values(session: Session, step: Step) -> list[tuple[str, str, str]]:
