@@ -87,7 +87,7 @@ class Proposed:
         """
         problem = part.recording
         shared = [self._turning(effect) for effect in part.effects if not effect.of_recording]
-        effects = [*shared, InitialSpin(*self.recipe.spin)] if any(self.recipe.spin) else shared
+        effects = [*shared, InitialSpin(*self.recipe.spin)] if any(self.recipe.spin) else shared  # type: ignore[arg-type]
         known = {**part.known, **{n: v for effect in effects[len(shared) :] for n, v in effect.guess.items()}}
         for parameter, more in zip(VELOCITY, self.recipe.throw, strict=True):
             known[parameter.name] += more

@@ -59,8 +59,5 @@ class Separate(Ground):
         moving = where(speed > 0.0, speed, 1.0)
         kept = maximum(1.0 + c.friction * u[1] / moving, 0.0)
         approaching = u[1] < 0.0
-        return [
-            where(approaching, kept * u[0], u[0]),
-            where(approaching, 0.0, u[1]),
-            where(approaching, kept * u[2], u[2]),
-        ]
+        held = kept * u[0], 0.0, kept * u[2]
+        return [where(approaching, after, before) for after, before in zip(held, u, strict=True)]

@@ -177,3 +177,10 @@ def own_name(name: str) -> str:
 def named(*parameters: Parameter) -> dict[str, Parameter]:
     """Parameters by name, in order."""
     return {p.name: p for p in parameters}
+
+
+def by_axis(
+    stem: str, unit: str, bounds: tuple[float, float], label: str, scale: float = 0.1, axes: str = "xyz"
+) -> dict[str, Parameter]:
+    """A parameter for each axis by name, such as ``spin_x``; without a transform."""
+    return named(*(Parameter(f"{stem}_{a}", unit, Identity(), bounds, f"{label} {a}", scale) for a in axes))

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from torch import Tensor
 
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.parameters import Parameter, check_declared
 from pacnerf_lpo.mpm.point import Law, Point
@@ -39,6 +40,8 @@ class Effect(ABC):
         constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
         acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
         of_medium: whether the air or liquid around a body exerts it: nothing else reaches a rigid body in free flight.
+        materials: classes of those for which it has a meaning.
+        unsuited: what is wrong with any other, after its name.
         probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its
             null).
 
@@ -64,6 +67,8 @@ class Effect(ABC):
     constants_of_recording: ClassVar[bool] = False
     acts_on_motion: ClassVar[bool] = True
     of_medium: ClassVar[bool] = False
+    materials: ClassVar[tuple[type[Material], ...]] = (Material,)
+    unsuited: ClassVar[str] = ""
     reach: float = PROBES
     """Standard deviation of a coefficient in units of the farthest probe, see :data:`PROBES`."""
 
@@ -109,9 +114,11 @@ class Effect(ABC):
         """Whether it is non-local: no small change of a coefficient leads from its null to it."""
         return any(map(self.null_is_far, self.null))
 
-    @classmethod  # noqa: B027
+    @classmethod
     def check_material(cls, material: Material) -> None:
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
+        if not isinstance(material, cls.materials):
+            raise UserInputError(f"effect {cls.__name__}: {type(material).__name__} {cls.unsuited}")
 
 
 def _constructor(kind: type[Effect], base: Callable[..., None]) -> Callable[..., None]:
@@ -121,14 +128,14 @@ def _constructor(kind: type[Effect], base: Callable[..., None]) -> Callable[...,
     coefficients = [inspect.Parameter(name, one, default=kind.null[name], annotation=float) for name in kind.parameters]
     signature = inspect.Signature([own, *coefficients, *(p for p in more if p.name != "constants")])
 
-    def construct(self: Effect, *args: Any, **named: Any) -> None:
+    def __init__(self: Effect, *args: Any, **named: Any) -> None:
         given = signature.bind(self, *args, **named)
         given.apply_defaults()
         values = {name: value for name, value in given.arguments.items() if name != own.name}
         base(self, {name: values.pop(name) for name in kind.parameters}, **values)
 
-    construct.__signature__, construct.written = signature, base  # type: ignore[attr-defined]
-    return construct
+    __init__.__signature__, __init__.written = signature, base  # type: ignore[attr-defined]
+    return __init__
 
 
 class BodyForce(Effect):

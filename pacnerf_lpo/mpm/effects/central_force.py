@@ -1,5 +1,6 @@
 """A pull towards, or a push away from, one point."""
 
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,18 +36,9 @@ class CentralForce(BodyForce):
         {"pull": 1.0, "central_x": 1.0, "central_y": 1.0, "central_z": 1.0},
     )
 
-    def __init__(
-        self,
-        pull: float = 0.0,
-        central_x: float = 0.0,
-        central_y: float = 0.0,
-        central_z: float = 0.0,
-        centre: tuple[float, float, float] = (0.0, 0.5, 0.0),
-    ):
+    def __init__(self, guess: Mapping[str, float], centre: tuple[float, float, float] = (0.0, 0.5, 0.0)):
         self.centre = tuple(centre)
-        values = {"pull": pull, "central_x": central_x, "central_y": central_y, "central_z": central_z}
-        names = ("pull_centre_x", "pull_centre_y", "pull_centre_z")
-        super().__init__(values, dict(zip(names, centre, strict=True)))
+        super().__init__(guess, {f"pull_centre_{axis}": x for axis, x in zip("xyz", centre, strict=True)})
 
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:

@@ -4,10 +4,8 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import exp, sqrt
 from pacnerf_lpo.mpm.effects.base import LawEffect
-from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.drucker_prager import DruckerPrager
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
@@ -30,15 +28,10 @@ class Cohesion(LawEffect):
     signature = "the heap keeps clumps and steep edges"
     confused_with = ("SurfaceTension",)
     separating_experiment = "two heaps of different size: cohesion holds a small one at any slope, friction does not"
+    materials = (DruckerPrager,)
+    unsuited = "has no friction cone to move; it needs DruckerPrager"
     one_sided = True
     probes = ({"cohesion": 50.0}, {"cohesion": 500.0})
-
-    @classmethod
-    def check_material(cls, material: Material) -> None:
-        if not isinstance(material, DruckerPrager):
-            raise UserInputError(
-                f"effect Cohesion: {type(material).__name__} has no friction cone to move; it needs DruckerPrager"
-            )
 
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState, linear_factor, one_at_a_time
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import by_axis
 
 
 class DensityGradient(InitialState):
@@ -16,10 +16,7 @@ class DensityGradient(InitialState):
         density_gradient_x, density_gradient_y, density_gradient_z: k [1/m].
     """
 
-    parameters = {  # noqa: RUF012
-        name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"density gradient along {name[-1]}", scale=0.5)
-        for name in ("density_gradient_x", "density_gradient_y", "density_gradient_z")
-    }
+    parameters = by_axis("density_gradient", "1/m", (-100.0, 100.0), "density gradient along", scale=0.5)
     signature = "the body tips over on contact, towards its heavy side"
     confused_with = ("StiffnessGradient", "InitialSpin")
     separating_experiment = "the body balanced on an edge, which shows its centre of mass"

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState, from_centre, one_at_a_time
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import by_axis
 
 
 class InitialSpin(InitialState):
@@ -16,18 +16,12 @@ class InitialSpin(InitialState):
         spin_x, spin_y, spin_z: omega [rad/s].
     """
 
-    parameters = {  # noqa: RUF012
-        name: Parameter(name, "rad/s", Identity(), (-200.0, 200.0), f"initial spin about {name[-1]}")
-        for name in ("spin_x", "spin_y", "spin_z")
-    }
+    parameters = by_axis("spin", "rad/s", (-200.0, 200.0), "initial spin about")
     of_recording = True
     signature = "the body turns from frame 0 on"
     confused_with = ("GroundFriction", "DensityGradient")
     separating_experiment = "a longer flight before the contact"
     probes = one_at_a_time(spin_x=1.0, spin_y=1.0, spin_z=1.0)
-
-    def __init__(self, spin_x: float = 0.0, spin_y: float = 0.0, spin_z: float = 0.0):
-        super().__init__({"spin_x": spin_x, "spin_y": spin_y, "spin_z": spin_z})
 
     @staticmethod
     def apply(

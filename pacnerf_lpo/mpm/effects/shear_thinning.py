@@ -5,7 +5,6 @@ from types import SimpleNamespace
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import exp, log
 from pacnerf_lpo.mpm.effects.base import LawEffect
-from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.newtonian import Newtonian
 from pacnerf_lpo.mpm.materials.viscoplastic_von_mises import ViscoplasticVonMises
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
@@ -30,6 +29,8 @@ class ShearThinning(LawEffect):
     signature = "a fast spread on impact, then an early arrest"
     confused_with = ("GroundFriction", "YieldStress")
     separating_experiment = "drops from two heights: a power law changes its effective viscosity, a friction does not"
+    materials = (Newtonian, ViscoplasticVonMises)
+    unsuited = "has no viscosity that could thin; it needs Newtonian or ViscoplasticVonMises"
     probes = ({"power_index": 0.7}, {"power_index": 0.4}, {"power_index": 1.3})
 
     def __init__(self, power_index: float = 1.0, onset_rate: float = 1.0):
@@ -37,14 +38,6 @@ class ShearThinning(LawEffect):
             raise UserInputError(f"ShearThinning: onset_rate = {onset_rate:g} 1/s; give a positive rate")
         self.onset_rate = onset_rate
         super().__init__({"power_index": power_index}, {"onset_rate": onset_rate})
-
-    @classmethod
-    def check_material(cls, material: Material) -> None:
-        if not isinstance(material, Newtonian | ViscoplasticVonMises):
-            raise UserInputError(
-                f"effect ShearThinning: {type(material).__name__} has no viscosity that could thin; it needs Newtonian "
-                "or ViscoplasticVonMises"
-            )
 
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:

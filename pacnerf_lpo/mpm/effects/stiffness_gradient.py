@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from torch import Tensor
 
 from pacnerf_lpo.mpm.effects.base import InitialState, linear_factor, one_at_a_time
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import by_axis
 
 
 class StiffnessGradient(InitialState):
@@ -15,10 +15,7 @@ class StiffnessGradient(InitialState):
         stiffness_gradient_x, stiffness_gradient_y, stiffness_gradient_z: k [1/m].
     """
 
-    parameters = {  # noqa: RUF012
-        name: Parameter(name, "1/m", Identity(), (-100.0, 100.0), f"stiffness gradient along {name[-1]}", scale=0.5)
-        for name in ("stiffness_gradient_x", "stiffness_gradient_y", "stiffness_gradient_z")
-    }
+    parameters = by_axis("stiffness_gradient", "1/m", (-100.0, 100.0), "stiffness gradient along", scale=0.5)
     signature = "one side gives way more than the other, and the body tips over on rebound"
     confused_with = ("DensityGradient", "InitialSpin")
     separating_experiment = "the same body dropped upside down"

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pacnerf_lpo.mpm.effects.base import BodyForce
-from pacnerf_lpo.mpm.parameters import Identity, Parameter
+from pacnerf_lpo.mpm.parameters import by_axis
 from pacnerf_lpo.mpm.point import Point
 
 
@@ -18,10 +18,7 @@ class UniformForce(BodyForce):
         push_z: a_z [m/s^2].
     """
 
-    parameters = {  # noqa: RUF012
-        name: Parameter(name, "m/s^2", Identity(), (-100.0, 100.0), f"push along {name[-1]}")
-        for name in ("push_x", "push_z")
-    }
+    parameters = by_axis("push", "m/s^2", (-100.0, 100.0), "push along", axes="xz")
     of_medium = True
     signature = "the body drifts sideways along a parabola from frame 0 on, in all views"
     confused_with = ("CentralForce", "CameraRotation")

@@ -5,10 +5,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.differentiation import maximum, where
 from pacnerf_lpo.mpm.effects.base import LawEffect
-from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import kept_share
 from pacnerf_lpo.mpm.materials.neo_hookean import NeoHookean
 from pacnerf_lpo.mpm.parameters import Identity, Log10, Parameter, named
@@ -41,19 +39,14 @@ class YieldStress(LawEffect):
     signature = "the shape stays changed after the impact, and the rebound is lower"
     confused_with = ("KelvinVoigt", "GroundFriction", "ThermalSoftening")
     separating_experiment = "the shape of the body long after it has come to rest"
+    materials = (NeoHookean,)
+    unsuited = "yields or flows already; the effect is for NeoHookean"
     one_sided = True
     probes = (
         {"yield_stress": 3e2, "hardening": 0.0},
         {"yield_stress": 3e3, "hardening": 0.0},
         {"yield_stress": 3e3, "hardening": 3e4},
     )
-
-    @classmethod
-    def check_material(cls, material: Material) -> None:
-        if not isinstance(material, NeoHookean):
-            raise UserInputError(
-                f"effect YieldStress: {type(material).__name__} yields or flows already; the effect is for NeoHookean"
-            )
 
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
