@@ -87,14 +87,14 @@ class Proposed:
         """
         problem = part.recording
         shared = [self._turning(effect) for effect in part.effects if not effect.of_recording]
-        effects = [*shared, InitialSpin(*self.recipe.spin)] if any(self.recipe.spin) else shared  # type: ignore[arg-type]
-        known = {**part.known, **{n: v for effect in effects[len(shared) :] for n, v in effect.guess.items()}}
+        turns = [InitialSpin(*self.recipe.spin)] if any(self.recipe.spin) else []  # type: ignore[arg-type, call-arg]
+        known = {**part.known, **{name: value for effect in turns for name, value in effect.guess.items()}}
         for parameter, more in zip(VELOCITY, self.recipe.throw, strict=True):
             known[parameter.name] += more
         body = problem.body
         up = torch.tensor([0.0, self.lifted, 0.0], dtype=body.positions.dtype)
         rate = problem.physics.frame_rate * self.recipe.faster
-        physics = with_effects(problem.physics, effects, body.spacing, problem.voxel, rate)
+        physics = with_effects(problem.physics, [*shared, *turns], body.spacing, problem.voxel, rate)
         return BodyModel(Body(body.positions + up, body.fraction, body.spacing), physics, self.video, known)
 
     def _turning(self, effect: Effect) -> Effect:

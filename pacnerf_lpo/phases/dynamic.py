@@ -13,6 +13,7 @@ from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
 from pacnerf_lpo.phases.image_cost import ImageCost
+from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.render.camera_faults.base import faults_of
 from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
@@ -154,6 +155,24 @@ class DynamicPhase(AbstractPhase):
             residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
             errors.append(float(residual[..., :3].square().mean()))
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
+
+
+class Correction(DynamicPhase):
+    """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
+
+    density_drives_mass: bool
+
+    def work(self, particles: int) -> Work:
+        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
+
+    def seen(self, velocity: Tensor, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
+        """:meth:`watch` of the motion of particles."""
+        driving, values = density if self.density_drives_mass else density.detach(), self.physics.values(self.state)
+        trajectory = self.rollout(velocity, values, self.image_cost.frames, (positions, driving))
+        return self.watch(trajectory, velocity, values)
 
 
 def check_frame_rate(data: VideoData, physics: Physics) -> None:

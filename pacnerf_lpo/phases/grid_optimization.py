@@ -8,15 +8,14 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
-from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.phases.dynamic import Correction
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
-from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState
 
 
-class GridOptimizationModule(DynamicPhase):
+class GridOptimizationModule(Correction):
     """Optimises density and features of a grid while physics, velocity and colour network stay frozen.
 
     Every step samples particles from the grid anew; the gradient reaches the grid through the interpolation of density
@@ -28,7 +27,7 @@ class GridOptimizationModule(DynamicPhase):
         density_drives_mass: let the gradient of the density flow through alpha into mass and stiffness too.
         feature_rate: Adam rate of density and features.
         relative_alpha: particles are kept whose alpha is at least this fraction of the largest.
-        silhouette_weight: see :class:`DynamicPhase`.
+        silhouette_weight: see :class:`~pacnerf_lpo.phases.dynamic.DynamicPhase`.
         warm_up: part of the iterations over which the rates rise linearly to their values (0 in the paper).
         seed: seed of the exported particles and of the random choice of views.
     """
@@ -50,30 +49,20 @@ class GridOptimizationModule(DynamicPhase):
         self.density_drives_mass, self.feature_rate = density_drives_mass, feature_rate
         self.relative_alpha = relative_alpha
 
-    def work(self, particles: int) -> Work:
-        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
-
     def begin(self) -> None:
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
         self.density, self.features = nn.Parameter(grid.density), nn.Parameter(grid.features)
         self.register_buffer("lower", grid.lower)
-        self._values = self.physics.values(self.state)
 
     def configure_optimizers(self) -> Any:
         groups = [{"params": [self.density, self.features], "lr": self.feature_rate}]
         return rising_adam(groups, self.steps, self.warm_up)
 
-    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
-
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames of freshly sampled particles, one random training view for each frame."""
         frames = self.image_cost.frames
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
-        driving = density if self.density_drives_mass else density.detach()
-        velocity = self.state.velocity.mean(0)
-        trajectory = self.rollout(velocity, self._values, frames, (positions, driving))
-        seen, observer = self.watch(trajectory, velocity, self._values)
+        seen, observer = self.seen(self.state.velocity.mean(0), positions, density)
         loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
         self.log_test_psnr(step, seen, density, features, observer)
         self.log("correction/loss", loss)

@@ -7,17 +7,15 @@ import torch
 from torch import Tensor, nn
 
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.phases.dynamic import DynamicPhase
+from pacnerf_lpo.phases.dynamic import Correction
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
-from pacnerf_lpo.phases.work import Work, compared
-from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
 
 
-class LPOModule(DynamicPhase):
+class LPOModule(Correction):
     """Optimises particles while physics, velocity and colour network stay frozen (supplement E.3).
 
     +LPO moves both; +LPO-F only the features (raw density and colour features), +LPO-P only the positions.
@@ -32,7 +30,7 @@ class LPOModule(DynamicPhase):
         density_drives_mass: let the gradient of the density flow through alpha into mass and stiffness too.
         position_rate: Adam rate of the positions, in units of the coarsest grid spacing dx0.
         feature_rate: Adam rate of density and features.
-        silhouette_weight: see :class:`DynamicPhase`.
+        silhouette_weight: see :class:`~pacnerf_lpo.phases.dynamic.DynamicPhase`.
         warm_up: part of the iterations over which the rates rise linearly to their values (0 in the paper).
     """
 
@@ -60,9 +58,6 @@ class LPOModule(DynamicPhase):
         self.position_rate, self.feature_rate = position_rate, feature_rate
         self.warm_up = check_warm_up(warm_up)
 
-    def work(self, particles: int) -> Work:
-        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
-
     def begin(self) -> None:
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
         self.density = nn.Parameter(self.state.density.clone(), requires_grad=self.corrects_features)
@@ -70,7 +65,6 @@ class LPOModule(DynamicPhase):
         for name in PARTICLES:
             self.register_buffer(f"best_{name}", getattr(self, name).detach().clone())
         self.register_buffer("best_loss", torch.tensor(math.inf))
-        self._values = self.physics.values(self.state)
 
     def configure_optimizers(self) -> Any:
         """Adam with one group for positions and one for density and features."""
@@ -81,13 +75,10 @@ class LPOModule(DynamicPhase):
             groups.append({"params": [self.density, self.features], "lr": self.feature_rate})
         return rising_adam(groups, self.steps, self.warm_up)
 
-    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
-
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames, one random training view for each."""
         particles = {name: getattr(self, name) for name in PARTICLES}
-        seen, observer = self._seen(self.positions, self.density)
+        seen, observer = self.seen(self.state.velocity, self.positions, self.density)
         views = self.one_view_per_frame(step, self.image_cost.frames)
         loss = self.image_cost.loss(seen, self.density, self.features, views, observer=observer)
         self.log_test_psnr(step, seen, self.density, self.features, observer)
@@ -114,12 +105,5 @@ class LPOModule(DynamicPhase):
         return {"moved": f"{1000 * moved:.2f} mm"}
 
     def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
-        seen, observer = self._seen(positions, density)
+        seen, observer = self.seen(self.state.velocity, positions, density)
         return self.image_cost.loss(seen, density, features, views, observer=observer)
-
-    def _seen(self, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
-        """The motion of particles from frame 0 on as the cameras see it."""
-        driving = density if self.density_drives_mass else density.detach()
-        velocity = self.state.velocity
-        trajectory = self.rollout(velocity, self._values, self.image_cost.frames, (positions, driving))
-        return self.watch(trajectory, velocity, self._values)
