@@ -101,19 +101,16 @@ def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np
     """
     height, width = opacity.shape
     pose, matrix = camera.camera_to_world, camera.intrinsics
-    pixels, depth = (
-        part.numpy() for part in project(*(torch.as_tensor(a).double() for a in (positions, matrix, pose)))
-    )
+    given = (torch.as_tensor(array).double() for array in (positions, matrix, pose))
+    pixels, depth = (part.numpy() for part in project(*given))
     order = np.argsort(-depth)  # far to near: the nearest is painted last
     order = order[np.isfinite(pixels[order]).all(-1) & (depth[order] > 0)]
     (u, v), depth = pixels[order].T, depth[order]
     body = np.full((height, width, 3), SHADE)
     reach = max(1, round(0.8 * size * matrix[0, 0] / float(np.median(depth)))) if len(depth) else 1
-    steps = [
-        (du, dv) for du in range(-reach, reach + 1) for dv in range(-reach, reach + 1) if du**2 + dv**2 <= reach**2
-    ]
-    column = np.floor(u)[:, None].astype(int) + np.array([du for du, _ in steps])
-    row = np.floor(v)[:, None].astype(int) + np.array([dv for _, dv in steps])
+    du, dv = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
+    disc = du**2 + dv**2 <= reach**2
+    column, row = np.floor(u)[:, None].astype(int) + du[disc], np.floor(v)[:, None].astype(int) + dv[disc]
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     painted_by = np.broadcast_to(np.arange(len(order))[:, None], column.shape)[inside]
     body[row[inside], column[inside]] = colours[order][painted_by]

@@ -201,7 +201,7 @@ class Measured:
 
     hull: points of the visual hull of all mattes [m, (M, 3)]; empty where no camera looked.
     cell: distance between neighbouring points of it [m]
-    tracks: points that were followed [m, (P, 3)];  track_names: theirs.
+    tracks: points that were followed [m, (P, 3)]
     cloud: points of a cloud taken at that frame [m, (C, 3)]
     centre: of a rigid body [m, (3,)]; None where it was not measured so.
     """
@@ -209,7 +209,6 @@ class Measured:
     hull: np.ndarray
     cell: float
     tracks: np.ndarray
-    track_names: tuple[str, ...]
     cloud: np.ndarray
     centre: np.ndarray | None
 

@@ -83,8 +83,7 @@ class Views:
     def motion(self, found: Simulated, at: int) -> Motion:
         """The body of a recording at every frame."""
         times, path = self.video(at).times.numpy().astype(float), found.paths[at].numpy()
-        velocity = np.gradient(path, times, axis=0)
-        speed = np.linalg.norm(velocity, axis=-1)
+        speed = np.linalg.norm(np.gradient(path, times, axis=0), axis=-1)
         spacing = found.models[at].body.spacing / 2
         colours = self._colours(at, found.models[at].body.positions)
         return Motion(times, path.astype(np.float32), speed.astype(np.float32), colours, spacing, found.resolution)
@@ -113,7 +112,6 @@ class Views:
         """In space, at a frame of a recording."""
         recording, none = self.parts[at].recording, np.zeros((0, 3))
         points, cloud, centre = none, none, None
-        names: tuple[str, ...] = ()
         if isinstance(recording, RigidProblem):
             centre = recording.flight.positions[frame]
         elif recording.points is not None:
@@ -121,12 +119,11 @@ class Views:
             nearest = lambda when: np.abs(when[:, None] - times).argmin(1) == frame  # noqa: E731
             tracks, clouds = recording.points.tracks, recording.points.clouds
             if tracks is not None:
-                seen = nearest(tracks.times)
-                points, names = tracks.positions[seen], tuple(str(name) for name in tracks.ids[seen])
+                points = tracks.positions[nearest(tracks.times)]
             if clouds is not None and nearest(clouds.times).any():
                 cloud = clouds.points[int(np.abs(clouds.times - time).argmin())]
         hull, cell = self._once(("hull", at, frame), lambda: hull_at(self.video(at), frame))
-        return Measured(hull, cell, points, names, cloud, centre)
+        return Measured(hull, cell, points, cloud, centre)
 
     def particle_errors(self, found: Simulated, at: int) -> np.ndarray:
         """Area of disagreement that is nearest to each particle, a mean over cameras [pixels, (F, N)]."""

@@ -169,9 +169,7 @@ class _Descent:
         it might have been longer; None where there is none.
         """
         for _ in range(ATTEMPTS):
-            low, high = (
-                np.clip((bound - self.free) / self.scales, -self.longest, self.longest) for bound in self.bounds
-            )
+            low, high = np.clip((np.stack(self.bounds) - self.free) / self.scales, -self.longest, self.longest)
             now, scaled = self.now[self.rows], self.scaled[self.rows]
             model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
             step = damped_step(model, self.damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()

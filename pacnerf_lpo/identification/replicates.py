@@ -148,9 +148,8 @@ def distorted(body: Body, sigma: float, random: np.random.Generator, reference: 
     centre = reference.positions.mean(0)
     extent = float((reference.positions.amax(0) - reference.positions.amin(0)).norm()) / 2
     dtype, count = body.positions.dtype, min(PLACES, len(reference.positions))
-    strain, moves, lean = (
-        torch.tensor(random.standard_normal(shape), dtype=dtype) for shape in ((3, 3), (count, 3), (3,))
-    )
+    drawn = (random.standard_normal(shape) for shape in ((3, 3), (count, 3), (3,)))
+    strain, moves, lean = (torch.tensor(numbers, dtype=dtype) for numbers in drawn)
 
     def field(positions: Tensor) -> Tensor:
         return (positions - centre) / extent @ (strain + strain.T) / 2 + bumps(reference, positions).T @ moves

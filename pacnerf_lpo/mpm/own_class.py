@@ -60,10 +60,8 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
     yield Check("described", ", ".join(missing) or "signature and separating experiment", not missing)
     yield _described(effect.parameters)
     odd = [key for values in (effect.null, *effect.probes) for key in set(values) ^ names]
-    kept = bool(effect.probes) and not odd
-    yield Check(
-        "null and probes name every coefficient", ", ".join(sorted(set(odd))) or f"{len(effect.probes)} probes", kept
-    )
+    found, kept = ", ".join(sorted(set(odd))) or f"{len(effect.probes)} probes", bool(effect.probes) and not odd
+    yield Check("null and probes name every coefficient", found, kept)
     if not kept:
         return
     for values in (effect.null, *effect.probes):

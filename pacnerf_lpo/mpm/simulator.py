@@ -91,10 +91,8 @@ class Simulator:
         laws, self._coefficient_values = local_laws(material, self.ground, self.effects)
         moving = [effect for effect in self.effects if effect.acts_on_motion]
         self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
-        threads = runtime.start(self._device.type)
-        self._engine = Engine(
-            laws, dx, substeps, frame_dt, tuple(gravity), dtype, threads, self._device.type == "cuda", memory
-        )
+        threads, cuda = runtime.start(self._device.type), self._device.type == "cuda"
+        self._engine = Engine(laws, dx, substeps, frame_dt, tuple(gravity), dtype, threads, cuda, memory)
 
     def __call__(
         self,

@@ -74,9 +74,8 @@ def _mistake_in_a_law(error: BaseException) -> UserInputError | None:
     while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
         chain.append(before)
     for link in reversed(chain):
-        files = [
-            (frame.filename.replace(os.sep, "/"), frame.lineno) for frame in traceback.extract_tb(link.__traceback__)
-        ]
+        frames = traceback.extract_tb(link.__traceback__)
+        files = [(frame.filename.replace(os.sep, "/"), frame.lineno) for frame in frames]
         own = [(name, line) for name, line in files if not name.startswith(OURS) and "/taichi/" not in name]
         said = str(link) if isinstance(link, UserInputError) else f"{type(link).__name__}: {link}"
         if own:

@@ -1,5 +1,6 @@
 """What every phase of Algorithm 1 is: a LightningModule that takes a particle state and gives one back."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -79,3 +80,8 @@ class StepNumbers(torch.utils.data.IterableDataset):
 
     def __iter__(self):
         return iter(range(self.done(), self.count))
+
+
+def psnr(mean_squared_error: float) -> float:
+    """Peak signal-to-noise ratio [dB] of colours in 0..1."""
+    return -10 * math.log10(max(mean_squared_error, 1e-12))

@@ -9,9 +9,8 @@ from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
+from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers, psnr
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.render.camera_faults.base import faults_of

@@ -13,11 +13,10 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
-from pacnerf_lpo.losses.image import psnr
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.parts import confirmed, inside_mattes
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
-from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers
+from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers, psnr
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade

@@ -78,9 +78,8 @@ def clipped(segment: Segment, view: View) -> np.ndarray | None:
 def lines(segments: Sequence[Segment], view: View) -> str:
     """The visible parts of lines as the data of an SVG path."""
     seen = (clipped(segment, view) for segment in segments)
-    return "".join(
-        f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in (ends for ends in seen if ends is not None)
-    )
+    visible = (ends for ends in seen if ends is not None)
+    return "".join(f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in visible)
 
 
 def axes(origin: np.ndarray, length: float, view: View) -> Iterator[tuple[str, str, np.ndarray]]:
