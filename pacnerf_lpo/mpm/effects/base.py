@@ -40,7 +40,7 @@ class Effect(ABC):
         constants_of_recording: whether its constants were measured in one recording: of several, each keeps its own.
         acts_on_motion: False for an effect on the cameras alone, which never enters the engine.
         of_medium: whether the air or liquid around a body exerts it: nothing else reaches a rigid body in free flight.
-        materials: classes of those for which it has a meaning.
+        materials, excluded: classes of those that suit it, and of those among them that do not.
         unsuited: what is wrong with any other, after its name.
         probes: two or three sets of values [SI] at which a diagnosis tries it (a threshold has no gradient at its
             null).
@@ -68,6 +68,7 @@ class Effect(ABC):
     acts_on_motion: ClassVar[bool] = True
     of_medium: ClassVar[bool] = False
     materials: ClassVar[tuple[type[Material], ...]] = (Material,)
+    excluded: ClassVar[tuple[type[Material], ...]] = ()
     unsuited: ClassVar[str] = ""
     reach: float = PROBES
     """Standard deviation of a coefficient in units of the farthest probe, see :data:`PROBES`."""
@@ -117,7 +118,7 @@ class Effect(ABC):
     @classmethod
     def check_material(cls, material: Material) -> None:
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
-        if not isinstance(material, cls.materials):
+        if not isinstance(material, cls.materials) or isinstance(material, cls.excluded):
             raise UserInputError(f"effect {cls.__name__}: {type(material).__name__} {cls.unsuited}")
 
 

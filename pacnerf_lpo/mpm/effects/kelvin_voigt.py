@@ -2,9 +2,7 @@
 
 from types import SimpleNamespace
 
-from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.effects.base import LawEffect
-from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.newtonian import Newtonian
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
@@ -24,13 +22,10 @@ class KelvinVoigt(LawEffect):
     signature = "a lower rebound, and a ringing that dies sooner"
     confused_with = ("LinearDrag", "Adhesion", "ThermalSoftening")
     separating_experiment = "the free ringing of the body after it is plucked, without any flight or contact"
+    excluded = (Newtonian,)
+    unsuited = "has this viscosity already, mu; leave the effect out"
     one_sided = True
     probes = ({"solid_viscosity": 5.0}, {"solid_viscosity": 50.0})
-
-    @classmethod
-    def check_material(cls, material: Material) -> None:
-        if isinstance(material, Newtonian):
-            raise UserInputError("effect KelvinVoigt: Newtonian has this viscosity already, mu; leave the effect out")
 
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
