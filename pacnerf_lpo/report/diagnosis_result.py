@@ -86,9 +86,14 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
 
 
 def _chance(rounds: list[Round]) -> float | None:
-    """Largest p-value of the effects that were named; None where there are none."""
-    named = accepted_names(rounds)
-    return max((r.accepted.p_value for r in rounds if r.accepted and r.accepted.name in named), default=None)
+    """Largest p-value of the effects that were named; where there are none, that of the best of all hypotheses before
+    any was fitted, the selection whose chances are simulated; None where the diagnosis stopped before.
+    """
+    named, screening = accepted_names(rounds), rounds[-1].screening
+    found = [r.accepted.p_value for r in rounds if r.accepted and r.accepted.name in named]
+    if found or screening is None:
+        return max(found, default=None)
+    return screening.p_value(screening.scores[0].log_bayes_factor)
 
 
 def _round(problem: Problem, found: Round) -> dict[str, Any]:

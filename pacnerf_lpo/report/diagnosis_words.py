@@ -208,17 +208,14 @@ def _named(done: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:
 
 
 def _best(done: Mapping[str, Any]) -> list[str]:
-    """How near the best candidate of a round comes to the threshold."""
-    screen = done["screen"]
-    entries = {c["name"]: (c["log_bayes_factor"], c["readable"]) for c in (screen or {"candidates": []})["candidates"]}
-    entries.update({again["name"]: (again["log_bayes_factor"], again["readable"]) for again in done["refits"]})
-    if not entries:
+    """What the best candidate of a round has, and how often the best has as much where nothing is missing."""
+    candidates = (done["screen"] or {"candidates": []})["candidates"]
+    if not candidates:
         return []
-    factor, name = max(entries.values())
+    found = max(candidates, key=lambda candidate: candidate["log_bayes_factor"])
     return [
-        f"The best of them, {name}, reaches odds of {odds(factor)}, with even odds beforehand; where nothing is "
-        f"missing, chance takes the best to {odds(screen['threshold'])} in 1 of {_round(1 / screen['level'])} "
-        "recordings."
+        f"The best of them before any was fitted, {found['readable']}, has odds of {odds(found['log_bayes_factor'])}, "
+        f"with even odds beforehand; {chance(found['p_value'])}."
     ]
 
 

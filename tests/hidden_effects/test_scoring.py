@@ -106,7 +106,7 @@ def test_an_effect_is_found_by_its_class(tmp_path):
     found = write(tmp_path / "1001", "single", [DRAG], [FIRST, round_of()], "missing", "QuadraticDrag")
     assert found.ranking == ("QuadraticDrag", "LinearDrag", "UniformForce", "GravityMagnitude")
     assert found.found("LinearDrag") and found.top(3) and not found.top(1)
-    assert found.p_value == pytest.approx(1.23e-6, rel=1e-3)
+    assert found.fitted == pytest.approx(1.23e-6, rel=1e-3)
     assert found.covered == {}  # another effect than the true one bends the material, and has no such coefficient
     text = rows([found])
     assert "### Single effects at 20 sigma: 1" in text
@@ -149,8 +149,8 @@ def test_nulls_are_false_alarms_or_not_and_their_p_values_are_tested(tmp_path):
     alarm = write(tmp_path / "1005", "null", [], [FIRST, LAST], "missing", "QuadraticDrag")
     unknown = write(tmp_path / "1010", "null", [], [round_of()], "unknown")
     failed = write(tmp_path / "1012", "null", [], None, "")
-    assert quiet.p_value == quiet.linear == 0.04  # of the unknown force
-    assert alarm.p_value == pytest.approx(1.23e-6, rel=1e-3) and alarm.linear == 1e-4  # of a refit; of a straight line
+    assert quiet.p_value == quiet.fitted == 0.04  # of the unknown force
+    assert alarm.p_value == 1e-4 and alarm.fitted == pytest.approx(1.23e-6, rel=1e-3)  # of a straight line; of a refit
     assert quiet.inside("material") == [True, False] and alarm.inside("material") == []
     text = rows([quiet, doubtful, alarm, unknown, failed])
     named = [False, False, True, False, True]

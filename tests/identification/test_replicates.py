@@ -1,9 +1,18 @@
-"""How large an error of the reconstruction is taken to be."""
+"""How large an error of the reconstruction is taken to be, and what null replicates repeat."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
+from pacnerf_lpo.identification import replicates
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.forward_model import BodyModel
+from pacnerf_lpo.identification.problem import Part
 from pacnerf_lpo.identification.replicates import _typical_squares
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
 
 VIEWS, KINDS = 11, 10
 
@@ -35,3 +44,64 @@ def test_views_that_see_nothing_do_not_count():
     values = deviates()
     values[4] = np.nan
     assert np.isfinite(_typical_squares(values)).all()
+
+
+def ball(spacing: float) -> Body:
+    """Whole cells of a lattice inside a sphere, and the outermost half full."""
+    axis = torch.arange(-1.0, 1.0, spacing / 2)
+    points = torch.cartesian_prod(axis, axis, axis)
+    points = points[points.norm(dim=1) < 0.8]
+    return Body(points, torch.where(points.norm(dim=1) < 0.7, 1.0, 0.5), spacing)
+
+
+def test_shaken_particles_are_a_sampling_of_the_same_body():
+    body = ball(0.1)
+    shaken = [replicates.shaken(body, np.random.default_rng(seed)) for seed in range(20)]
+    # the outer shell keeps half of its N particles, sqrt(N) / 2 of them more or less
+    shell = int((body.fraction < 1).sum())
+    assert all(abs(one.volume - body.volume) < 4 * shell**0.5 / 2 * 0.05**3 for one in shaken)
+    mean = torch.stack([one.positions.mean(0) for one in shaken]).mean(0)
+    assert mean.norm() < 0.01
+    assert all((one.fraction == 1).all() for one in shaken)
+    assert not torch.equal(shaken[0].positions[:5], shaken[1].positions[:5])
+
+
+class Squares(BodyModel):
+    """Every moment is the mean square distance of the matter from the centre."""
+
+    def __init__(self, body: Body, physics: Physics):
+        self.body, self.physics, self.start = body, physics, np.zeros(0)
+
+    def predict(self, free: np.ndarray) -> np.ndarray:
+        squares, mass = self.body.positions.square().sum(1), self.body.fraction
+        return np.full((1, 2, 11), float((mass * squares).sum() / mass.sum()))
+
+
+class Recording(SimpleNamespace):
+    """As much of a recording as replicates ask for."""
+
+    spacing, views, least_shape_error, sensor = 0.1, 0, 0.1, np.zeros((1, 2, 11))
+    body = ball(0.1)
+
+    def sample(self, spacing: float, seed: int) -> Body:
+        return ball(spacing)
+
+    def model(self, effects: object, known: object, body: Body) -> Squares:
+        return Squares(body, self.physics)
+
+    def relative(self, values: np.ndarray) -> np.ndarray:
+        return values
+
+    def lasting_noise(self, random: np.random.Generator) -> np.ndarray:
+        return np.zeros_like(self.sensor)
+
+
+def test_a_bias_of_the_distorted_body_has_the_sign_that_it_has_in_a_recording():
+    """A displacement of mean square s^2 that does not know the place makes the mean square distance larger by s^2: the
+    model, whose body is distorted, predicts too much, so what is measured less what it predicts is negative.
+    """
+    recording = Recording(physics=Physics(NeoHookean()))
+    part = Part("ball", recording, (), {})  # type: ignore[arg-type]
+    found, _ = replicates._of_recording(part, recording.sensor, 40, 0, lambda _: None)
+    assert found.mean() < 0
+    assert found.mean() == pytest.approx(-(recording.least_shape_error**2), rel=0.5)

@@ -184,6 +184,7 @@ def other(kind: str) -> dict[str, Any]:
         only["check"], only["check_held"] = check(1.0, 0.4), check(1.1, 0.4)
         for one in only["screen"]["candidates"]:
             one["log_bayes_factor"] /= 20
+            one["p_value"] = 0.25
         result["stages"][0]["error"]["held"] = 0.2
     if kind == "unknown":
         result["residual_force"] = {"determined": True, "times": [0.0, 0.1, 0.2], "mean": [[0.1, -1.0, 0.0]] * 3}

@@ -133,11 +133,11 @@ def test_odds_in_words(factor, text):
     assert words.odds(factor) == text
 
 
-def test_without_an_effect_the_best_one_is_compared_with_the_threshold():
+def test_without_an_effect_the_best_one_is_compared_with_chance():
     said = " ".join(words.missing(example.other("nothing")))
     assert "5 effects and camera faults were tried" in said
-    assert "linear drag, reaches odds of 7.4 to 1" in said  # exp(40 / 20)
-    assert "to 150 to 1 in 1 of 100 recordings" in said  # exp(5) = 148, two digits
+    assert "before any was fitted, linear drag, has odds of 7.4 to 1" in said  # exp(40 / 20)
+    assert "chance alone would do this in about 1 of 4 recordings" in said
     said = words.missing(example.other("unknown"))[0]
     assert "a smooth force of unknown cause, for which the odds are more than a million to 1" in said
 

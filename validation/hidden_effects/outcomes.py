@@ -29,8 +29,9 @@ class Outcome:
     classes: for each of them, the names that the recording does not tell apart from it, itself first.
     ranking: first names of the first round: its refits by their odds, by which a verdict chooses and the report lists
         them, then its other candidates by their Bayes factors.
-    p_value: smallest of the first round: of refits, of candidates without one, and of unknown force and wrong shape.
-    linear: the same before anything was fitted again: by linear changes, for which the threshold is simulated.
+    p_value: of the best of all hypotheses of the first round, unknown force and wrong shape among them, before any was
+        fitted: of the selection whose chances are simulated.
+    fitted: the smallest of the same hypotheses where those that were fitted count as fitted.
     more_than_noise: whether the verdict says that what is left is more than the model predicts.
     covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
         that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
@@ -51,7 +52,7 @@ class Outcome:
     classes: tuple[tuple[str, ...], ...] = ()
     ranking: tuple[str, ...] = ()
     p_value: float | None = None
-    linear: float | None = None
+    fitted: float | None = None
     more_than_noise: bool = False
     covered: dict[str, bool] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
@@ -111,8 +112,8 @@ def outcome(scene: Path) -> Outcome | None:
         named=named,
         classes=classes,
         ranking=_ranking(rounds[0])[:KEPT],
-        p_value=_smallest(rounds[0], rounds[0]["refits"]),
-        linear=_smallest(rounds[0], []),
+        p_value=_smallest(rounds[0], []),
+        fitted=_smallest(rounds[0], rounds[0]["refits"]),
         more_than_noise=verdict["more_than_noise"],
         covered=_covered(true, table),
         hidden=tuple(name for name in moved if name in table),

@@ -86,7 +86,7 @@ def uniformity(outcomes: Sequence[Outcome]) -> list[str]:
     lines = []
     for what, p_values in (
         ("p-values", [o.p_value for o in outcomes if o.p_value is not None]),
-        ("Before anything was fitted again, p-values", [o.linear for o in outcomes if o.linear is not None]),
+        ("Where hypotheses were fitted, p-values", [o.fitted for o in outcomes if o.fitted is not None]),
     ):
         if p_values:
             both, small = kstest(p_values, "uniform"), kstest(p_values, "uniform", alternative="greater")
