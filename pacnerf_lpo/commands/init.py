@@ -24,6 +24,7 @@ def run(
     ground: float | None = None,
     ground_normal: list[float] | None = None,
     gravity: float = GRAVITY,
+    density: float | None = None,
     fps: float | None = None,
     leave_out: list[str] | None = None,
     shape: str | None = None,
@@ -55,6 +56,7 @@ def run(
         ground: height of the ground along that axis, or along its normal, in the calibration's unit.
         ground_normal: direction at a right angle to a ground that is not level, in the calibration's axes.
         gravity: its strength [m/s^2]; 0 for none.
+        density: of the body in a video [kg/m^3]; that of water when not given. Moduli are proportional to it.
         fps: frames per second of the videos, instead of what their files say.
         leave_out: names of cameras not to be used.
         shape: of positions, the body: Ball, Block, Torus, or a mesh file.
@@ -83,7 +85,7 @@ def run(
         recording = recording.with_unit(unit)
     if up is not None:
         recording = recording.with_up(up)
-    recording = recording.with_ground(ground, ground_normal).with_gravity(gravity)
+    recording = recording.with_ground(ground, ground_normal).with_gravity(gravity).with_density(density)
     if leave_out:
         recording = recording.without(leave_out)
     print(f"{source}: layout {recording.layout}, {len(recording.cameras)} cameras", flush=True)

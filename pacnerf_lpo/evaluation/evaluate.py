@@ -53,6 +53,7 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "times_s": video.times.tolist(),
         "guess": _with_units(run, run.physics.guess),
         "free": list(run.physics.free_names),
+        "density_kg_m3": run.physics.rho,
         "laws": run.laws,
         "phases": [_evaluate_stage(run, stage, answer) for stage in run.stages],
         "result": run.last.stem,
@@ -99,6 +100,8 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
     }
     if record.before is not None:
         result["before"] = record.before
+    if record.methods is not None and "error" not in record.methods:
+        result["methods"] = record.methods
     if record.held_out_error is not None:
         result["held_out_error"] = record.held_out_error
     if truth is not None:

@@ -17,7 +17,7 @@ def markdown_table(results: Mapping[str, Any]) -> str:
         where = views if scope == ALL_FRAMES else f"{views}, {scope}"
         lines.append(f"| {label} | {where} | {_psnr_cell(metrics)} | {metrics['ssim']:.3f} | {lpips_cell(metrics)} |")
     lines += ["", *_parameter_lines(results)]
-    if sentence := before_sentence(results):
+    for sentence in remarks(results):
         lines += ["", sentence]
     if rounds := round_rows(results):
         cells = [f"| {' | '.join(row)} |" for row in rounds]
@@ -114,7 +114,7 @@ def lpips_cell(metrics: Mapping[str, Any]) -> str:
 def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
     last, guess = result_phase(results), results["guess"]
     errors, intervals = last.get("truth_errors"), results.get("intervals")
-    head = ["parameter", "guess", value_head(results)]
+    head = ["parameter", start_head(results), value_head(results)]
     head += [] if intervals is None else [f"{100 * intervals['level']:.0f} % interval"]
     head += [] if errors is None else ["true", "error"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
@@ -133,17 +133,37 @@ def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def before_sentence(results: Mapping[str, Any]) -> str | None:
-    """What the phase itself had identified, where another fit took its place; None where none did."""
+def remarks(results: Mapping[str, Any]) -> list[str]:
+    """What belongs to the identified values: the density that they are for, what the phase had where another fit took
+    its place, and what images and outlines would give, each by itself.
+    """
+    if value_head(results) != IDENTIFIED:
+        return []
     last = result_phase(results)
-    if "before" not in last:
-        return None
-    units = {name: last["parameters"][name]["unit"] for name in results["free"]}
-    values = ", ".join(f"{name} = {quantity(last['before'][name], unit)}" for name, unit in units.items())
-    return (
-        "Identified values and intervals are those of one last fit with more particles, in which data count by their "
-        f"errors; before it the phase had {values}."
-    )
+    units, found = {name: last["parameters"][name]["unit"] for name in results["free"]}, []
+
+    def listed(values: Mapping[str, float]) -> str:
+        return ", ".join(f"{name} = {quantity(values[name], unit)}" for name, unit in units.items() if name in values)
+
+    if any(unit.startswith("Pa") for unit in units.values()):
+        density = quantity(results["density_kg_m3"], "kg/m^3", 4)
+        found.append(f"Moduli, stresses and viscosities are for a density of {density}, and are proportional to it.")
+    if "before" in last:
+        found.append(
+            "Identified values and intervals are those of one last fit with more particles, in which data count by "
+            f"their errors; before it the phase had {listed(last['before'])}."
+        )
+    if methods := last.get("methods"):
+        found.append(
+            f"Images and outlines against each other, on a coarse body of {methods['particles']} particles: images "
+            f"alone give {listed(methods['images'])}; outlines alone give {listed(methods['outlines'])}."
+        )
+    return found
+
+
+def start_head(results: Mapping[str, Any]) -> str:
+    """What the column is called from which the identification started."""
+    return "law comparison" if results.get("laws") else "guess"
 
 
 def interval_cell(results: Mapping[str, Any], name: str, unit: str) -> str:

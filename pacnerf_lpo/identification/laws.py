@@ -352,8 +352,11 @@ def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None, 
     """
     leader = left[0]
     if len(left) > 1:
-        named = " and ".join(f"{trial.family} ({trial.law})" for trial in left)
-        found = [f"The recording does not separate these laws: {named}. The simplest is used: {chosen.family}."]
+        named = [f"{trial.family} ({trial.law})" for trial in left]
+        found = [
+            f"The recording does not separate these laws: {', '.join(named[:-1])} and {named[-1]}. The simplest is "
+            f"used: {chosen.family}; intervals of its parameters hold if it is the right one."
+        ]
     else:
         found = [f"The material is {chosen.family} ({chosen.law}), with probability {_percent(chosen.probability)}."]
     if alone is not None:

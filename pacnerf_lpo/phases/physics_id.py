@@ -153,12 +153,14 @@ class PhysicsIDModule(DynamicPhase):
         return self.state.with_(physics=self.export_values(), velocity=velocity)
 
     def course(self) -> dict[str, Any]:
-        """The contact frame, what was searched, and of the iterations on all frames the cost before each, and the
-        free coordinates before the first and after each."""
+        """Method, contact frame, whether the velocity is fitted, too, and what was searched; of the iterations on all
+        frames the cost before each, and the free coordinates before the first and after each.
+        """
         return {
             "method": type(self.method).__name__,
             "hit_frame": self.hit_frame,
             "draws_views": self.method.draws_views,
+            "fits_velocity": self.method.fits_velocity,
             "converged": self._converged,
             "searched": self._searched,
             "costs": self._costs,

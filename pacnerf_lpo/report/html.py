@@ -13,6 +13,7 @@ from pacnerf_lpo.evaluation import tables
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.quantities import duration, quantity, symbol
 from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.payload import build_payload
@@ -70,22 +71,25 @@ def is_evaluated(run: Run) -> bool:
     intervals = run.run_dir / INTERVALS_FILE
     paths = [*(stage.state_path for stage in run.stages), *([intervals] if intervals.is_file() else [])]
     newest = max(path.stat().st_mtime for path in paths)
-    current = "doubts" in results and evaluated == [stage.stem for stage in run.stages]
+    current = {"doubts", "density_kg_m3"} <= results.keys() and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
 
 
 def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names of the identified parameters, and their values with units."""
+    """Names of the identified parameters, and their values with units; without the ground's height beside others."""
     if tables.value_head(results) != tables.IDENTIFIED:
         return []
     found = tables.result_phase(results)["parameters"]
-    return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in results["free"]]
+    names = [name for name in results["free"] if name != GROUND_HEIGHT.name] or results["free"]
+    return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in names]
 
 
 def parameter_table(results: Mapping[str, Any]) -> str:
     """Guess → identified, and the truth with the error where it is known."""
-    last, before = tables.result_phase(results), tables.before_sentence(results)
-    return parts("report").parameters(results, last, tables.describe_error, before, tables.value_head(results))
+    heads = tables.start_head(results), tables.value_head(results)
+    return parts("report").parameters(
+        results, tables.result_phase(results), tables.describe_error, tables.remarks(results), heads
+    )
 
 
 def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:

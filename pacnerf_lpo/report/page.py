@@ -79,7 +79,7 @@ def share(value: float, most: float) -> str:
 
 def options(words: str) -> Markup:
     """Plain text with options of the command line as code, each on one line."""
-    return Markup(re.sub(r"--\w+", r"<code>\g<0></code>", escape(words)))
+    return Markup(re.sub(r"--\w+", r"<code>\g<0></code>", str(escape(words))))
 
 
 def places(points: Iterable[tuple[float, float]]) -> str:

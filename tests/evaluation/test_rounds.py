@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pacnerf_lpo.evaluation.tables import markdown_table, result_phase, round_rows
+from pacnerf_lpo.evaluation.tables import markdown_table, remarks, result_phase, round_rows
 from pacnerf_lpo.report.html import found_values, parameter_table
 
 
@@ -32,7 +32,8 @@ def results(errors: tuple[float | None, ...], chosen: int | None) -> dict[str, A
         phases.append(phase("refit", number, 10.0, 1e5 * number))
     last = chosen or len(errors)
     guess = {"E": {"value": 1e4, "unit": "Pa"}}
-    return {"phases": phases, "free": ["E"], "guess": guess, "chosen_round": chosen, "result": f"r{last}_correction"}
+    result, density = f"r{last}_correction", {"density_kg_m3": 1050.0}
+    return {"phases": phases, "free": ["E"], "guess": guess, "chosen_round": chosen, "result": result, **density}
 
 
 def test_every_round_shows_what_its_correction_gave():
@@ -56,6 +57,18 @@ def test_a_run_without_an_identification_says_that_its_values_are_not_identified
         assert [name for name, _ in found_values(found)] == ["E"]
     page = parameter_table({**static, "phases": [{**phase("static", 0, 20.0, 1e4), "velocity": [0.0, 0.0, 0.0]}]})
     assert "<th>value (physics not identified)</th>" in page
+
+
+def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
+    methods = {"particles": 1500, "images": {"E": 9.8e4}, "outlines": {"E": 1.04e5}}
+    last = phase("physics", 1, 20.0, 1e5, before={"E": 9e4}, methods=methods)
+    found = {**results((None,), None), "phases": [last], "result": "r1_physics"}
+    density, before, against = remarks(found)
+    assert "for a density of 1050 kg/m^3" in density and "the phase had E = 90 kPa" in before
+    assert "images alone give E = 98 kPa; outlines alone give E = 104 kPa" in against
+    assert all(sentence in markdown_table(found) for sentence in (density, before, against))
+    assert "| parameter | guess |" in markdown_table(found)
+    assert "| parameter | law comparison |" in markdown_table({**found, "laws": {"laws": []}})
 
 
 def test_the_chosen_round_is_marked_and_is_the_result():

@@ -71,6 +71,7 @@ def test_first_screen_says_what_was_found_and_how_it_is_known(page):
     for text in ("layout opencv", "mm, as in it the body falls at", "lowest point of the outlines", "2 warnings",
                  "ends soon after the first contact", "The object is small"):  # fmt: skip
         assert text in head
+    assert "<code>--density</code>" in page and "&lt;code" not in page
 
 
 def test_every_camera_has_its_first_and_its_contact_frame_with_all_lines(page):

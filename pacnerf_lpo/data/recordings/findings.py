@@ -102,7 +102,7 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
         ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
         if recording.ground is not None:
             _compare_grounds(recording, ground, size)
-            ground, ground_why = recording.ground, f"stated by the layout {recording.layout} or by an option"
+            ground, ground_why = recording.ground, recording.stated("--ground")
         reached = find_contact(heights, ground, motion, normal, times, flight)
         if reached is None:
             raise UserInputError(f"{recording.source}: {NO_CONTACT}")
@@ -153,7 +153,7 @@ def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:
             )
         if error < UP_ERROR and angle > TILTED + 2.0 * error:
             log.warning("the body falls %.0f degrees off the stated up direction %s; check --up", angle, _vector(up))
-        return up, f"stated by the layout {recording.layout} or by --up"
+        return up, recording.stated("--up")
     if not error < UP_ERROR or not recording.gravity:
         raise Unmeasured(
             f"{recording.source}: which side is up cannot be measured, the body hardly falls before it touches "
@@ -175,7 +175,7 @@ def find_scale(recording: Recording, motion: Ballistic) -> tuple[float, str]:
     error = float(np.linalg.norm(motion.error)) / max(size, 1e-30)
     gravity = recording.gravity
     if not gravity and recording.unit is not None:
-        return recording.unit, f"stated by the layout {recording.layout} or by --unit"
+        return recording.unit, recording.stated("--unit")
     measured = gravity / max(size, 1e-30)
     near = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / max(measured, 1e-30))))
     falls = f"the body falls at {size * UNITS[near]:.3g} m/s^2"
@@ -188,7 +188,7 @@ def find_scale(recording: Recording, motion: Ballistic) -> tuple[float, str]:
                 f"instead of {gravity:g}; with --unit {near} {falls}; check --unit, --fps and --gravity"
             )
         _doubt(ratio, error, gravity)
-        return recording.unit, f"stated by the layout {recording.layout} or by --unit"
+        return recording.unit, recording.stated("--unit")
     if not error < SCALE_ERROR or not gravity:
         raise Unmeasured(
             f"{recording.source}: the scale cannot be measured, the body hardly falls before it touches something; "

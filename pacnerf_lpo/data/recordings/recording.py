@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from pacnerf_lpo.data.recordings.conventions import check_rotation
 from pacnerf_lpo.errors import UserInputError
 
-GRAVITY = 9.81
+GRAVITY, WATER = 9.81, 1000.0
 """On Earth [m/s^2]."""
 LENS_COEFFICIENTS = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """How many coefficients each lens model has: k1 k2 p1 p2 [k3 ...] and k1 ... k4, in OpenCV's order."""
@@ -97,6 +97,8 @@ class Recording:
     ground: height of the ground along its normal, in the poses' unit
     gravity: strength [m/s^2]
     metric: the unit is that of a measured calibration board, so m, cm or mm, if only the layout said which
+    density: of the body [kg/m^3]; None: nobody said
+    options: those of the command line that took the place of what the layout says
     """
 
     layout: str
@@ -108,6 +110,15 @@ class Recording:
     metric: bool = False
     normal: tuple[float, float, float] | None = None
     gravity: float = GRAVITY
+    density: float | None = None
+    options: tuple[str, ...] = ()
+
+    def stated(self, option: str) -> str:
+        """Who stated what this option of the command line states."""
+        return f"stated by {option if option in self.options else f'the layout {self.layout}'}"
+
+    def _by(self, option: str, **changes: Any) -> "Recording":
+        return replace(self, options=(*self.options, option), **changes)
 
     def with_unit(self, unit: str) -> "Recording":
         """The same recording with lengths in m, cm, mm, or so many metres. Raises UserInputError for anything else."""
@@ -117,12 +128,12 @@ class Recording:
             metres = float("nan")
         if not (metres > 0 and np.isfinite(metres)):
             raise UserInputError(f"--unit {unit}: give {', '.join(UNITS)}, or how many metres one unit is")
-        return replace(self, unit=metres)
+        return self._by("--unit", unit=metres)
 
     def with_up(self, up: str) -> "Recording":
         """The same with an up direction: an axis, three numbers, or ``fall`` for free fall; else UserInputError."""
         if up == "fall":
-            return replace(self, up=None)
+            return self._by("--up", up=None)
         try:
             vector = np.array(AXES[up] if up in AXES else [float(part) for part in up.strip("[]() ").split(",")])
         except ValueError:
@@ -133,12 +144,12 @@ class Recording:
                 f"--up {up}: give an axis ({', '.join(AXES)}), three numbers such as [0,0.17,0.98], or fall"
             )
         x, y, z = (vector / length).tolist()
-        return replace(self, up=(x, y, z))
+        return self._by("--up", up=(x, y, z))
 
     def with_ground(self, height: float | None, normal: Sequence[float] | None) -> "Recording":
         """The same recording with a ground stated. Raises UserInputError where the normal is none."""
         if normal is None:
-            return replace(self, ground=self.ground if height is None else height)
+            return self if height is None else self._by("--ground", ground=height)
         length = float(np.linalg.norm(normal))
         if len(normal) != 3 or not (length > 0 and np.isfinite(length)):
             raise UserInputError(
@@ -146,13 +157,19 @@ class Recording:
                 "the calibration's axes, for instance [0,0.17,0.98] for a slope of 10 degrees"
             )
         x, y, z = (float(value) / length for value in normal)
-        return replace(self, normal=(x, y, z), ground=height)  # a height along another normal means nothing
+        return self._by("--ground", normal=(x, y, z), ground=height)  # a height along another normal means nothing
 
     def with_gravity(self, gravity: float) -> "Recording":
         """The same recording under gravity of this strength [m/s^2]. Raises UserInputError for a negative one."""
         if not (gravity >= 0 and np.isfinite(gravity)):
             raise UserInputError(f"--gravity {gravity:g}: give its strength in m/s^2, 9.81 on Earth, 0 for none")
         return replace(self, gravity=gravity)
+
+    def with_density(self, density: float | None) -> "Recording":
+        """The same recording of a body of this density [kg/m^3]. Raises UserInputError for one that is not positive."""
+        if density is not None and not (density > 0 and np.isfinite(density)):
+            raise UserInputError(f"--density {density:g}: give that of the body in kg/m^3, {WATER:g} for water")
+        return replace(self, density=density)
 
     def with_frame_rate(self, fps: float) -> "Recording":
         """The same recording with times counted at ``fps`` frames a second, whatever its files say."""
@@ -162,7 +179,7 @@ class Recording:
             replace(camera, frames=tuple(replace(frame, time=i / fps) for i, frame in enumerate(camera.frames)))
             for camera in self.cameras
         )
-        return replace(self, cameras=cameras)
+        return self._by("--fps", cameras=cameras)
 
     def without(self, names: Sequence[str]) -> "Recording":
         """The same recording without these cameras. Raises UserInputError where there is no camera of a name."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.data.recordings.conversion import Scene
+from pacnerf_lpo.data.recordings.recording import WATER
 from pacnerf_lpo.scene_folder import SCENE_FILE
 
 MARGIN = 0.06
@@ -32,7 +33,8 @@ def write_scene_file(scene: Scene) -> Path:
     spacing = voxel_for(size)
     frame_rate = float(f"{1.0 / float(np.diff(scene.times).mean()):.6g}")
     substep_rate = steps_for(spacing, frame_rate)
-    clock = f"{scene.times[-1]:.4g} s by the times of the recording, or by --fps"
+    by = "--fps" if "--fps" in scene.recording.options else "the times of the recording"
+    clock = f"{scene.times[-1]:.4g} s by {by}"
     path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
@@ -50,7 +52,8 @@ data:
   box_upper: {_corner(found.upper + MARGIN * size)}
 {_velocity(scene)}physics:
   gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
-  material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; if you know the law, name it:
+  {_density(scene)}
+  material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; a law that you know goes here
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
   #   init_args: {{E: 1.0e+5, nu: 0.3}} # where identification starts, SI units; a factor of ten off is fine
   frame_rate: {frame_rate:g} # 1/s; {len(scene.times)} frames, {clock}
@@ -99,6 +102,12 @@ def _mattes(scene: Scene) -> str:
     sure = f"overlap (IoU) expected with the truth {np.mean(scene.overlaps):.2f}"
     sure += f", in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
     return f"{how}; {sure}, if their colours tell object and background apart; a common error of all views is not in it"
+
+
+def _density(scene: Scene) -> str:
+    stated = scene.recording.density
+    how = "by --density" if stated is not None else "assumed: water, as nobody stated it; --density states it"
+    return f"rho: {stated or WATER:g} # kg/m^3; {how}; moduli, stresses and viscosities are proportional to it"
 
 
 def _velocity(scene: Scene) -> str:

@@ -31,9 +31,6 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
             yield from recording.doubts_about_ground(fall, physics.ground_height, state.spacing)
         if fall is not None and hit_frame is not None:
             yield from recording.doubts_about_contact(fall, hit_frame)
-        if hit_frame is not None:
-            seconds = float(data.video.times[hit_frame - 1] - data.video.times[0])
-            yield from identification.doubts_about_velocity(course, state, recording.pixel_size(data, state), seconds)
     elif stage.record.phase == "physics":
         yield from identification.doubts_about_parameters(physics, state, course.get("searched", {}))
         yield from identification.doubts_about_identification(course, physics)
@@ -43,7 +40,8 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
 def doubts_of_run(
     data: VideoData, physics: Physics, stages: Sequence[Stage], results: Mapping[str, Any]
 ) -> list[Doubt]:
-    """The doubts about a result: those of the last phase of each kind, and those that its images raise.
+    """The doubts about a result: those of the last phase of each kind, and those that its images raise. Of a velocity
+    that still moved when its phase ended there is no doubt where the identification has fitted it again.
 
     Args:
         data: the video, prepared.
@@ -53,6 +51,13 @@ def doubts_of_run(
     """
     latest = {stage.record.phase: stage for stage in stages}
     found = [doubt for stage in latest.values() for doubt in doubts_of_phase(data, physics, stage)]
+    fitted_again = "physics" in latest and latest["physics"].record.course.get("fits_velocity", False)
+    if "velocity" in latest and not fitted_again:
+        state, course = latest["velocity"].state, latest["velocity"].record.course
+        if "frames" in course:
+            seconds = float(data.video.times[course["frames"] - 1] - data.video.times[0])
+            pixel = recording.pixel_size(data, state)
+            found += identification.doubts_about_velocity(course, state, pixel, seconds)
     intervals = results.get("intervals")
     for stage in stages:
         if intervals is not None and stage.stem == intervals["phase"]:

@@ -14,7 +14,7 @@ from pacnerf_lpo.data.recordings.findings import check_slope
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.scene_file import MARGIN
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import write_json
+from tests.data.recordings.layouts import WRITERS, write_json
 from tests.data.recordings.studio import (
     CONTACT,
     FPS,
@@ -164,3 +164,17 @@ def test_wrong_answers_and_options():
             recording.with_unit(wrong)
     with pytest.raises(UserInputError, match="--ground_normal"):
         recording.with_ground(None, [0.0, 1.0])
+
+
+def test_the_file_says_who_stated_what(tmp_path):
+    for name, options, rho, said in (
+        ("all", ("--unit", "mm", "--density", "1100", "--fps", "24"), 1100, ("by --density", "s by --fps")),
+        ("few", ("--unit", "mm"), 1000, ("assumed: water", "s by the times of the recording")),
+    ):
+        source = tmp_path / name / "studio"
+        source.mkdir(parents=True)
+        WRITERS["opencv_shared"](source)
+        scene, config = imported(source, *options)
+        text = (scene / "scene.yaml").read_text()
+        assert config["physics"]["rho"] == rho
+        assert "stated by --unit" in text and all(words in text for words in said)

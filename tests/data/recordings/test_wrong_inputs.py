@@ -197,6 +197,7 @@ CASES = {
         "opencv_shared", lambda f: None, ("--ground_normal",), ("--ground_normal=[0,0,0]",)
     ),
     "ground on end": Wrong("opencv_shared", lambda f: None, ("ground",), ("--ground_normal", "1", "-0.1", "0")),
+    "no density": Wrong("opencv_shared", lambda f: None, ("--density 0", "kg/m^3"), ("--density", "0")),
     "negative gravity": Wrong("opencv_shared", lambda f: None, ("--gravity",), ("--gravity", "-9.81")),
     "gravity of the moon": Wrong(
         "opencv_shared", lambda f: None, ("m/s^2", "--gravity"), ("--gravity", "1.62", "--unit", "mm")
