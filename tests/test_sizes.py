@@ -36,8 +36,6 @@ MANY_ARGUMENTS = {
     "mpm/kernels.py:forward": KERNEL,
     "mpm/kernels.py:adjoint": KERNEL,
     "mpm/rollout.py:Engine.__init__": "settings of the engine, which the simulator has checked",
-    "diagnosis/refitting.py:refit": "to be made a record",
-    "identification/least_squares.py:fit": "to be made a record",
 }
 LIGHTNING = ("on_", "training_step", "configure_optimizers", "setup", "train_dataloader", "log_metrics", "forward")
 """What its callers, Lightning and torch, ask a class to override begins so."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
@@ -170,7 +170,7 @@ def compare(
     objective = StandardisedObjective(problem, model, mask, noise)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
-    best = fit(objective, start, model.scales, model.bounds, WHITENED_ITERATIONS, report, rows=objective.rows)
+    best = fit(objective, start, model.scales, model.bounds, Effort(WHITENED_ITERATIONS), report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     used, cost = rollouts + simulated + best.rollouts + len(found) + 2, best.cost_of(objective.rows)
     return Comparison.at(model, best.free, prior, objective.seen(best), (found, sensor, *errors), cost, doubts, used)

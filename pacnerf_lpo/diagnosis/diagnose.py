@@ -309,7 +309,7 @@ class _Diagnosis:
             step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
             compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
             name = f"{number}_{'search' if searched else 'refit'}_{candidate.name}"
-            again = self.store.once(name, partial(step, compared, searched))
+            again = self.store.once(name, partial(step, compared, "searched" if searched else "thoroughly"))
             if again is None:
                 return
             simulated[0] += again.simulated

@@ -6,7 +6,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, Comparison
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.identification.least_squares import fit
+from pacnerf_lpo.identification.least_squares import Effort, fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Held, StandardisedObjective
@@ -52,7 +52,7 @@ def profile(
         full = comparison.free.copy()
         full[index] = value
         held = Held(objective, full, others.tolist())
-        return fit(held, full[others], model.scales[others], bounds, ITERATIONS, rows=rows).cost_of(rows)
+        return fit(held, full[others], model.scales[others], bounds, Effort(ITERATIONS), rows=rows).cost_of(rows)
 
     ends = float(max(model.bounds[0][index], -1e6)), float(min(model.bounds[1][index], 1e6))
     found = profile_likelihood(cost, float(comparison.free[index]), error, ends, CONFIDENCE, spread**2)

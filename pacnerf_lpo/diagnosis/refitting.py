@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.screening import Screening, fitted_by
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, column, fit, fit_or_none
+from pacnerf_lpo.identification.least_squares import Effort, Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import StandardisedObjective
@@ -34,7 +34,7 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-ITERATIONS, QUICK_ITERATIONS = 12, 8
+ITERATIONS, QUICK = 12, Effort(8, confirm=False, remeasured=1)
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 GIVE_UP = 1.2
@@ -103,8 +103,7 @@ def refit(
     screening: Screening,
     progress: Progress,
     best_cost: float = np.inf,
-    searched: bool = False,
-    thorough: bool = True,
+    how: Literal["quickly", "thoroughly", "searched"] = "thoroughly",
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 
@@ -117,9 +116,9 @@ def refit(
         screening: of it.
         progress: receives a line about each step.
         best_cost: of another effect; a fit that stays far above it is given up.
-        searched: whether the whole parameter space of the model with the effect is searched first.
-        thorough: False: a few steps from the first start, with sensitivities that are measured again once at most:
-            enough to see which effects can win, not to decide between them.
+        how: searched: the whole parameter space of the model with the effect is searched first. Quickly: a few steps
+            from the first start, with sensitivities that are measured again once at most: enough to see which effects
+            can win, not to decide between them.
 
     Returns:
         None if the motion is unstable from every start.
@@ -127,18 +126,20 @@ def refit(
     fits = _Fits(problem, effects, comparison, candidate, screening)
     linear = screening.score(candidate.name)
     begun, rollouts = _starts(fits.model, comparison, candidate, linear, fits.objective.mean), 0
-    if searched:
+    if how == "searched":
         try:
             guess = {**problem.first_guess, **candidate.effect.guess}
             found = base_fit(problem, fits.effects, guess, progress, followed=True)
         except SimulationError:
             return None
         begun, rollouts = [found.free], found.rollouts
-    best, used = fits.best(begun if thorough else begun[:1], progress, best_cost, searched, thorough)
+    quick = how == "quickly"
+    effort = QUICK if quick else Effort(ITERATIONS)
+    best, used = fits.best(begun[:1] if quick else begun, progress, best_cost, how == "searched", effort)
     if best is None:
         return None
     again = fits.scored(best, screening, rollouts + used)
-    if thorough and again.p_value < LEVEL and again.cost < best_cost:
+    if not quick and again.p_value < LEVEL and again.cost < best_cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         without = better_null(*null, fits.seen(best))
         again = replace(again, better=without.known, simulated=again.simulated + without.rollouts)
@@ -170,7 +171,7 @@ class _Fits:
         self.size = int(self.mask.sum())
 
     def best(
-        self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, thorough: bool
+        self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, effort: Effort
     ) -> tuple[Fit | None, int]:
         """The best of the fits from some starts [(K,) each], None where all are unstable, and the rollouts of all."""
         best, cost, rollouts = None, np.inf, 0
@@ -183,12 +184,9 @@ class _Fits:
                 start if first is None else first,
                 self.model.scales,
                 self.model.bounds,
-                ITERATIONS if thorough else QUICK_ITERATIONS,
-                report=reporter(self.model, progress),
-                abort_above=min(self.without, GIVE_UP * best_cost, GIVE_UP * cost),
-                rows=self.objective.rows,
-                confirm=thorough,
-                remeasured=np.inf if thorough else 1,
+                replace(effort, abort_above=min(self.without, GIVE_UP * best_cost, GIVE_UP * cost)),
+                reporter(self.model, progress),
+                self.objective.rows,
             )
             rollouts += int(self.own.sum()) + 2 if tried is None else tried.rollouts
             if tried is not None and tried.cost_of(self.objective.rows) < cost:
@@ -264,7 +262,7 @@ def against_without(
     objective = StandardisedObjective(problem, model, mask, comparison.noise(problem, mask), prior)
     free = comparison.free[places]
     start = Fit(free, objective(free), objective.derivative(comparison.jacobian[..., places]), 1, objective)
-    found = fit(objective, start, model.scales, model.bounds, ITERATIONS, rows=objective.rows)
+    found = fit(objective, start, model.scales, model.bounds, Effort(ITERATIONS), rows=objective.rows)
     cost = found.cost_of(objective.rows)
     without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.learnt, cost)
     fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
@@ -319,8 +317,8 @@ def better_null(
         promised = now[rows] + start.jacobian[rows] @ step
         if promised @ promised > without:
             return none
-    settings = model.scales, model.bounds, QUICK_ITERATIONS
-    found = fit(objective, start, *settings, abort_above=without, rows=rows, confirm=False)
+    effort = Effort(QUICK.iterations, without, confirm=False)
+    found = fit(objective, start, model.scales, model.bounds, effort, rows=rows)
     cost, rollouts = found.cost_of(rows), 1 + found.rollouts
     if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:
         return BetterNull(min(cost, without), None, None, rollouts)

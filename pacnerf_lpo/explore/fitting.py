@@ -9,7 +9,7 @@ from pacnerf_lpo.diagnosis.comparison import intervals_in_si, reporter
 from pacnerf_lpo.errors import SimulationError, Stopped, UserInputError
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.identification.base_fit import at_probes, notes
-from pacnerf_lpo.identification.least_squares import Fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit
 from pacnerf_lpo.identification.least_squares import fit as descend
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
@@ -70,9 +70,9 @@ def fit(session: "Session", step: Step, names: list[str], progress: Progress) ->
                 latest[:] = [some.all(free)]
                 tell(iteration, cost, latest[0])
 
-            begin = np.clip(start[places], *bounds)
+            begin, effort = np.clip(start[places], *bounds), Effort(ITERATIONS)
             try:
-                found = descend(some, begin, model.scales[places], bounds, ITERATIONS, report, rows=objective.rows)
+                found = descend(some, begin, model.scales[places], bounds, effort, report, objective.rows)
             except SimulationError as error:
                 unstable = error
                 continue

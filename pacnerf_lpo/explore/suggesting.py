@@ -18,7 +18,7 @@ from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.records import Step, Suggestion
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each, workers
 from pacnerf_lpo.identification.standardised import StandardisedObjective
@@ -74,7 +74,7 @@ def _fitted(
     while chosen:
         now, chosen = chosen[: workers()], chosen[workers() :]
         least = min((one.cost for one in found.values()), default=np.inf)
-        quickly = partial(refit, best_cost=least, thorough=False)
+        quickly = partial(refit, best_cost=least, how="quickly")
         tried = each(quickly, ((problem, effects, null, one, screening, _quiet) for one in now))
         for candidate, again in zip(now, tried, strict=True):
             progress(f"fitted with {candidate.name}")
@@ -187,6 +187,7 @@ def fitted(
         known = objective.derivative(noise.jacobian)
         start = Fit(model.start, objective(model.start), known, 1, objective)
     report = reporter(model, progress)
-    best = fit(objective, start, model.scales, model.bounds, ITERATIONS, report, rows=objective.rows, confirm=False)
+    effort = Effort(ITERATIONS, confirm=False)
+    best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     cost, seen = best.cost_of(objective.rows), objective.seen(best)
     return Comparison.at(model, best.free, objective.prior, seen, noise.learnt, cost, rollouts=best.rollouts)

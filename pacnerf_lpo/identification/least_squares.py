@@ -66,6 +66,24 @@ class Fit:
         return float(seen @ seen)
 
 
+@dataclass(frozen=True)
+class Effort:
+    """When a fit ends.
+
+    iterations: accepted steps, at most.
+    abort_above: a cost above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good part
+        in each, or as promised by a step that could not be longer; None: never.
+    confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the last
+        iteration.
+    remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
+    """
+
+    iterations: int
+    abort_above: float | None = None
+    confirm: bool = True
+    remeasured: float = np.inf
+
+
 Start = np.ndarray | Fit
 """Free coordinates to begin with [(K,)], or a fit."""
 
@@ -75,12 +93,9 @@ def fit(
     start: Start,
     scales: np.ndarray,
     bounds: Bounds,
-    iterations: int,
+    effort: Effort,
     report: Report = lambda *_: None,
-    abort_above: float | None = None,
     rows: np.ndarray | None = None,
-    confirm: bool = True,
-    remeasured: float = np.inf,
 ) -> Fit:
     """Minimise ||residual[rows]||^2 within bounds.
 
@@ -90,19 +105,14 @@ def fit(
             until steps contradict it.
         scales: noticeable change of each coordinate [(K,)]
         bounds: least and largest value of each [(K,), (K,)]
-        iterations: accepted steps, at most.
+        effort: when it ends.
         report: called with iteration, cost and coordinates.
-        abort_above: a cost above this ends the fit after :data:`PATIENCE` iterations, unless it still falls by a good
-            part in each, or as promised by a step that could not be longer; None: never.
         rows: which of the residual count [(D,), bool]; None: all. The Jacobian is that of all.
-        confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the
-            last iteration.
-        remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
 
     Raises:
         SimulationError: the motion at ``start`` is unstable.
     """
-    return _Descent(residual, start, scales, bounds, rows, remeasured).run(iterations, report, abort_above, confirm)
+    return _Descent(residual, start, scales, bounds, rows, effort).run(report)
 
 
 def fit_or_none(residual: Residual, start: Start, *settings, **more) -> Fit | None:
@@ -123,8 +133,9 @@ class _Descent:
         scales: np.ndarray,
         bounds: Bounds,
         rows: np.ndarray | None,
-        remeasured: float,
+        effort: Effort,
     ):
+        self.effort = effort
         self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
         known = start if isinstance(start, Fit) else None
         self.free = np.clip(start.free if isinstance(start, Fit) else start, *bounds)
@@ -135,14 +146,15 @@ class _Descent:
             self._measure()
         else:
             self.scaled = known.jacobian * scales
-        self.remeasured = remeasured
+        self.remeasured = effort.remeasured
 
     @property
     def cost(self) -> float:
         return _square(self.now[self.rows])
 
-    def run(self, iterations: int, report: Report, abort_above: float | None, confirm: bool) -> Fit:
+    def run(self, report: Report) -> Fit:
         """Steps until nothing is gained."""
+        iterations, confirm, most = self.effort.iterations, self.effort.confirm, self.effort.abort_above
         for iteration in range(iterations):
             report(iteration, self.cost, self.free)
             before = self.cost
@@ -151,7 +163,7 @@ class _Descent:
                 break
             moved, kept, stretched = stepped
             gain = 1 - self.cost / before
-            far = abort_above is not None and self.cost > abort_above
+            far = most is not None and self.cost > most
             small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
                 break

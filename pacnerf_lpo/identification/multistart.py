@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Fit, Residual, Start, fit_or_none
+from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Bounds, Effort, Fit, Residual, Start, fit_or_none
 from pacnerf_lpo.identification.processes import each
 
 FIRST_AFTER_CONTACT = 2
@@ -154,8 +154,8 @@ def _through(stage: Stage, start: Start, lowest: list[float]) -> Fit | None:
     now, used, ended = start, 0, None
     for place, rows in enumerate(stage.rows):
         confirm = stage.confirm and place == len(stage.rows) - 1
-        settings = stage.residual, now, stage.scales, stage.bounds, stage.iterations
-        ended = fit_or_none(*settings, abort_above=lowest[place], rows=rows, confirm=confirm)
+        effort = Effort(stage.iterations, lowest[place], confirm)
+        ended = fit_or_none(stage.residual, now, stage.scales, stage.bounds, effort, rows=rows)
         if ended is None:
             return None
         now, used, lowest[place] = ended, used + ended.rollouts, min(ended.cost_of(rows), lowest[place])

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Fit, Residual, fit
+from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Effort, Fit, Residual, fit
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.image_cost import ImageCost
@@ -72,7 +72,7 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
         by_images, by_outlines = counted(images.residual), counted(outlines.residual)
         starts = _starts(model, by_images, by_outlines)
         found = [
-            fit(residual, start, model.scales, model.bounds, ITERATIONS)
+            fit(residual, start, model.scales, model.bounds, Effort(ITERATIONS))
             for residual, start in zip((by_images, by_outlines), starts, strict=True)
         ]
         found = [_continued(one, other, model) for one, other in (found, found[::-1])]
@@ -109,7 +109,7 @@ def _continued(own: Fit, other: Fit, model: Model) -> Fit:
     assert own.of is not None
     if _cost(own.of, other.free) >= (1 - ROUGH_GAIN) * own.cost:
         return own
-    return fit(own.of, other.free, model.scales, model.bounds, ITERATIONS)
+    return fit(own.of, other.free, model.scales, model.bounds, Effort(ITERATIONS))
 
 
 def _excess(own: Fit, other: Fit) -> float:

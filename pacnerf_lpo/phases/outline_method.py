@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
-from pacnerf_lpo.identification.least_squares import Fit, fit, sensitivities
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit, sensitivities
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
 from pacnerf_lpo.identification.problem import StateProblem
@@ -187,7 +187,8 @@ class OutlineGaussNewton(DampedLeastSquares):
         moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
         low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
         with suppress(SimulationError):
-            found = model.physical(fit(early.residual, model.start, model.scales, (low, high), FALL_ITERATIONS).free)
+            ended = fit(early.residual, model.start, model.scales, (low, high), Effort(FALL_ITERATIONS))
+            found = model.physical(ended.free)
             with torch.no_grad():
                 module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import fit, sensitivities
+from pacnerf_lpo.identification.least_squares import Effort, fit, sensitivities
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -15,7 +15,7 @@ def curved(p):
 
 
 def test_it_follows_a_curved_valley():
-    found = fit(curved, np.array([-0.5, 1.0]), np.array([0.01, 0.01]), FREE, 80)
+    found = fit(curved, np.array([-0.5, 1.0]), np.array([0.01, 0.01]), FREE, Effort(80))
     assert found.free == pytest.approx([1.0, 1.0], abs=0.02)
     assert found.cost < 1e-3
 
@@ -26,7 +26,7 @@ def test_it_stays_within_the_bounds():
         np.array([0.0, 0.0]),
         np.array([0.5, 0.5]),
         (np.array([-1.0, -1.0]), np.array([1.0, 5.0])),
-        20,
+        Effort(20),
     )
     assert found.free == pytest.approx([1.0, 3.0], abs=1e-3)
 
@@ -37,7 +37,7 @@ def test_an_unstable_region_is_avoided():
             raise SimulationError(3, 7, "too fast")
         return p - np.array([1.9, 0.0])
 
-    found = fit(residual, np.array([-3.0, 1.0]), np.array([1.0, 1.0]), FREE, 20)
+    found = fit(residual, np.array([-3.0, 1.0]), np.array([1.0, 1.0]), FREE, Effort(20))
     assert found.free == pytest.approx([1.9, 0.0], abs=1e-3)
 
 
@@ -49,7 +49,7 @@ def test_sensitivities_look_to_the_other_side_of_a_bound():
 
 
 def test_a_minimum_that_is_far_away_is_reached_by_longer_and_longer_steps():
-    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10)
+    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, Effort(10))
     assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
 
 
@@ -60,12 +60,12 @@ def test_a_hopeless_start_is_given_up():
         calls.append(1)
         return np.array([p[0] * 0.1 + 100.0, p[1]])
 
-    fit(residual, np.zeros(2), np.ones(2), FREE, 50, abort_above=1.0)
+    fit(residual, np.zeros(2), np.ones(2), FREE, Effort(50, 1.0))
     assert len(calls) < 50
 
 
 def test_a_fit_whose_steps_keep_their_promise_and_could_be_longer_is_not_given_up():
-    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, 10, abort_above=1.0)
+    found = fit(lambda p: p - np.array([700.0, 0.2]), np.zeros(2), np.ones(2), FREE, Effort(10, 1.0))
     assert found.free == pytest.approx([700.0, 0.2], abs=1.0)
 
 
@@ -74,6 +74,6 @@ def test_an_unknown_at_its_bound_does_not_hold_up_the_others():
     matrix = np.array([[1.0, 0.99], [0.0, 0.1], [1.0, 1.0]])
     target = matrix @ np.array([-1.0, 3.0])
     bounds = (np.array([0.0, -10.0]), np.array([5.0, 10.0]))
-    found = fit(lambda p: matrix @ p - target, np.array([0.0, 0.0]), np.ones(2), bounds, 10)
+    found = fit(lambda p: matrix @ p - target, np.array([0.0, 0.0]), np.ones(2), bounds, Effort(10))
     best = np.linalg.lstsq(matrix[:, 1:], target, rcond=None)[0]
     assert found.free == pytest.approx([0.0, float(best[0])], abs=0.02)  # it ends when little is left to gain

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
 
 SCALES = np.array([0.03, 0.03])
@@ -48,7 +48,7 @@ def test_the_frames_after_contact_double(contact, frames, expected):
 
 def test_a_fit_that_takes_in_more_and_more_frames_finds_the_minimum_that_a_fit_of_all_of_them_misses():
     start = np.array([RIGHT - 0.3, 0.3])
-    stuck = fit(oscillation, start, SCALES, BOUNDS, 20)
+    stuck = fit(oscillation, start, SCALES, BOUNDS, Effort(20))
     assert abs(stuck.free[0] - RIGHT) > 0.05 and stuck.cost > 1.0
     rows = [np.arange(12) < until for until in horizons(0, 12)]
     found = multistart([Stage(oscillation, SCALES, BOUNDS, rows, iterations=8, confirm=True)], [start])

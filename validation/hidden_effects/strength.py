@@ -11,7 +11,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate, whole_catalogue
 from pacnerf_lpo.diagnosis.refitting import GIVE_UP, starts
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, Residual, fit, fit_or_none, sensitivities
+from pacnerf_lpo.identification.least_squares import Effort, Fit, Residual, fit, fit_or_none, sensitivities
 from pacnerf_lpo.identification.problem import relative
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.standardised import noise_of
@@ -90,7 +90,7 @@ class Ruler:
         except SimulationError:
             return None
         left, model = self._left(seen, self.model, self._key(effect)), self.model
-        return fit(left, start, model.scales, model.bounds, iterations)
+        return fit(left, start, model.scales, model.bounds, Effort(iterations))
 
     def _begun(self, key: str) -> Fit:
         """The truth as a fit, with the sensitivities there, which are the same whatever was recorded."""
@@ -152,8 +152,8 @@ class Ruler:
                 model = self.problem.model([candidate.effect], {**self.true, **start})
                 residual = self._left(seen, model, "motion")
                 begin = model.start if candidate.discrete else _linear(model, residual)
-                settings = model.scales, model.bounds, ITERATIONS
-                found = fit_or_none(residual, begin, *settings, abort_above=GIVE_UP * best)
+                effort = Effort(ITERATIONS, GIVE_UP * best)
+                found = fit_or_none(residual, begin, model.scales, model.bounds, effort)
                 if found is not None:
                     best = min(best, found.cost)
                     left[candidate.name] = min(left.get(candidate.name, np.inf), float(np.sqrt(found.cost)))
