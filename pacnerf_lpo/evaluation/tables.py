@@ -141,22 +141,23 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
         return []
     last = result_phase(results)
     units, found = {name: last["parameters"][name]["unit"] for name in results["free"]}, []
+    stresses = {name: unit for name, unit in units.items() if unit.startswith("Pa")}
 
-    def listed(values: Mapping[str, float]) -> str:
-        return ", ".join(f"{name} = {quantity(values[name], unit)}" for name, unit in units.items() if name in values)
+    def listed(values: Mapping[str, float], names: Mapping[str, str]) -> str:
+        return ", ".join(f"{name} = {quantity(values[name], unit)}" for name, unit in names.items())
 
-    if any(unit.startswith("Pa") for unit in units.values()):
+    if stresses:
         density = quantity(results["density_kg_m3"], "kg/m^3", 4)
         found.append(f"Moduli, stresses and viscosities are for a density of {density}, and are proportional to it.")
     if "before" in last:
         found.append(
             "Identified values and intervals are those of one last fit with more particles, in which data count by "
-            f"their errors; before it the phase had {listed(last['before'])}."
+            f"their errors; before it the phase had {listed(last['before'], units)}."
         )
-    if methods := last.get("methods"):
+    if stresses and (methods := last.get("methods")):
         found.append(
-            f"Images and outlines against each other, on a coarse body of {methods['particles']} particles: images "
-            f"alone give {listed(methods['images'])}; outlines alone give {listed(methods['outlines'])}."
+            f"On a coarse body of {methods['particles']} particles, where only the difference counts, images alone "
+            f"give {listed(methods['images'], stresses)}, and outlines alone {listed(methods['outlines'], stresses)}."
         )
     return found
 

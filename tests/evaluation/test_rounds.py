@@ -65,7 +65,7 @@ def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     found = {**results((None,), None), "phases": [last], "result": "r1_physics"}
     density, before, against = remarks(found)
     assert "for a density of 1050 kg/m^3" in density and "the phase had E = 90 kPa" in before
-    assert "images alone give E = 98 kPa; outlines alone give E = 104 kPa" in against
+    assert "images alone give E = 98 kPa, and outlines alone E = 104 kPa" in against
     assert all(sentence in markdown_table(found) for sentence in (density, before, against))
     assert "| parameter | guess |" in markdown_table(found)
     assert "| parameter | law comparison |" in markdown_table({**found, "laws": {"laws": []}})
