@@ -54,6 +54,8 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "guess": _with_units(run, run.physics.guess),
         "free": list(run.physics.free_names),
         "density_kg_m3": run.physics.rho,
+        "ground": type(run.physics.ground).__name__,
+        "effects": [type(effect).__name__ for effect in run.physics.effects],
         "laws": run.laws,
         "phases": [_evaluate_stage(run, stage, answer) for stage in run.stages],
         "result": run.last.stem,

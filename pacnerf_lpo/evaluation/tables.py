@@ -154,10 +154,13 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
             "Identified values and intervals are those of one last fit with more particles, in which data count by "
             f"their errors; before it the phase had {listed(last['before'], units)}."
         )
+    acting = ", ".join(["gravity", f"a ground that is {results['ground']}", *results["effects"]])
+    found.append(f"Nothing else acts in the model than {acting}; `pacnerf-lpo diagnose` looks for what is missing.")
     if stresses and (methods := last.get("methods")):
         found.append(
-            f"On a coarse body of {methods['particles']} particles, where only the difference counts, images alone "
-            f"give {listed(methods['images'], stresses)}, and outlines alone {listed(methods['outlines'], stresses)}."
+            f"Images alone and outlines alone, compared on a coarse body of {methods['particles']} particles whose "
+            f"values are off, but both alike: {listed(methods['images'], stresses)} by images, "
+            f"{listed(methods['outlines'], stresses)} by outlines."
         )
     return found
 

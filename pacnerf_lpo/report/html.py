@@ -107,7 +107,7 @@ def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
         figures.append((f"{100 * share:.1f} %", "image explained, all views"))
     count = f"{tables.result_phase(results)['particles']:,}".replace(",", "&#8239;")
     figures.append((Markup(count), "particles"))
-    return [*figures, (duration(sum(phase["seconds"] for phase in results["phases"])), "computation")]
+    return [*figures, (duration(sum(phase["seconds"] for phase in results["phases"])), "computation of the phases")]
 
 
 def quality_table(results: Mapping[str, Any]) -> str:

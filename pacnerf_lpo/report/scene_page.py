@@ -71,7 +71,7 @@ def facts(look: Look) -> list[tuple[str, str, str]]:
     why = {value.key: value.why.split("; ", 1)[-1] for value in scene.values}
     covered = 100 * (1.0 - max(float(np.nanmax(hull.outside)) for hull in look.hulls.values()))
     seconds = scene.times[-1] - scene.times[0]
-    clocks = [("clocks", "", scene.notes["clocks"])] if "clocks" in scene.notes else []
+    clocks = [("clocks", "measured", scene.notes["clocks"])] if "clocks" in scene.notes else []
     mattes = f"{scene.notes.get('mattes', 'as given')}; the worst of all pictures"
     return [
         ("body", f"{x:.2g}, {y:.2g}, {z:.2g} m", "along x, y and z at frame 0, from the outlines of all views"),

@@ -32,7 +32,7 @@ def results(errors: tuple[float | None, ...], chosen: int | None) -> dict[str, A
         phases.append(phase("refit", number, 10.0, 1e5 * number))
     last = chosen or len(errors)
     guess = {"E": {"value": 1e4, "unit": "Pa"}}
-    result, density = f"r{last}_correction", {"density_kg_m3": 1050.0}
+    result, density = f"r{last}_correction", {"density_kg_m3": 1050.0, "ground": "Sticky", "effects": ["LinearDrag"]}
     return {"phases": phases, "free": ["E"], "guess": guess, "chosen_round": chosen, "result": result, **density}
 
 
@@ -63,10 +63,11 @@ def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     methods = {"particles": 1500, "images": {"E": 9.8e4}, "outlines": {"E": 1.04e5}}
     last = phase("physics", 1, 20.0, 1e5, before={"E": 9e4}, methods=methods)
     found = {**results((None,), None), "phases": [last], "result": "r1_physics"}
-    density, before, against = remarks(found)
+    density, before, acting, against = remarks(found)
     assert "for a density of 1050 kg/m^3" in density and "the phase had E = 90 kPa" in before
-    assert "images alone give E = 98 kPa, and outlines alone E = 104 kPa" in against
-    assert all(sentence in markdown_table(found) for sentence in (density, before, against))
+    assert "E = 98 kPa by images, E = 104 kPa by outlines" in against
+    assert "gravity, a ground that is Sticky, LinearDrag" in acting
+    assert all(sentence in markdown_table(found) for sentence in remarks(found))
     assert "| parameter | guess |" in markdown_table(found)
     assert "| parameter | law comparison |" in markdown_table({**found, "laws": {"laws": []}})
 

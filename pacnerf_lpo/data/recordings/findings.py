@@ -114,6 +114,8 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     rotation = rotation_onto(normal, np.array([0.0, 1.0, 0.0]))
     lower, upper = bounds(frames[0].moved(rotation, scale))
     lower[1], upper[1] = max(0.0, lower[1] - scale * ground), upper[1] - scale * ground
+    ground_why += f"; {ground:.4g} along {_name(normal)} in the calibration's unit, as --ground states it"
+    up_why = f"{_name(up)} of the calibration: {up_why}"
     if recording.normal is not None:
         up_why += f"; the ground is tilted by {_angle(up, normal):.1f} degrees"
     gravity, velocity = -recording.gravity * rotation @ up, scale * rotation @ motion.velocity
@@ -273,6 +275,12 @@ def _compare_grounds(recording: Recording, measured: float, size: float) -> None
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
+
+
+def _name(axis: np.ndarray) -> str:
+    """An axis of the calibration by its name, another direction by its numbers."""
+    near = [name for name, own in AXES.items() if np.allclose(axis, own, atol=1e-6)]
+    return near[0] if near else _vector(axis)
 
 
 def _vector(up: np.ndarray) -> str:

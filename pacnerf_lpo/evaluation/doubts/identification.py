@@ -87,28 +87,28 @@ def doubts_about_parameters(
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[Doubt]:
-    """An identified value lies outside its own interval, which belongs to a fit of its own.
+    """What the identification had lies outside the interval, which belongs to a fit of its own.
 
     Args:
         physics: the model.
-        identified: value of each parameter [SI].
+        identified: value that the identification had of each parameter [SI].
         intervals: ``low`` and ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
     """
     for name in physics.free_names:
         parameter, interval = physics.parameters[name], intervals.get(name)
-        if interval is None or not interval["determined"] or name not in identified:
+        if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
         low, high, value = interval["low"], interval["high"], identified[name]
-        if not low <= value <= high:
+        nearest = min(max(value, low), high)
+        if abs(parameter.transform.to_free(value) - parameter.transform.to_free(nearest)) > parameter.scale:
             yield Doubt(
                 "outside_interval",
                 f"physics, {name}",
-                f"{parameter.label} = {parameter.show(value)} is outside of its own interval, {parameter.show(low)} to "
-                f"{parameter.show(high)}",
-                "the interval is of a second fit, at another resolution, and both are coarse: the error of a grid is "
-                "larger than either says",
-                "trust no digit in which the two differ, and repeat at a finer resolution (--preset cpu, or a smaller "
-                "phases.static.init_args.base_spacing)",
+                f"the identification had {parameter.label} = {parameter.show(value)}, outside of the interval of the "
+                f"fit with more particles, {parameter.show(low)} to {parameter.show(high)}",
+                "the error of a coarse grid, or of a wrong shape or ground, is larger than the interval says",
+                "trust no digit in which the two differ; state the ground where it is known (init --ground), repeat at "
+                "a finer resolution (--preset cpu, or a smaller phases.static.init_args.base_spacing)",
             )
 
 
