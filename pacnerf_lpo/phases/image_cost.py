@@ -24,11 +24,13 @@ class ImageCost:
         data: the video with its cached rays.
         state: supplies the grid spacings and the frozen colour network.
         silhouette_weight: weight of the squared error between opacity and matte relative to that of the colours.
+
+    Attributes:
         pool: images are averaged over blocks of pool x pool pixels before they are compared (1: not at all).
     """
 
-    def __init__(self, data: VideoData, state: ParticleState, silhouette_weight: float = 0.0, pool: int = 1):
-        self.data, self.silhouette_weight, self.pool = data, silhouette_weight, pool
+    def __init__(self, data: VideoData, state: ParticleState, silhouette_weight: float = 0.0):
+        self.data, self.silhouette_weight, self.pool = data, silhouette_weight, 1
         self.spacing, self.base_spacing = state.spacing, state.base_spacing
         self.colour = ColourNetwork()
         self.colour.load_state_dict(state.colour_network)

@@ -221,7 +221,7 @@ class StaticGridModule(AbstractPhase):
         saved = checkpoint["state_dict"]
         names = ("field.density", "field.features", "field.lower")
         density, features, lower = (torch.empty_like(saved[name]) for name in names)
-        self.field = VoxelField(density, features, lower, checkpoint["static_spacing"], self.base_spacing)
+        self.field = VoxelField(density, features, lower, checkpoint["static_spacing"])
         self._rays_through_box.clear()
 
     def _draw_rays(self, generator: torch.Generator) -> tuple[Rays, Tensor, Tensor]:

@@ -1,6 +1,6 @@
 """Volume rendering of a grid by ray marching (step dx/2) with occupancy skipping.
 
-C(r) = sum_i T_i alpha_i c_i + T_end * background,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
+C(r) = sum_i T_i alpha_i c_i + T_end * white,  T_i = prod_{j<i} (1 - alpha_j)   (PAC-NeRF, eq. 1-2)
 """
 
 from collections.abc import Callable
@@ -52,12 +52,7 @@ class March:
 
 
 def render_rays(
-    grid: FieldGrid,
-    colour: ColourNetwork,
-    rays: Rays,
-    base_dx: float,
-    background: float = 1.0,
-    min_weight: float = MIN_WEIGHT,
+    grid: FieldGrid, colour: ColourNetwork, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT
 ) -> Rendering:
     """Render rays through a grid. Differentiable in the grid's density and features, the colour weights and rays.
 
@@ -66,10 +61,9 @@ def render_rays(
         colour: the colour network.
         rays: R rays [m].
         base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
-        background: grey value behind everything.
         min_weight: samples that would add less to their ray are not coloured; they still attenuate.
     """
-    return shade(march(grid, rays, base_dx, min_weight), colour, background)
+    return shade(march(grid, rays, base_dx, min_weight), colour)
 
 
 def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_WEIGHT) -> March:
@@ -88,10 +82,8 @@ def march(grid: FieldGrid, rays: Rays, base_dx: float, min_weight: float = MIN_W
     )
 
 
-def shade(
-    samples: March, colour: ColourNetwork, background: float = 1.0, directions: Tensor | None = None
-) -> Rendering:
-    """Colour the samples of a march, looking along ``directions`` (R, 3) or along the rays, and compose the rays.
+def shade(samples: March, colour: ColourNetwork, directions: Tensor | None = None) -> Rendering:
+    """Colour the samples of a march, looking along ``directions`` (R, 3) or along the rays, and put the rays on white.
 
     A CPU colours them in blocks whose layers stay in its cache.
     """
@@ -110,7 +102,7 @@ def shade(
             strict=True,
         )
     ]
-    behind = background * samples.transmittance[:, None].expand(-1, 3)
+    behind = samples.transmittance[:, None].repeat(1, 3)
     return Rendering(behind.index_add(0, hit, torch.cat(light)), samples.transmittance)
 
 

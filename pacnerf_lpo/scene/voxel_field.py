@@ -22,23 +22,22 @@ class VoxelField(nn.Module):
         features: [(X, Y, Z, 12)]
         lower: position of node (0, 0, 0) [m, (3,)]
         dx: current node spacing [m]
-        base_dx: coarsest spacing dx0 [m]
     """
 
     lower: Tensor
 
-    def __init__(self, density: Tensor, features: Tensor, lower: Tensor, dx: float, base_dx: float):
+    def __init__(self, density: Tensor, features: Tensor, lower: Tensor, dx: float):
         super().__init__()
         self.density, self.features = nn.Parameter(density), nn.Parameter(features)
         self.register_buffer("lower", lower)
-        self.dx, self.base_dx = dx, base_dx
+        self.dx = dx
 
     @staticmethod
-    def create(box: Box, base_dx: float) -> "VoxelField":
-        """A field of raw density 0 that covers ``box`` [m] with spacing ``base_dx`` [m]."""
+    def create(box: Box, dx: float) -> "VoxelField":
+        """A field of raw density 0 that covers ``box`` [m] with spacing ``dx`` [m]."""
         sides = [upper - lower for lower, upper in zip(box.lower, box.upper, strict=True)]
-        shape = [max(2, math.ceil(side / base_dx - 1e-6) + 1) for side in sides]
-        return VoxelField(torch.zeros(shape), torch.zeros(*shape, FEATURES), torch.tensor(box.lower), base_dx, base_dx)
+        shape = [max(2, math.ceil(side / dx - 1e-6) + 1) for side in sides]
+        return VoxelField(torch.zeros(shape), torch.zeros(*shape, FEATURES), torch.tensor(box.lower), dx)
 
     def grid(self) -> FieldGrid:
         """The field as a differentiable grid."""

@@ -67,7 +67,8 @@ def test_cost_vanishes_at_the_truth_and_ignores_hidden_pixels(data, state):
 
 
 def test_pooling_averages_blocks(data, state):
-    fine, coarse = ImageCost(data, state), ImageCost(data, state, pool=4)
+    fine, coarse = ImageCost(data, state), ImageCost(data, state)
+    coarse.pool = 4
     moved = state.positions + 0.02
     whole, blocks = (m.residual(moved, state.density, state.features, 0, 0) for m in (fine, coarse))
     torch.testing.assert_close(blocks[2, 3], whole[8:12, 12:16].mean((0, 1)))

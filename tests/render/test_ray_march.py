@@ -130,10 +130,10 @@ def test_gradient_through_particles(colour):
     assert torch.autograd.gradcheck(function, (positions, density, features), fast_mode=True)
 
 
-def test_rays_that_miss_are_background(colour):
+def test_rays_that_miss_are_white(colour):
     rays = Rays(torch.tensor([[5.0, 5.0, 5.0]], dtype=F64), torch.tensor([[0.0, 1.0, 0.0]], dtype=F64))
-    image = render_rays(blob(), colour, rays, 0.2, background=0.25)
-    assert image.colour.tolist() == [[0.25] * 3]
+    image = render_rays(blob(), colour, rays, 0.2)
+    assert image.colour.tolist() == [[1.0] * 3]
     assert image.transmittance.tolist() == [1.0]
 
 
