@@ -138,7 +138,10 @@ def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
     return {
         "image_metrics": _by_set(run, scores_all) if stage.moves else {"train": None, "test": None},
         "first_frame_metrics": _by_set(run, ImageScores(*first)),
-        "images": {name: _finite(values) for name, values in table.items()},
+        "images": {
+            name: [[value if math.isfinite(value) else None for value in row] for row in values.tolist()]
+            for name, values in table.items()
+        },
     }
 
 
@@ -182,7 +185,3 @@ def _by_set(run: Run, scores: ImageScores) -> dict[str, dict[str, Any] | None]:
 
 def _view_sets(run: Run) -> dict[str, list[int]]:
     return {"train": run.data.train, "test": run.data.test}
-
-
-def _finite(values: Tensor) -> list[list[float | None]]:
-    return [[value if abs(value) < float("inf") else None for value in row] for row in values.tolist()]

@@ -84,9 +84,17 @@ def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = Fal
     """
     true = truth.parameters if truth.fluid else complete_elastic_pair(truth.parameters)
     incomparable = {"mu", "E", "nu"} if fluid != truth.fluid else set()
-    known = [name for name in found if name in true and name not in incomparable]
-    comparable = [name for name in known if true[name] > 0 or _measure(name) != "log10"]
-    return {name: _parameter_error(name, found[name], true[name]) for name in comparable}
+    errors = {}
+    for name in found:
+        if name not in true or name in incomparable:
+            continue
+        if name not in MEASURES:
+            raise UserInputError(f"no error measure for the parameter {name!r}; known are {', '.join(MEASURES)}")
+        measure = MEASURES[name]
+        if true[name] > 0 or measure != "log10":
+            scale = {"log10": math.log10, "radians": math.radians, "plain": float}[measure]
+            errors[name] = ParameterError(found[name], true[name], abs(scale(found[name]) - scale(true[name])), measure)
+    return errors
 
 
 def complete_elastic_pair(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -112,18 +120,6 @@ def moduli(young: float, poisson: float) -> tuple[float, float]:
 def young_and_poisson(mu: float, kappa: float) -> tuple[float, float]:
     """Young's modulus [Pa] and Poisson's ratio of shear modulus mu and bulk modulus kappa [Pa]."""
     return 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (2 * (3 * kappa + mu))
-
-
-def _parameter_error(name: str, found: float, true: float) -> ParameterError:
-    measure = _measure(name)
-    scale = {"log10": math.log10, "radians": math.radians, "plain": float}[measure]
-    return ParameterError(found, true, abs(scale(found) - scale(true)), measure)
-
-
-def _measure(name: str) -> Measure:
-    if name not in MEASURES:
-        raise UserInputError(f"no error measure for the parameter {name!r}; known are {', '.join(MEASURES)}")
-    return MEASURES[name]
 
 
 def _truth_name(key: str, path: Path) -> str:

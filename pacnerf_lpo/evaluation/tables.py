@@ -67,18 +67,12 @@ def value_head(results: Mapping[str, Any]) -> str:
     return IDENTIFIED if identified else "value (physics not identified)"
 
 
-def round_ends(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The phase each round of Algorithm 1 is judged by: its correction, or its identification where none follows."""
-    ends = {phase["round"]: phase for phase in results["phases"] if phase["round"] > 0 and phase["phase"] != "refit"}
-    return list(ends.values())
-
-
 def round_rows(results: Mapping[str, Any]) -> list[list[str]]:
-    """A head and one row for each round: image quality, parameters with their errors, held-out error, the choice.
-
-    Empty where there is no round but the first.
+    """A head and one row for each round: image quality, parameters with their errors, held-out error, the choice; of
+    its correction, or of its identification where none follows. Empty where there is no round but the first.
     """
-    rounds = round_ends(results)
+    ends = {phase["round"]: phase for phase in results["phases"] if phase["round"] > 0 and phase["phase"] != "refit"}
+    rounds = list(ends.values())
     if len(rounds) < 2:
         return []
     names = [f"{name} [{rounds[0]['parameters'][name]['unit']}]" for name in results["free"]]

@@ -106,7 +106,7 @@ def plan_runs(
     """
     needed = _rounds_needed(suite, scenes)
     by_scene = {scene.name: scene for scene in scenes}
-    reader = ConfigReader()
+    cli: PhaseCLI | None = None
     planned: dict[RunName, PlannedRun] = {}
     for name in sorted(needed, key=lambda name: (name.correction != "", suite.scenes.index(name.scene), name)):
         scene = by_scene[name.scene]
@@ -116,7 +116,12 @@ def plan_runs(
         words.append("--outer_loop.compare_methods=false")  # nobody reads doubts in a table
         if name.correction in ("", NO_CORRECTION):  # nothing is held out from a correction that there is not
             words.append("--outer_loop.stop_when=never")
-        config = reader.read(words)
+        if cli is None:  # the parser is made once
+            quieten_lightning()
+            cli = PhaseCLI(words, VideoData, Physics)
+        else:
+            cli.parse_arguments(cli.parser, words)
+        config = yaml.safe_load(cli.dump())  # values that nobody set included
         first = planned.get(name.beginning)
         shares = first is not None and name != name.beginning and beginning_key(config) == beginning_key(first.config)
         key = beginning_key(config) if name == name.beginning else run_key(config)
@@ -161,25 +166,6 @@ def _copy_beginning(source: Path, manifest: Manifest) -> None:
     manifest.begin_with(source, records)
     if (source / "tensorboard").is_dir():
         shutil.copytree(source / "tensorboard", manifest.run_dir / "tensorboard")
-
-
-class ConfigReader:
-    """Resolves command lines of ``fit`` to complete configurations; the parser is made once."""
-
-    def __init__(self) -> None:
-        self._cli: PhaseCLI | None = None
-
-    def read(self, words: Sequence[str]) -> dict[str, Any]:
-        """Every value of the configuration that options of ``fit`` give, those that nobody set included. Raises
-        UserInputError where they do not fit.
-        """
-        words = list(words)
-        if self._cli is None:
-            quieten_lightning()
-            self._cli = PhaseCLI(words, VideoData, Physics)
-        else:
-            self._cli.parse_arguments(self._cli.parser, words)
-        return yaml.safe_load(self._cli.dump())
 
 
 def run_key(config: Mapping[str, Any]) -> str:

@@ -32,7 +32,8 @@ class Figures:
             return Entry(note=self.phase["error"], key=self.key)
         table = self.phase["images"].get(metric)
         if table is None:
-            return Entry(note=self._why_missing(metric), key=self.key)
+            said = str((self.phase["first_frame_metrics"]["train"] or {}).get(metric, "not measured"))
+            return Entry(note=said.removeprefix("n/a (").removesuffix(")"), key=self.key)
         rows = sorted({*self.views("train"), *self.views("test")})
         values = [table[rows.index(view)][: 1 if first_frame else None] for view in views]
         numbers = [math.inf if value is None else value for row in values for value in row]
@@ -56,11 +57,6 @@ class Figures:
         errors = self.phase.get("truth_errors", {})
         return {name: error["true"] for name, error in errors.items() if name not in given}
 
-    def _why_missing(self, metric: str) -> str:
-        means = self.phase["first_frame_metrics"]["train"] or {}
-        said = str(means.get(metric, "not measured"))
-        return said.removeprefix("n/a (").removesuffix(")")
-
 
 class Book:
     """The figures of a table, of the suite's own runs alone; ``outcomes`` say by directory how they ended just now."""
@@ -69,24 +65,21 @@ class Book:
         self.runs, self.outcomes = {run.name: run for run in runs}, outcomes
 
     def figures(self, scene: str, column: Column, views: str = "") -> Figures | Entry:
-        """The results of a column for a scene; an entry that says why where there are none."""
+        """The results of a column for a scene; an entry that says why where there are none. Raises ValueError where the
+        key that lies next to them is not that of the plan.
+        """
         run = self.runs[run_of(scene, column, views)]
         path = run.run_dir / RESULTS_FILE
         for phase in _read(path)["phases"] if path.exists() else ():
             if phase["round"] == column.round and phase["phase"] == column.phase:
-                return Figures(_read(path), phase, _checked_key(run))
+                found = json.loads((run.run_dir / LABEL_FILE).read_text())["key"]
+                if found != run.key:
+                    raise ValueError(f"{run.run_dir}: its results have the key {found}, but {run.key} is wanted")
+                return Figures(_read(path), phase, found)
         outcome = self.outcomes.get(run.run_dir)
         if outcome is not None and outcome.status == "failed":
             return Entry(note=f"failed: {outcome.error}", key=run.key)
         return Entry(note=f"round {column.round} was not run" if path.exists() else "not run yet", key=run.key)
-
-
-def _checked_key(run: PlannedRun) -> str:
-    """The key that lies next to the results, which must be that of the plan."""
-    found = json.loads((run.run_dir / LABEL_FILE).read_text())["key"]
-    if found != run.key:
-        raise ValueError(f"{run.run_dir}: its results have the key {found}, but {run.key} is wanted")
-    return found
 
 
 @cache

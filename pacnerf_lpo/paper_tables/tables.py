@@ -122,10 +122,6 @@ class Row:
     better: Literal[-1, 0, 1]
     entries: tuple[Entry, ...]
 
-    def printed(self, value: float) -> str:
-        """A number as this row prints it."""
-        return format(value, self.form)
-
 
 @dataclass
 class Table:
@@ -144,7 +140,7 @@ def marked(row: Row, groups: Sequence[str]) -> Row:
     entries = list(row.entries)
     for group in dict.fromkeys(filter(None, groups)):
         members = [i for i, name in enumerate(groups) if name == group and entries[i].value is not None]
-        values = {i: float(row.printed(entries[i].value or 0.0)) for i in members}
+        values = {i: float(format(entries[i].value or 0.0, row.form)) for i in members}
         ranking = sorted(set(values.values()), reverse=row.better > 0)
         if row.better == 0 or len(members) < 2:
             continue
@@ -220,9 +216,9 @@ def _cell(row: Row, entry: Entry, marks: Mapping[str, str], missing: list[str]) 
     if entry.value is None:
         text = f"{'failed' if entry.note.startswith(FAILED) else 'n/a'} {missing.index(entry.note) + 1}"
     else:
-        text = marks[entry.mark].format(row.printed(entry.value))
-        text += "" if entry.deviation is None else f" ± {row.printed(entry.deviation)}"
-    return text if entry.paper is None else f"{text} ({row.printed(entry.paper)})"
+        text = marks[entry.mark].format(format(entry.value, row.form))
+        text += "" if entry.deviation is None else f" ± {entry.deviation:{row.form}}"
+    return text if entry.paper is None else f"{text} ({entry.paper:{row.form}})"
 
 
 @cache

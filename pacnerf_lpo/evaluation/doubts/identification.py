@@ -120,7 +120,21 @@ def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> 
         physics: the model.
     """
     yield from _risen(course)
-    yield from _still_moving(course, physics)
+    if course.get("converged", True):
+        return
+    for name, visited in course["visited"].items():
+        width = -(-len(visited) // QUARTER)
+        moved = abs(np.mean(visited[-width:]) - np.mean(visited[-2 * width : -width])) if len(visited) > 1 else 0.0
+        parameter = physics.parameters[name]
+        if moved > parameter.scale:
+            factor = f"a factor of {10**moved:.2g}" if isinstance(parameter.transform, Log10) else f"{moved:.2g}"
+            yield Doubt(
+                "still_moving",
+                f"physics, {name}",
+                f"{parameter.label} still moved by {factor} in the last of {len(visited) - 1} iterations",
+                "too few iterations",
+                "raise the iterations of phases.physics.init_args.method, or start from this value",
+            )
 
 
 def _at_material_bound(parameter: Parameter, value: float, null: float | None) -> Doubt | None:
@@ -232,24 +246,6 @@ def _scatter(costs: np.ndarray) -> float:
     if len(costs) < 3:
         return 0.0
     return float(np.sqrt(np.mean(np.diff(costs, 2) ** 2) / 6))
-
-
-def _still_moving(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
-    if course.get("converged", True):
-        return
-    for name, visited in course["visited"].items():
-        width = -(-len(visited) // QUARTER)
-        moved = abs(np.mean(visited[-width:]) - np.mean(visited[-2 * width : -width])) if len(visited) > 1 else 0.0
-        parameter = physics.parameters[name]
-        if moved > parameter.scale:
-            factor = f"a factor of {10**moved:.2g}" if isinstance(parameter.transform, Log10) else f"{moved:.2g}"
-            yield Doubt(
-                "still_moving",
-                f"physics, {name}",
-                f"{parameter.label} still moved by {factor} in the last of {len(visited) - 1} iterations",
-                "too few iterations",
-                "raise the iterations of phases.physics.init_args.method, or start from this value",
-            )
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:
