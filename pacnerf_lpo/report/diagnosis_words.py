@@ -96,7 +96,9 @@ def compared(result: Result) -> str:
     frames, last = len(result["frames"]), _count(len(result["held_frames"]), "frame")
     if result["unit"] == "px":
         what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
-        held = f"{_some(result['held_views'], 'camera')} and the"
+        views = result["held_views"]
+        named = f"Camera{'s' * (len(views) > 1)} {listed([*map(str, views)], 'and')}" if views else "No camera"
+        held = f"{named} and the"
     else:
         if result.get("flights"):
             return _compared_flights(result)
@@ -300,10 +302,6 @@ def undetermined(result: Result) -> list[str]:
     labels = {p["name"]: p["label"] for p in last["parameters"]}
     pattern = "|".join(rf"\b{re.escape(name)}\b" for name in sorted(labels, key=len, reverse=True))
     return [re.sub(pattern, lambda found: labels[found[0]], sentence) for sentence in last["undetermined"]]
-
-
-def _some(ids: Sequence[int], noun: str) -> str:
-    return f"{noun.capitalize()}{'s' * (len(ids) > 1)} {listed([*map(str, ids)], 'and')}" if ids else f"No {noun}"
 
 
 def _count(count: int, noun: str) -> str:

@@ -116,10 +116,8 @@ def flights_section(result: Mapping[str, Any]) -> str:
         row = [one["name"], len(one["times"])]
         row += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
         row += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
-        row += _side_cells(one["side"]) if sides else []
+        if sides:
+            side = one["side"]
+            row += [f"{side['size']:.2g} ± {side['error']:.2g}", f"{side['angle']:.0f}°"] if side else ["", ""]
         rows.append(row)
     return parts("diagnosis").flights(found, titles, rows, agreement(found))
-
-
-def _side_cells(side: Mapping[str, float] | None) -> list[str]:
-    return ["", ""] if side is None else [f"{side['size']:.2g} ± {side['error']:.2g}", f"{side['angle']:.0f}°"]

@@ -52,11 +52,12 @@ def page(
     order, and the scripts read ``data``.
     """
     template = environment().get_template
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")  # inside a script element
     return template("page.html").render(
         title=title,
         style=Markup("\n".join(map(asset, styles))),
         body=Markup(template(f"{name}.html").render(values)),
-        data=Markup(json_text(data)),
+        data=Markup(text),
         scripts=Markup("\n".join(map(asset, scripts))),
     )
 
@@ -107,11 +108,6 @@ def _source(name: str) -> str:
 def asset(name: str) -> str:
     """A template, style sheet or script of the pages."""
     return (files("pacnerf_lpo.report") / "assets" / name).read_text()
-
-
-def json_text(values: Mapping[str, Any]) -> str:
-    """JSON that may stand inside a script element."""
-    return json.dumps(values, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
 def plain(values: np.ndarray, digits: int = 5) -> list[Any]:

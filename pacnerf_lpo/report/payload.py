@@ -14,7 +14,7 @@ from pacnerf_lpo.callbacks.tensorboard import FOLDER
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
-from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, quantised
+from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, plain, quantised
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 
 IMAGE_BUDGET = 6_500_000
@@ -40,6 +40,7 @@ def build_payload(run: Run, results: Mapping[str, Any]) -> dict[str, Any]:
     video = run.data.video
     last = stages[-1] if stages else run.last
     prediction = read_prediction(run, last)
+    rms = {phase["stem"]: phase["images"]["rms"] for phase in results["phases"] if "images" in phase}
     return {
         "views": [
             {"id": number, "set": "train" if i in run.data.train else "test"} for i, number in enumerate(video.view_ids)
@@ -48,7 +49,7 @@ def build_payload(run: Run, results: Mapping[str, Any]) -> dict[str, Any]:
         "times": [round(time, 5) for time in video.times.tolist()],
         "contact": results["contact"],
         "images": build_images(run, stages),
-        "residuals": [_residuals(results, stage) for stage in stages],
+        "residuals": [{"label": stage.label, "rms": plain(np.array(rms[stage.stem]))} for stage in stages],
         "particles": build_particles(last, prediction),
         "curves": build_curves(read_curves(run.run_dir, run.stages), results),
     }
@@ -187,11 +188,6 @@ def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dic
         parameters.append({"title": "initial velocity", "unit": "m/s", "log": False, "truth": None, "lines": velocity})
     losses = [{"title": part[0], "log": True, "lines": [{"label": "loss", "parts": [part]}]} for part in loss.parts]
     return {"loss": losses, "parameters": parameters}
-
-
-def _residuals(results: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
-    phase = next(phase for phase in results["phases"] if phase["stem"] == stage.stem)
-    return {"label": stage.label, "rms": [[round(value, 5) for value in row] for row in phase["images"]["rms"]]}
 
 
 def _common_scale(run: Run, prediction: Prediction) -> float:

@@ -39,12 +39,11 @@ def residual_scale(residual: Tensor) -> float:
     return next((scale for scale in SCALES if reach <= scale), SCALES[-1])
 
 
-def comparison_panel(predicted: Tensor, measured: Tensor, scale: float = 0.5) -> Tensor:
-    """Rendered | measured | signed residual, side by side [0..1, (H, 3 W, 3)].
+def comparison_panel(predicted: Tensor, measured: Tensor) -> Tensor:
+    """Rendered | measured | signed residual, of full colour at 0.5, side by side [0..1, (H, 3 W, 3)].
 
     Args:
         predicted, measured: [0..1, (H, W, 3)]
-        scale: the residual at which the colour is full.
     """
-    residual = residual_colours(signed_residual(predicted, measured), scale)
+    residual = residual_colours(signed_residual(predicted, measured), 0.5)
     return torch.cat((predicted.clamp(0, 1), measured.clamp(0, 1), residual), dim=1)

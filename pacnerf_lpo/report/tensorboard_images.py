@@ -39,30 +39,15 @@ def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
 
 
 def _log_comparisons(logger: PhaseLogger, run: Run, stage: Stage) -> None:
-    """First, middle and last frame of the first training and the first test view."""
+    """First, middle and last frame of the first training and the first test view: rendered, measured and residual."""
     video, images = run.data.video, predict(run, stage).images
     frames = sorted({0, images.shape[1] // 2, images.shape[1] - 1})
     for view in [*run.data.train[:1], *run.data.test[:1]]:
         for frame in frames:
             predicted = torch.from_numpy(images[view, frame].copy()).float() / 255
             tag = f"view {video.view_ids[view]}, frame {video.frame_ids[frame]}"
-            log_comparison(logger, tag, predicted, video.images[view, frame], stage.record.steps)
-
-
-def log_comparison(logger: PhaseLogger, tag: str, predicted: Tensor, measured: Tensor, step: int) -> None:
-    """Log one picture: rendered, measured and signed residual side by side.
-
-    Args:
-        logger: logger of the running phase; it puts the phase's name before the tag.
-        tag: which image it is, such as ``view 3, frame 7``.
-        predicted, measured: [0..1, (H, W, 3)]
-        step: optimiser step within the phase.
-
-    Example:
-        >>> log_comparison(phase.logger, "view 0, frame 0", image, video.images[0, 0], phase.global_step)
-    """
-    panel = comparison_panel(predicted.detach().cpu(), measured.detach().cpu())
-    logger.log_image(f"{tag}: {TITLE}", panel, step)
+            panel = comparison_panel(predicted, video.images[view, frame])
+            logger.log_image(f"{tag}: {TITLE}", panel, stage.record.steps)
 
 
 def scalar_layout(results: Mapping[str, Any]) -> dict[str, Any]:

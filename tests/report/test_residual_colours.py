@@ -58,7 +58,7 @@ def test_scale_is_the_next_round_number():
 
 def test_panel_sets_rendered_measured_and_residual_side_by_side():
     predicted, measured = torch.full((4, 5, 3), 0.25), torch.full((4, 5, 3), 0.75)
-    panel = comparison_panel(predicted, measured, scale=0.5)
+    panel = comparison_panel(predicted, measured)
     assert panel.shape == (4, 15, 3)
     torch.testing.assert_close(panel[:, :5], predicted)
     torch.testing.assert_close(panel[:, 5:10], measured)

@@ -15,8 +15,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.evaluation.run_directory import Run
-from pacnerf_lpo.report.residual_colours import NEGATIVE
-from pacnerf_lpo.report.tensorboard_images import log_comparison, log_evaluation, scalar_layout
+from pacnerf_lpo.report.residual_colours import NEGATIVE, comparison_panel
+from pacnerf_lpo.report.tensorboard_images import TITLE, log_evaluation, scalar_layout
 
 
 def events_of(folder) -> EventAccumulator:
@@ -27,17 +27,18 @@ def events_of(folder) -> EventAccumulator:
 
 def test_panel_is_logged_under_the_phase_at_the_run_s_step(tmp_path):
     logger = PhaseLogger(tmp_path, "physics", first_step=100)
-    log_comparison(logger, "view 3", torch.zeros(8, 10, 3), torch.ones(8, 10, 3), step=7)
+    panel = comparison_panel(torch.zeros(8, 10, 3), torch.ones(8, 10, 3))
+    logger.log_image(f"view 3: {TITLE}", panel, 7)
     logger.finalize("success")
     events = events_of(tmp_path)
     (tag,) = events.Tags()["images"]
     assert tag.startswith("physics/view 3: rendered | measured | residual")
     (image,) = events.Images(tag)
     assert image.step == 107
-    panel = np.asarray(Image.open(io.BytesIO(image.encoded_image_string)))
-    assert panel.shape == (8, 30, 3)
-    assert (panel[:, :10] == 0).all() and (panel[:, 10:20] == 255).all()
-    assert panel[0, 25] == pytest.approx(np.array(NEGATIVE) * 255, abs=1)
+    shown = np.asarray(Image.open(io.BytesIO(image.encoded_image_string)))
+    assert shown.shape == (8, 30, 3)
+    assert (shown[:, :10] == 0).all() and (shown[:, 10:20] == 255).all()
+    assert shown[0, 25] == pytest.approx(np.array(NEGATIVE) * 255, abs=1)
 
 
 def test_every_chart_of_the_layout_finds_its_scalars(evaluated_run, tmp_path):
