@@ -51,10 +51,7 @@ class StopRequest:
         A trainer that begins to fit puts its own handler before this one, and where the signal comes between two
         batches ends the program with status 0.
         """
-        return {
-            **{number: signal.signal(number, self._handle) for number in SIGNALS},
-            signal.SIGALRM: signal.signal(signal.SIGALRM, self._give_up),
-        }
+        return {number: signal.signal(number, self._handle) for number in (*SIGNALS, signal.SIGALRM)}
 
     def __exit__(self, *exception: object) -> None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -69,9 +66,6 @@ class StopRequest:
             signal.setitimer(signal.ITIMER_REAL, PATIENCE)
             print("\nstopping after this optimiser step; once more to stop at once", file=sys.stderr, flush=True)
             return
-        raise Interrupted
-
-    def _give_up(self, number: int, frame: FrameType | None) -> None:
         raise Interrupted
 
     def _watch(self) -> None:

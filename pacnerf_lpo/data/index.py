@@ -57,7 +57,16 @@ class Index:
 def read_index(root: Path) -> Index:
     """Read and check ``root/all_data.json``. Raises UserInputError that names the folder, the entry or the key."""
     path = root / NAME
-    entries = _load_json(root, path)
+    if not root.is_dir():
+        siblings = [folder.name for folder in root.parent.iterdir() if folder.is_dir()] if root.parent.is_dir() else []
+        near = difflib.get_close_matches(root.name, siblings, n=1)
+        hint = f" (did you mean {root.parent / near[0]}?)" if near else ""
+        raise UserInputError(f"data.root: there is no folder {root}{hint}; set data.root to the scene")
+    if not any(root.iterdir()):
+        raise UserInputError(f"data.root: the folder {root} is empty; expected {NAME} and data/ with the images")
+    if not path.is_file():
+        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, next to data/")
+    entries = read_values(path)
     if not isinstance(entries, list) or not entries:
         raise UserInputError(f"{path}: expected a list of images, one {{file_path, c2w, intrinsic, time}} for each")
     shots: dict[tuple[int, int], Shot] = {}
@@ -82,24 +91,6 @@ def check_unused(folder: Path) -> None:
     """Raise UserInputError where a folder for a new scene holds something already."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserInputError(f"{folder}: is there already and not empty; choose another folder or remove it")
-
-
-def _load_json(root: Path, path: Path) -> Any:
-    if not root.is_dir():
-        raise UserInputError(
-            f"data.root: there is no folder {root}{_nearest_sibling(root)}; set data.root to the scene"
-        )
-    if not any(root.iterdir()):
-        raise UserInputError(f"data.root: the folder {root} is empty; expected {NAME} and data/ with the images")
-    if not path.is_file():
-        raise UserInputError(f"{path}: missing; PAC-NeRF's layout keeps poses and times there, next to data/")
-    return read_values(path)
-
-
-def _nearest_sibling(root: Path) -> str:
-    siblings = [folder.name for folder in root.parent.iterdir() if folder.is_dir()] if root.parent.is_dir() else []
-    near = difflib.get_close_matches(root.name, siblings, n=1)
-    return f" (did you mean {root.parent / near[0]}?)" if near else ""
 
 
 def _read_entry(path: Path, number: int, entry: Any) -> tuple[tuple[int, int], Shot]:

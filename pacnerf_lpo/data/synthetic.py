@@ -100,7 +100,8 @@ def write_scene(
         shaded = shade(positions, colours)
         for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
             image = draw_discs(positions, shaded, pose, intrinsic, size, radius, outline)
-            image = add_noise(image, drawing.noise, generator)
+            noisy = np.clip(image + drawing.noise * generator.standard_normal(image.shape), 0.0, BRIGHTEST)
+            image = np.where((image < 1.0).any(axis=-1, keepdims=True), noisy, 1.0)  # the white around it stays pure
             Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")
             entries.append(entry_of(view, frame, frame / frame_rate, pose, intrinsic))
     (root / NAME).write_text(json.dumps(entries))
@@ -159,9 +160,3 @@ def draw_discs(
         outside[rows[particle, row], columns[particle, column]] = False
         image[outside] = 1.0
     return image.reshape(image_size, SUPERSAMPLING, image_size, SUPERSAMPLING, 3).mean(axis=(1, 3))
-
-
-def add_noise(image: np.ndarray, noise: float, generator: np.random.Generator) -> np.ndarray:
-    """Gaussian noise on the object's pixels; the white around it stays pure."""
-    noisy = np.clip(image + noise * generator.standard_normal(image.shape), 0.0, BRIGHTEST)
-    return np.where((image < 1.0).any(axis=-1, keepdims=True), noisy, 1.0)

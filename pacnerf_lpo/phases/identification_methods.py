@@ -58,9 +58,9 @@ class IdentificationMethod(ABC):
         """The method to use for this state: itself, unless a method knows better."""
         return self
 
-    @abstractmethod
     def check(self, names: Sequence[str]) -> None:
         """Raise UserInputError when the settings do not fit the parameters that are identified."""
+        return
 
     @abstractmethod
     def work(self, module: PhysicsIDModule, particles: int) -> Work:
@@ -74,17 +74,17 @@ class IdentificationMethod(ABC):
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         """One iteration; returns the cost before it."""
 
-    @abstractmethod
     def prepare(self, module: PhysicsIDModule) -> None:
         """Called once before the first iteration of a fresh run."""
+        return
 
     def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
         """Between which free coordinates :meth:`prepare` searches each parameter; empty where it does not."""
         return {}
 
-    @abstractmethod
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """Whether the current stage has nothing left to gain."""
+        """Whether the current stage has nothing left to gain; False where the number of iterations is fixed."""
+        return False
 
 
 class PaperAdam(IdentificationMethod):
@@ -132,13 +132,6 @@ class PaperAdam(IdentificationMethod):
         optimiser.step()
         return loss.item()
 
-    def prepare(self, module: PhysicsIDModule) -> None:
-        """Nothing: Adam starts from the guess."""
-
-    def converged(self, module: PhysicsIDModule, optimiser) -> bool:
-        """Never: the paper runs a fixed number of iterations."""
-        return False
-
 
 class DampedLeastSquares(IdentificationMethod):
     """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together: the parameters are
@@ -174,9 +167,6 @@ class DampedLeastSquares(IdentificationMethod):
     def end_iteration(self, module: PhysicsIDModule) -> None:
         """Called after each iteration."""
         return
-
-    def check(self, names: Sequence[str]) -> None:
-        """Nothing: it treats every parameter the same way."""
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP

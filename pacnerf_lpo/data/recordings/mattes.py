@@ -94,13 +94,14 @@ class Mattes:
             self.way, self.cut = "background of the video", self._by_video
             self.find_background()
         else:
-            self.way, self.cut = "background plate", self._by_plate
             background = read_png(camera.plate)[..., :3]
             if background.shape[1::-1] != self.size:
                 raise UserInputError(
                     f"{camera.plate}: not of the size of the images of camera {camera.name}; make them one size"
                 )
-            self.plate = self.lens.undistorted(background)
+            plate = self.plate = self.lens.undistorted(background)
+            self.way = "background plate"
+            self.cut = lambda pixels, *_: _unmixed(*matte(self.lens.undistorted(pixels[..., :3]), plate))
 
     @property
     def described(self) -> str:
@@ -183,10 +184,6 @@ class Mattes:
         solid = solid_part(odds)
         self.overlaps[number] = expected_overlap(odds, solid)
         return matte(image, background.plate, solid)
-
-    def _by_plate(self, pixels: np.ndarray, _: np.ndarray | None, __: int) -> np.ndarray:
-        assert self.plate is not None
-        return _unmixed(*matte(self.lens.undistorted(pixels[..., :3]), self.plate))
 
 
 def _unmixed(colour: np.ndarray, opacity: np.ndarray) -> np.ndarray:

@@ -33,17 +33,30 @@ class Timeline:
     places: tuple[np.ndarray, ...]
     offsets: np.ndarray
 
-    @property
-    def step(self) -> float:
-        """Time between frames [s]."""
-        return float(self.times[1])
-
 
 def stated_times(recording: Recording) -> list[np.ndarray]:
     """When each camera's images were taken, as stamped or counted [s, (F,) each]. Raises UserInputError where times are
     missing or do not increase.
     """
-    return [_times(recording, camera) for camera in recording.cameras]
+    found = []
+    for camera in recording.cameras:
+        where = f"{recording.source}, camera {camera.name}"
+        times = [frame.time for frame in camera.frames if frame.time is not None]
+        if len(times) < len(camera.frames):
+            raise Unmeasured(
+                f"{where}: the layout {recording.layout} does not say when its images were taken; give the frames per "
+                "second by --fps",
+                "fps",
+            )
+        if len(times) < FEWEST:
+            raise UserInputError(
+                f"{where}: it has {len(times)} frame{'s' * (len(times) != 1)}, at least {FEWEST} are needed; give its "
+                f"whole video, or use --leave_out {camera.name}"
+            )
+        if not np.all(np.diff(times) > 0):
+            raise UserInputError(f"{where}: its {len(times)} times do not increase; give --fps")
+        found.append(np.array(times))
+    return found
 
 
 def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline:
@@ -81,26 +94,6 @@ def _leader(stamps: Sequence[np.ndarray], steps: Sequence[float], step: float) -
         return float(np.minimum(np.abs(phases - np.round(phases)), 2.0 * AS_TAKEN).sum())
 
     return float(min(slow, key=apart))
-
-
-def _times(recording: Recording, camera: Camera) -> np.ndarray:
-    times = [frame.time for frame in camera.frames if frame.time is not None]
-    if len(times) < len(camera.frames):
-        raise Unmeasured(
-            f"{recording.source}, camera {camera.name}: the layout {recording.layout} does not say when its images "
-            "were taken; give the frames per second by --fps",
-            "fps",
-        )
-    if len(times) < FEWEST:
-        raise UserInputError(
-            f"{recording.source}, camera {camera.name}: it has {len(times)} frame{'s' * (len(times) != 1)}, at least "
-            f"{FEWEST} are needed; give its whole video, or use --leave_out {camera.name}"
-        )
-    if not np.all(np.diff(times) > 0):
-        raise UserInputError(
-            f"{recording.source}, camera {camera.name}: its {len(times)} times do not increase; give --fps"
-        )
-    return np.array(times)
 
 
 def _shown(recording: Recording, camera: Camera, times: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, float]:

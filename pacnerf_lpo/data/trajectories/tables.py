@@ -178,7 +178,7 @@ def _joined(times: np.ndarray, positions: np.ndarray, points: Sequence[str]) -> 
     """The mean of several points [(F,), (F, 3)] at the times at which all are seen, and what it is in words."""
     names = list(dict.fromkeys(points))
     if len(names) == 1:
-        return times, positions, "one tracked point, taken for the centre of the body"
+        return times, positions, Trajectory.how
     of_name = np.array([names.index(point) for point in points])
     moments = np.unique(times)
     whole = np.full((len(names), len(moments), 3), np.nan)
@@ -235,9 +235,8 @@ def _anipose(table: Table, names: Sequence[str], fps: float | None) -> Trajector
 def _wide(path: Path, names: Sequence[str], positions: Sequence[Sequence[np.ndarray]], times: np.ndarray) -> Trajectory:
     whole = np.array(positions).transpose(0, 2, 1)
     seen = np.isfinite(whole).all(2).all(0)
-    how = "one tracked point, taken for the centre of the body"
-    if len(names) > 1:
-        how = f"the mean of {len(names)} tracked points that move with the body ({', '.join(names)})"
+    mean = f"the mean of {len(names)} tracked points that move with the body ({', '.join(names)})"
+    how = mean if len(names) > 1 else Trajectory.how
     return Trajectory(path.stem, times[seen], whole[:, seen].mean(0), str(path), how=how)
 
 
