@@ -75,7 +75,8 @@ def report(session: "Session", folder: Path, step: Step, progress: Progress) -> 
         residuals = [earlier.comparison.residual for earlier in rounds[: number + 1]]
         found.errors = found.comparison.errors(session.problem, residuals)
     result = summary(session.problem, rounds)
-    parts = [f"{what} {value:.3g} {session.unit}" for what, value in _errors(step)]
+    errors = (("the fitted data", step.fitted), ("the held-out data", step.held_out))
+    parts = [f"{what} {value:.3g} {session.unit}" for what, value in errors if value is not None]
     said = f"Step {step.number}, {step.name}: error of {' and '.join(parts)}."
     result["verdict"] |= {"sentence": said, "details": [STATED, *step.notes]}
     for stage, one in zip(result["stages"], shown, strict=True):
@@ -84,11 +85,6 @@ def report(session: "Session", folder: Path, step: Step, progress: Progress) -> 
     write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
     write_pictures(session.problem, rounds, folder)
     return write_page(folder)
-
-
-def _errors(step: Step) -> list[tuple[str, float]]:
-    named = (("the fitted data", step.fitted), ("the held-out data", step.held_out))
-    return [(name, value) for name, value in named if value is not None]
 
 
 def _as_round(session: "Session", step: Step, progress: Progress) -> Round:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -115,14 +116,9 @@ class Noise:
         """Models that a diagnosis of the same data has fitted."""
         store, found = self.source.store, []
         for path in sorted((store.folder / "steps").glob(f"{store.key}_*compare.npz")):
-            try:
-                comparison = read(path)["result"]
-                known = self._as_known(comparison)
-            except DAMAGED:
-                continue
-            if known is not None:
-                found.append(known)
-        return found
+            with suppress(*DAMAGED):
+                found.append(self._as_known(read(path)["result"]))
+        return [known for known in found if known is not None]
 
     def _as_known(self, comparison: Comparison) -> Known | None:
         names = [name for name, e in self.catalogue.effects.items() if set(e.parameters) <= set(comparison.names)]

@@ -130,7 +130,8 @@ class Views:
         path, model = found.paths[at], found.models[at]
         total = np.zeros(path.shape[:2])
         for view in range(model.shape[0]):
-            wrong = self._wrong(found, at, view)
+            matte = self.video(at).silhouettes[view].numpy() > 0.5
+            wrong = matte != (self._opacity(found, at, view) > 0.5)
             pixels = _pixels(found, at, view)
             for frame in range(len(path)):
                 rows, columns = np.nonzero(wrong[frame])
@@ -148,11 +149,6 @@ class Views:
         return {
             SIDES[k][side]: error[:, (axis == k) & (positive == bool(side))].sum(1) for k in range(3) for side in (0, 1)
         }
-
-    def _wrong(self, found: Simulated, at: int, view: int) -> np.ndarray:
-        """Where matte and model disagree in a view [(F, H, W), bool]"""
-        matte = self.video(at).silhouettes[view].numpy() > 0.5
-        return matte != (self._opacity(found, at, view) > 0.5)
 
     def _opacity(self, found: Simulated, at: int, view: int) -> np.ndarray:
         """Of the model in a view at all frames [0..1, (F, H, W)]; remembered for the last rollout."""

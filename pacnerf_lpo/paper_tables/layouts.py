@@ -112,8 +112,10 @@ class ImageLayout(Layout):
                 said += f" of {', '.join(row.scene for row in complete) or 'none'}"
             whole = every_original and len(complete) == len(mine) == PAPER_SCENES
             printed = paper_values(self.name, AVERAGE, name) if whole else []
-            entries = with_printed(mean_entries(complete, len(self.columns)), printed)
-            averages.append(Row(said, label, form, better, entries))
+            columns = zip(*(row.entries for row in complete), strict=True)
+            means = [Entry(statistics.fmean(entry.value or 0.0 for entry in column)) for column in columns]
+            none = [Entry(note="no scene is complete")] * len(self.columns)
+            averages.append(Row(said, label, form, better, with_printed(means or none, printed)))
         return averages
 
 
@@ -242,13 +244,6 @@ PROCESSES = {
     "total": "sum",
 }
 NO_COLOUR_PHASE = Entry(note="the corrected particles go into the next round as they are")
-
-
-def mean_entries(rows: Sequence[Row], columns: int) -> list[Entry]:
-    """Column by column the mean of rows whose entries are all there."""
-    if not rows:
-        return [Entry(note="no scene is complete")] * columns
-    return [Entry(statistics.fmean(row.entries[i].value or 0.0 for row in rows)) for i in range(columns)]
 
 
 def with_printed(entries: Sequence[Entry], printed: Sequence[float | None]) -> tuple[Entry, ...]:

@@ -30,15 +30,12 @@ def read(folder: Path) -> Recording:
 def read_gic(folder: Path) -> Recording:
     """As PAC-NeRF's layout, with the transparent images ``a_`` where there are any."""
     recording = read(folder)
-    cameras = tuple(_transparent(camera) for camera in recording.cameras)
-    return replace(recording, layout=GIC.name, cameras=cameras)
-
-
-def _transparent(camera: Camera) -> Camera:
-    frames = tuple(replace(f, file=f.file.with_name("a" + f.file.name[1:])) for f in camera.frames)
-    if not all(frame.file.is_file() for frame in frames):
-        return camera
-    return replace(camera, frames=frames, plate=None, on_white=False)
+    cameras = []
+    for camera in recording.cameras:
+        frames = tuple(replace(f, file=f.file.with_name("a" + f.file.name[1:])) for f in camera.frames)
+        there = all(frame.file.is_file() for frame in frames)
+        cameras.append(replace(camera, frames=frames, plate=None, on_white=False) if there else camera)
+    return replace(recording, layout=GIC.name, cameras=tuple(cameras))
 
 
 MARK = "transforms_train.json"

@@ -24,16 +24,15 @@ FRAME_RATE = 120.0
 def read_synthetic(folder: Path) -> Recording:
     """OpenGL cameras, y up; the layout has no times and no unit."""
     path = _only(_object_folders(folder), folder, "object", "give the folder of one") / SYNTHETIC_NAME
-    cameras = tuple(_synthetic_camera(path, number, values) for number, values in enumerate(read_values(path)))
-    return Recording(SYNTHETIC.name, folder, cameras, up=(0.0, 1.0, 0.0))
-
-
-def _synthetic_camera(path: Path, number: int, values: Any) -> Camera:
-    where = f"{path}, camera {number}"
-    name = str(entry(where, values, "camera"))
-    intrinsic = numbers(f"{where}, K", entry(where, values, "K"), (3, 3))
-    pose = numbers(f"{where}, c2w", entry(where, values, "c2w"), (4, 4), (3, 4))[:3]
-    return Camera(name, intrinsic, pose, tuple(Frame(image, None) for image in images_in(path.parent / name)))
+    cameras = []
+    for number, values in enumerate(read_values(path)):
+        where = f"{path}, camera {number}"
+        name = str(entry(where, values, "camera"))
+        intrinsic = numbers(f"{where}, K", entry(where, values, "K"), (3, 3))
+        pose = numbers(f"{where}, c2w", entry(where, values, "c2w"), (4, 4), (3, 4))[:3]
+        frames = tuple(Frame(image, None) for image in images_in(path.parent / name))
+        cameras.append(Camera(name, intrinsic, pose, frames))
+    return Recording(SYNTHETIC.name, folder, tuple(cameras), up=(0.0, 1.0, 0.0))
 
 
 def _object_folders(folder: Path) -> list[Path]:
