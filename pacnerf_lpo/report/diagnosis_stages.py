@@ -19,7 +19,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report import wording
-from pacnerf_lpo.report.page import plain
+from pacnerf_lpo.report.page import plain, size_within
 
 PICTURES = "pictures.npz"
 LONGEST = 128
@@ -154,9 +154,7 @@ def _stacked(recordings: Sequence[np.ndarray]) -> np.ndarray:
 
 def _small(values: np.ndarray) -> np.ndarray:
     """Images [0..1, (V, F, H, W[, 3])] as bytes, reduced to the size of the page."""
-    height, width = values.shape[2:4]
-    ratio = min(1.0, LONGEST / max(height, width))
-    size = max(1, round(width * ratio)), max(1, round(height * ratio))
+    size = size_within(LONGEST, values.shape[2], values.shape[3])
     views = []
     for view in values:
         whole = np.rint(view.clip(0, 1) * 255).astype(np.uint8)

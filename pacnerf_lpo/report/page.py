@@ -129,6 +129,12 @@ def base64_array(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()).decode()
 
 
+def size_within(longest: int, height: int, width: int) -> tuple[int, int]:
+    """Width and height of a picture that is reduced until its longer side has no more than so many pixels."""
+    ratio = min(1.0, longest / max(height, width))
+    return max(1, round(width * ratio)), max(1, round(height * ratio))
+
+
 def atlas_columns(frames: int) -> int:
     """Columns of an atlas of that many frames."""
     return math.ceil(math.sqrt(frames))

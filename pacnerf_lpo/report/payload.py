@@ -14,7 +14,7 @@ from pacnerf_lpo.callbacks.tensorboard import FOLDER
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.quantities import symbol
-from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, plain, quantised
+from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, plain, quantised, size_within
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual
 
 IMAGE_BUDGET = 6_500_000
@@ -67,8 +67,7 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
         return to_bytes(residual_colours(left, scale))
 
     for longest, quality in LADDER:
-        ratio = min(1.0, longest / max(height, width))
-        size = (round(width * ratio), round(height * ratio))
+        size = size_within(longest, height, width)
         small = partial(atlas, size=size, quality=quality)
         measured = [small(to_bytes(images)) for images in video.images]
         models = [[small(one.images[view]) for view in views] for one in predictions]

@@ -12,7 +12,7 @@ from pacnerf_lpo.data.recordings.voxel_hull import hull_picture
 from pacnerf_lpo.data.recordings.written_scene import View, picture
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.report import overlay
-from pacnerf_lpo.report.page import atlas, base64_array, page, parts, plain, quantised
+from pacnerf_lpo.report.page import atlas, base64_array, page, parts, plain, quantised, size_within
 
 PAGE_FILE = "scene.html"
 STYLES = ("report.css", "scene.css")
@@ -150,7 +150,7 @@ def camera_pictures(look: Look) -> list[list[str]]:
     frames = (0, look.scene.hit_frame)
     photos = [[_photo(look, view, frame) for frame in frames] for view in look.scene.views]
     for longest, quality in LADDER:
-        images = [[_encoded(photo, longest, quality) for photo in row] for row in photos]
+        images = [[atlas(p[None], size_within(longest, *p.shape[:2]), quality) for p in row] for row in photos]
         if sum(len(uri) for row in images for uri in row) <= IMAGE_BUDGET:
             break
     return [
@@ -184,12 +184,6 @@ def _photo(look: Look, view: View, frame: int) -> np.ndarray:
     seen = picture(look.scene.pixels(view, frame), view.plate)
     seen = np.where(view.valid[..., None], seen, 0.5)
     return np.round(255.0 * np.clip(seen, 0.0, 1.0)).astype(np.uint8)
-
-
-def _encoded(photo: np.ndarray, longest: int, quality: int) -> str:
-    height, width = photo.shape[:2]
-    ratio = min(1.0, longest / max(height, width))
-    return atlas(photo[None], (max(1, round(width * ratio)), max(1, round(height * ratio))), quality)
 
 
 def _drawn(look: Look, number: int, frame: int, image: str) -> str:
