@@ -47,7 +47,12 @@ class DynamicPhase(AbstractPhase):
         """Video and model agree on the frame rate and the cameras."""
         check_frame_rate(self.data, self.physics)
         check_cameras(self.data, self.physics)
+        self.check_settings()
         self.physics.halvings = 0
+
+    def check_settings(self) -> None:
+        """Raise UserInputError where the video or the model does not suit the settings of the phase."""
+        return
 
     def import_state(self, state: ParticleState | None) -> None:
         """Keep the state and prepare the comparison with the video; then :meth:`begin`."""
