@@ -54,7 +54,8 @@ class Comparison:
     replicates: residuals of simulated nulls [(T, R, F, 11)]
     sensor: standard deviation of the sensor noise in them [(R, F, 11)]
     shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
-    discretisation: changes of the residual by errors of resolution and opacity [(R, F, 11, E)]
+    discretisation: changes of the residual by errors of resolution and opacity, and the bias of a wrong shape
+        [(R, F, 11, E)]
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
@@ -163,8 +164,12 @@ def compare(
         model, free, rollouts = begun.model, begun.free, begun.rollouts
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     count, seed = settings
-    found, sensor = replicates(problem, model, free, count, seed, lambda k: progress(f"replicate {k} of {count}"))
-    errors, simulated = _errors_of_models(problem, model, free, before, progress)
+
+    def told(number: int) -> None:
+        progress(f"replicate {number} of {count}")
+
+    found, sensor, bias = replicates(problem, model, free, count, seed, told)
+    errors, simulated = _errors_of_models(problem, model, free, bias, before, progress)
     mask = problem.fitted
     noise = noise_of(problem, found, sensor, mask, known_errors(*errors)[mask])
     objective = StandardisedObjective(problem, model, mask, noise)
@@ -180,12 +185,13 @@ def _errors_of_models(
     problem: Problem,
     model: Model,
     free: np.ndarray,
+    bias: np.ndarray,
     before: tuple[Sequence[Effect], Comparison] | None,
     progress: Progress,
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], int]:
     """Changes of the residual by errors of the shape, of the resolution, and by a smooth force, as a
     :class:`Comparison` has them, and the number of simulations; those of another model where the motion is nearly the
-    same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)].
+    same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)] and the bias of a wrong shape there.
     """
     known = model.physical(free)
     if before is not None:
@@ -194,7 +200,7 @@ def _errors_of_models(
             return (comparison.shape_errors, comparison.discretisation, comparison.force), 2
     found = (
         shape_errors(problem, model, free),
-        discretisation_errors(problem, model, free),
+        discretisation_errors(problem, model, free, bias),
         force_changes(problem, model.effects, known, progress),
     )
     return found, sum(changes.shape[-1] for changes in found)

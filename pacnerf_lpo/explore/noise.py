@@ -102,10 +102,12 @@ class Noise:
             progress(f"noise: null replicate {count} of {REPLICATES}")
 
         progress("noise: null replicates")
+        found, sensor, bias = replicates(problem, model, free, REPLICATES, SEED, simulated)
         learnt = (
-            *replicates(problem, model, free, REPLICATES, SEED, simulated),
+            found,
+            sensor,
             shape_errors(problem, model, free, progress),
-            discretisation_errors(problem, model, free),
+            discretisation_errors(problem, model, free, bias),
             force_changes(problem, effects, step.values, progress),
         )
         residual = problem.residual(model.predict(free))

@@ -227,7 +227,7 @@ class Competition:
             self._refine_best(watch)
             self._replicate(watch)
             return
-        self.arrays["replicates"], self.arrays["sensor"] = found
+        self.arrays["replicates"], self.arrays["sensor"], self.arrays["bias"] = found
         best = self.trials[self.reference]
         for other, trial in self.trials.items():
             if trial.coarse is not None and best.coarse is not None and trial.coarse > ABORT_ABOVE * best.coarse:
@@ -237,7 +237,8 @@ class Competition:
     def _disturb(self, _: Watch) -> None:
         """What the residual does where shape or resolution are wrong."""
         at = self._best()
-        self.arrays["errors"] = np.nan_to_num(np.concatenate((shape_errors(*at), discretisation_errors(*at)), axis=-1))
+        errors = shape_errors(*at), discretisation_errors(*at, self.arrays["bias"])
+        self.arrays["errors"] = np.nan_to_num(np.concatenate(errors, axis=-1))
 
     def _best(self) -> tuple[Problem, Model, np.ndarray]:
         """The best law as functions of the noise want it."""

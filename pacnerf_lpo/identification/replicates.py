@@ -39,15 +39,16 @@ def replicates(
     count: int,
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself, and the standard
-    deviation of the sensor noise in them [(R, F, 11)].
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself, the standard
+    deviation of the sensor noise in them, and what a wrong shape changes on average [(R, F, 11) each].
 
     Each replicate repeats what happened (a parametric bootstrap: Efron and Tibshirani 1993, chapter 6): the body as it
     was reconstructed moves with a finer grid, smaller time steps and particles at random places, and is seen with fresh
-    sensor noise; the body of the model is distorted smoothly by as much as the outlines at frame 0 disagree. The other
-    way round a bias of second order in the distortion, such as that of the lowest point, would count with the wrong
-    sign. How noisy the outlines of a recording are is measured where the replicates agree.
+    sensor noise; the body of the model is distorted smoothly by as much as the outlines at frame 0 disagree. On average
+    that changes something, too: the lowest point of a rougher body is lower. A reconstruction may be rougher than the
+    body or smoother, so this mean is taken from the residuals, and returned: its size is known, its sign is not. How
+    noisy the outlines of a recording are is measured where the replicates agree.
 
     Args:
         problem: the run.
@@ -64,16 +65,16 @@ def replicates(
     found = []
     for number, part in enumerate(parts):
         found.append(_of_recording(part, problem.part_of(reference, number), count, seed + SEEDS * number, progress))
-    residuals, sensors = zip(*found, strict=True)
-    return problem.join(residuals, axis=1), problem.join(sensors)
+    residuals, sensors, biases = zip(*found, strict=True)
+    return problem.join(residuals, axis=1), problem.join(sensors), problem.join(biases)
 
 
 def _of_recording(
     part: Part, reference: np.ndarray, count: int, seed: int, progress: Callable[[int], None]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     problem = part.recording
     sigma = distortion(problem, reference)
-    found: list[np.ndarray] = []
+    found: list[tuple[np.ndarray, np.ndarray]] = []
     noise: list[np.ndarray] = []
     slow: list[np.ndarray] = []
     attempts = range(count)
@@ -85,28 +86,31 @@ def _of_recording(
             true = problem.model(part.effects, part.known, shaken(body, random))
             true.physics = with_effects(true.physics, true.effects, 1 / random.uniform(*STEPS), 1.0)
             pairs.append((true, problem.model(part.effects, part.known, distorted(problem.body, sigma, random))))
-        for random, left in zip(draws, each(_left, pairs), strict=True):
-            if isinstance(left, SimulationError):
-                unstable = left
+        for random, seen in zip(draws, each(_predicted, pairs), strict=True):
+            if isinstance(seen, SimulationError):
+                unstable = seen
                 continue
-            found.append(left)
-            noise.append(random.standard_normal(left.shape))
+            found.append(seen)
+            noise.append(random.standard_normal(reference.shape))
             slow.append(problem.lasting_noise(random))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
-    sensor, errors = problem.sensor.copy(), problem.relative(np.stack(found))
+    moved = problem.relative(np.stack([believed - reference for _, believed in found]))
+    bias = np.nan_to_num(moved).mean(0)
+    sensor, errors = problem.sensor.copy(), problem.relative(np.stack([true - believed for true, believed in found]))
+    errors += bias
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
         sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
-    return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor
+    return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor, bias
 
 
-def _left(true: Model, believed: Model) -> np.ndarray | SimulationError:
-    """What a model leaves of another one's motion [(V + R, F, 11)], or what went wrong with either."""
+def _predicted(true: Model, believed: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:
+    """What both predict at their start [(V + R, F, 11) each], or what went wrong with either."""
     try:
-        return true.predict(true.start) - believed.predict(believed.start)
+        return true.predict(true.start), believed.predict(believed.start)
     except SimulationError as error:
         return error
 

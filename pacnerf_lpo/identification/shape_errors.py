@@ -47,9 +47,9 @@ def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Pro
     return of_each(problem, found)
 
 
-def discretisation_errors(problem: Problem, model: Model, free: np.ndarray) -> np.ndarray:
-    """Changes of the residual of each recording [(R, F, 11, 2 or 1 for each)] when its body is coarser, and, where
-    cameras show it, when its particles are opaque; none of a body that is rigid.
+def discretisation_errors(problem: Problem, model: Model, free: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Changes of the residual of each recording [(R, F, 11, 3 or 2 for each)] when its body is coarser, and, where
+    cameras show it, when its particles are opaque, and the bias of a wrong shape; none of a body that is rigid.
 
     The error of a method of order p at node spacing h is C h^p, and the step to 1.4 h changes it by (1.4^p - 1) C h^p:
     the whole error for p = 2, two fifths of it for p = 1. Replicates, with 0.6 h to 0.9 h, show a quarter and more.
@@ -60,6 +60,7 @@ def discretisation_errors(problem: Problem, model: Model, free: np.ndarray) -> n
 
     Args:
         problem, model, free: as for :func:`shape_errors`.
+        bias: what a wrong shape changes on average, from :func:`~.replicates.replicates` [(R, F, 11)]
 
     Raises:
         SimulationError: the motion of the coarse body is unstable.
@@ -75,7 +76,7 @@ def discretisation_errors(problem: Problem, model: Model, free: np.ndarray) -> n
             others[-1].opacity = OPAQUE
         own = problem.part_of(reference, number)
         seen = [part.recording.relative(other.predict(other.start) - own) for other in others]
-        changes.append(np.stack(seen, axis=-1))
+        changes.append(np.stack([*seen, problem.part_of(bias, number)], axis=-1))
     return of_each(problem, changes)
 
 

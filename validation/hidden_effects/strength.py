@@ -66,7 +66,7 @@ class Ruler:
         recorded = film(setting, self.true, (), np.random.default_rng(0), FAST.finer)
         self.problem = problem = KnownShape("ruler", setting, setting.video(), recorded.summaries)
         self.model = model = problem.model((), self.true)
-        found, sensor = replicates(problem, model, model.start, count, seed=0)
+        found, sensor, _ = replicates(problem, model, model.start, count, seed=0)
         self._sensitivities: dict[str, np.ndarray] = {}
         self.masks = {
             "motion": problem.fitted,
