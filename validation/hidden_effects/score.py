@@ -20,14 +20,14 @@ from validation.record import Record, keep, made, origin
 
 NOTES = f"""
 *Class named*: the verdict names the hidden effect, or one that it says this recording does not tell apart from it.
-*Named*: that very effect. *First, first three*: of the ranking of the first round, refits by their odds, by which the
-verdict chooses, then the others by their Bayes factors, whatever the verdict; of a pair, one of the two. *p-value*:
-of the best of all hypotheses of the first round, unknown force and wrong shape among them, before any was fitted; the
-level is {LEVEL:.0%}. *Covered*: true values in the 90 % intervals of the table that the report ends with: of hidden
-coefficients wherever the last model has them, of material and velocity where the verdict is right. *Outside the catalogue*: 20 sigma
-are left of the effect by its best imitation among the known ones, or, where that was not measured, by material and
-velocity alone. Intervals in brackets are exact binomial ones at 95 %. A diagnosis that failed counts as wrong
-everywhere.
+*Named*: that very effect. *First, first three*: of the ranking of the first round, refits by their odds, by which
+the verdict chooses, then the others by their Bayes factors, whatever the verdict; of a pair, one of the two.
+*p-value*: of the best of all hypotheses of the first round, unknown force and wrong shape among them, before any
+was fitted; the level is {LEVEL:.0%}. *Covered*: true values in the 90 % intervals of the table that the report ends
+with: of hidden coefficients wherever the last model has them, of material and velocity where the verdict is right.
+*Outside the catalogue*: 20 sigma are left of the effect by its best imitation among the known ones, or, where that
+was not measured, by material and velocity alone. Intervals in brackets are exact binomial ones at 95 %. A diagnosis
+that failed counts as wrong everywhere.
 """
 Row = tuple[str, Sequence[bool]]
 Group = Callable[[Outcome], bool]
