@@ -43,12 +43,12 @@ def replicates(
     """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself, the standard
     deviation of the sensor noise in them, and what a wrong shape changes on average [(R, F, 11) each].
 
-    Each replicate repeats what happened (a parametric bootstrap: Efron and Tibshirani 1993, chapter 6): the body as it
-    was reconstructed moves with a finer grid, smaller time steps and particles at random places, and is seen with fresh
-    sensor noise; the body of the model is distorted smoothly by as much as the outlines at frame 0 disagree. On average
-    that changes something, too: the lowest point of a rougher body is lower. A reconstruction may be rougher than the
-    body or smoother, so this mean is taken from the residuals, and returned: its size is known, its sign is not. How
-    noisy the outlines of a recording are is measured where the replicates agree.
+    Each replicate has a finer grid, smaller time steps and particles at random places, a shape distorted smoothly by as
+    much as the outlines at frame 0 disagree, and fresh sensor noise. On average a distortion changes something, too:
+    the lowest point of a rougher body is lower. A reconstruction may be rougher than the body or smoother, so this
+    mean, found by as many distortions of the model's own body, opposite ones in turn, is taken from the residuals, and
+    returned: its size is known, its sign is not. How noisy the outlines of a recording are is measured where the
+    replicates agree.
 
     Args:
         problem: the run.
@@ -83,9 +83,12 @@ def _of_recording(
         pairs = []
         for attempt, random in zip(attempts, draws, strict=True):
             body = problem.sample(problem.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
-            true = problem.model(part.effects, part.known, shaken(body, random))
+            true = problem.model(part.effects, part.known, shaken(distorted(body, sigma, random), random))
             true.physics = with_effects(true.physics, true.effects, 1 / random.uniform(*STEPS), 1.0)
-            pairs.append((true, problem.model(part.effects, part.known, distorted(problem.body, sigma, random))))
+            # one way and then the opposite one, so that the mean is what is of second order
+            alike, sign = np.random.default_rng((seed, count, attempt // 2)), (-1) ** attempt
+            wrong = distorted(problem.body, sign * sigma, alike)
+            pairs.append((true, problem.model(part.effects, part.known, wrong)))
         for random, seen in zip(draws, each(_predicted, pairs), strict=True):
             if isinstance(seen, SimulationError):
                 unstable = seen
@@ -97,20 +100,19 @@ def _of_recording(
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
-    moved = problem.relative(np.stack([believed - reference for _, believed in found]))
+    errors, moved = (problem.relative(np.stack(seen) - reference) for seen in zip(*found, strict=True))
     bias = np.nan_to_num(moved).mean(0)
-    sensor, errors = problem.sensor.copy(), problem.relative(np.stack([true - believed for true, believed in found]))
-    errors += bias
+    errors, sensor = errors - bias, problem.sensor.copy()
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
         sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
     return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor, bias
 
 
-def _predicted(true: Model, believed: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:
+def _predicted(true: Model, distorted: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:
     """What both predict at their start [(V + R, F, 11) each], or what went wrong with either."""
     try:
-        return true.predict(true.start), believed.predict(believed.start)
+        return true.predict(true.start), distorted.predict(distorted.start)
     except SimulationError as error:
         return error
 
