@@ -26,7 +26,7 @@ NUMERICAL = {
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "PARALLEL"},
-    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK_ITERATIONS", "GIVE_UP"},
+    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK", "GIVE_UP"},
     "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but

@@ -294,7 +294,8 @@ def test_options_override(made, tmp_path):
     words = ["--unit", "mm", "--up", "z", "--ground", "800", "--leave_out", "top", "door", "--fps", "24"]
     assert main(["init", str(source), str(scene), *words]) == 0
     text = (scene / "scene.yaml").read_text()
-    assert "up: stated by" in text and "0.001 m: stated by" in text and "ground: stated by" in text
+    assert "up: z of the calibration: stated by --up" in text and "0.001 m: stated by --unit" in text
+    assert "ground: stated by --ground; 800 along z" in text
     assert (
         "door" not in text and len({e["file_path"][9] for e in json.loads((scene / "all_data.json").read_text())}) == 4
     )
