@@ -177,7 +177,7 @@ def compare(
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, Effort(WHITENED_ITERATIONS), report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
-    used, cost = rollouts + simulated + best.rollouts + len(found) + 2, best.cost_of(objective.rows)
+    used, cost = rollouts + simulated + best.rollouts + 2 * len(found) + 2, best.cost_of(objective.rows)
     return Comparison.at(model, best.free, prior, objective.seen(best), (found, sensor, *errors), cost, doubts, used)
 
 
@@ -203,7 +203,8 @@ def _errors_of_models(
         discretisation_errors(problem, model, free, bias),
         force_changes(problem, model.effects, known, progress),
     )
-    return found, sum(changes.shape[-1] for changes in found)
+    biases = sum(part.recording.deforms for part in problem.parts(model.effects, known))  # no simulations of their own
+    return found, sum(changes.shape[-1] for changes in found) - biases
 
 
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:

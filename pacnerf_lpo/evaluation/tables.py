@@ -148,13 +148,16 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
             "Identified values and intervals are those of one last fit with more particles, in which data count by "
             f"their errors; before it the phase had {listed(last['before'], units)}."
         )
-    acting = ", ".join(["gravity", f"a ground that is {results['ground']}", *results["effects"]])
-    found.append(f"Nothing else acts in the model than {acting}; `pacnerf-lpo diagnose` looks for what is missing.")
+    effects = ", ".join(results["effects"]) or "none"
+    found.append(
+        f"The model has gravity, a ground of the kind {results['ground']}, and as effects: {effects}. What is missing "
+        "in it, pacnerf-lpo diagnose tells."
+    )
     if stresses and (methods := last.get("methods")):
         found.append(
-            f"Images alone and outlines alone, compared on a coarse body of {methods['particles']} particles whose "
-            f"values are off, but both alike: {listed(methods['images'], stresses)} by images, "
-            f"{listed(methods['outlines'], stresses)} by outlines."
+            f"Images and outlines against each other: {listed(methods['images'], stresses)} by images alone, "
+            f"{listed(methods['outlines'], stresses)} by outlines alone. Only their difference counts: a body of "
+            f"{methods['particles']} particles shifts both."
         )
     return found
 

@@ -109,10 +109,10 @@ def _of_recording(
     return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor, bias
 
 
-def _predicted(true: Model, distorted: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:
+def _predicted(true: Model, wrong: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:
     """What both predict at their start [(V + R, F, 11) each], or what went wrong with either."""
     try:
-        return true.predict(true.start), distorted.predict(distorted.start)
+        return true.predict(true.start), wrong.predict(wrong.start)
     except SimulationError as error:
         return error
 

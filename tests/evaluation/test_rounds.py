@@ -65,8 +65,8 @@ def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     found = {**results((None,), None), "phases": [last], "result": "r1_physics"}
     density, before, acting, against = remarks(found)
     assert "for a density of 1050 kg/m^3" in density and "the phase had E = 90 kPa" in before
-    assert "E = 98 kPa by images, E = 104 kPa by outlines" in against
-    assert "gravity, a ground that is Sticky, LinearDrag" in acting
+    assert "E = 98 kPa by images alone, E = 104 kPa by outlines alone" in against
+    assert "a ground of the kind Sticky, and as effects: LinearDrag." in acting
     assert all(sentence in markdown_table(found) for sentence in remarks(found))
     assert "| parameter | guess |" in markdown_table(found)
     assert "| parameter | law comparison |" in markdown_table({**found, "laws": {"laws": []}})

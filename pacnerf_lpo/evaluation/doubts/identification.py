@@ -99,8 +99,7 @@ def doubts_about_intervals(
         if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
         low, high, value = interval["low"], interval["high"], identified[name]
-        nearest = min(max(value, low), high)
-        if abs(parameter.transform.to_free(value) - parameter.transform.to_free(nearest)) > parameter.scale:
+        if not low <= value <= high:
             yield Doubt(
                 "outside_interval",
                 f"physics, {name}",
