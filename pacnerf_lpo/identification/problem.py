@@ -2,8 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from pacnerf_lpo.identification import body as bodies
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel, Model, with_effects
 from pacnerf_lpo.identification.points import Points
+from pacnerf_lpo.identification.shape_modes import ShapeModes
 from pacnerf_lpo.identification.silhouette_moments import (
     BRIGHTNESS,
     KINDS,
@@ -38,6 +40,8 @@ LARGEST_OFFSET = 80.0
 OFFSET_STEP = 2.0
 """Change of the surface offset by which its effect is measured."""
 BISECTIONS = 9
+KEPT = 4
+"""Samplings of the body, which fits of its shape ask for again and again."""
 LEAST_SHADING = 0.01
 LEAST_SHAPE_ERROR = 0.15
 """Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
@@ -193,6 +197,30 @@ class Problem(ABC):
         """
         return np.zeros(self.sensor.shape)
 
+    errors: ShapeModes | None = None
+    """Of the shape, which were taken away; None: it is as it was given."""
+    assumed: np.ndarray | float = 0.0
+    """What they do to the residual [(V + R, F, 11)], of which they are a part all the same."""
+
+    def shape_modes(self, sigmas: Sequence[float]) -> list[ShapeModes]:
+        """Errors of the shape of each body, whose surface may be so far from the true one [m]; none of a known one."""
+        return []
+
+    def wrong_bodies(self, sigma: float) -> list[Body]:
+        """The coarse body with one more of them each, of one standard deviation."""
+        return []
+
+    def reshaped(self, sigmas: Sequence[float], numbers: np.ndarray, changes: np.ndarray | None = None) -> "Problem":
+        """The problem with errors of the shapes taken away; itself where shapes are known.
+
+        Args:
+            sigmas: as for :meth:`shape_modes`.
+            numbers: how much of each error, in standard deviations, all recordings one after the other [(M,)]
+            changes: of the residual by each [(V + R, F, 11, M)], so that the residual stays one of the shapes as they
+                were, which noise with such errors expects; None: the residual is that of the new shapes.
+        """
+        return self
+
     @property
     def least_shape_error(self) -> float:
         """How far the surface of the body may be from the true one even where no outline shows it [m]."""
@@ -256,14 +284,15 @@ class Problem(ABC):
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, self.relative(self.measured - predicted), np.nan)
+        return np.where(self.usable, self.relative(self.measured - predicted) + self.assumed, np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
         usable, measured, compared = self.usable, self.measured, self.relative  # not self: other processes get a copy
+        assumed = self.assumed
 
         def residual(free: np.ndarray) -> np.ndarray:
-            return np.where(usable, np.nan_to_num(compared(measured - model.predict(free))), 0.0)[mask]
+            return np.where(usable, np.nan_to_num(compared(measured - model.predict(free)) + assumed), 0.0)[mask]
 
         return residual
 
@@ -340,7 +369,7 @@ class StateProblem(BodyProblem):
     @cached_property
     def spacing(self) -> float:
         """Node spacing at which the body has the wanted number of particles [m]."""
-        fine = self._as_reconstructed.body(self.surface_offset)
+        fine = self._sampling(self.state.spacing, 0).body(self.surface_offset)
         return 2 * (fine.volume / self.particles) ** (1 / 3)
 
     @cached_property
@@ -353,7 +382,7 @@ class StateProblem(BodyProblem):
         low, high = -4.0, LARGEST_OFFSET
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            body = self._as_reconstructed.body(middle)
+            body = self._sampling(self.state.spacing, 0).body(middle)
             if len(body.positions) and self._oversize(body) > 0:
                 low = middle
             else:
@@ -361,30 +390,46 @@ class StateProblem(BodyProblem):
         return low
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """The body, thinned until it is as large as it looks at frame 0."""
-        return bodies.Sampling(self.state, spacing, seed).body(self.surface_offset)
+        """The body, thinned until it is as large as it looks at frame 0, without the errors of its shape."""
+        return self._shaped(self._sampling(spacing, seed), self.errors, self._numbers)
 
-    def thinned(self, offset: Callable[[Tensor], Tensor]) -> Body:
-        """The coarse body, its surface moved inwards by a distance that depends on the place [m, (N, 3) to (N,)]."""
+    def shape_modes(self, sigmas: Sequence[float]) -> list[ShapeModes]:
+        return [self.errors or ShapeModes(self.coarse_body, sigmas[0])]
 
-        def surface_offset(points: Tensor) -> Tensor:
-            return self.surface_offset + offset(points) / self.depth_per_offset
+    def wrong_bodies(self, sigma: float) -> list[Body]:
+        (modes,), coarse = self.shape_modes([sigma]), self._sampling(COARSER * self.spacing, 0)
+        there = self._numbers if len(self._numbers) else np.zeros(modes.count)
+        return [self._shaped(coarse, modes, there + more) for more in np.eye(modes.count)]
 
-        return self._coarse.body(surface_offset)
+    def reshaped(self, sigmas: Sequence[float], numbers: np.ndarray, changes: np.ndarray | None = None) -> Problem:
+        (modes,), found = self.shape_modes(sigmas), copy(self)
+        found.errors, found._numbers = modes, numbers
+        found.assumed = 0.0 if changes is None else np.nan_to_num(changes) @ numbers
+        for name in ("body", "coarse_body"):
+            vars(found).pop(name, None)
+        return found
+
+    _numbers = np.zeros(0)
+
+    @cached_property
+    def _sampling(self) -> Callable[[float, int], bodies.Sampling]:
+        return lru_cache(KEPT)(partial(bodies.Sampling, self.state))
+
+    def _shaped(self, sampling: bodies.Sampling, modes: ShapeModes | None, numbers: np.ndarray) -> Body:
+        if modes is None:
+            return sampling.body(self.surface_offset)
+
+        def offset(points: Tensor) -> Tensor:
+            return self.surface_offset + modes.depth(points, numbers) / self.depth_per_offset
+
+        return modes.moved(sampling.body(offset), numbers)
 
     @cached_property
     def depth_per_offset(self) -> float:
         """How far the surface moves inwards for one unit of the surface offset [m]."""
-        thinner = self._coarse.body(self.surface_offset + OFFSET_STEP)
-        return (self.coarse_body.volume - thinner.volume) / (OFFSET_STEP * bodies.surface(self.coarse_body))
-
-    @cached_property
-    def _coarse(self) -> bodies.Sampling:
-        return bodies.Sampling(self.state, COARSER * self.spacing)
-
-    @cached_property
-    def _as_reconstructed(self) -> bodies.Sampling:
-        return bodies.Sampling(self.state, self.state.spacing)
+        coarse = self._sampling(COARSER * self.spacing, 0)
+        whole, thinner = (coarse.body(self.surface_offset + step) for step in (0.0, OFFSET_STEP))
+        return (whole.volume - thinner.volume) / (OFFSET_STEP * bodies.surface(whole))
 
     @cached_property
     def first_guess(self) -> dict[str, float]:

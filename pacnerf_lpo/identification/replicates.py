@@ -11,6 +11,7 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, with_effects
 from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.shape_modes import PLACES, bumps
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.inference.sensor import MEDIAN_OF_CHI2, sensor_scale
 
@@ -20,9 +21,6 @@ differ by what the resolution does: the error of the finest is 0.36 of the model
 """
 STEPS = (1.0, 1.4)
 """They take more steps than their grid needs, as other solvers do: each step dissipates a little."""
-PLACES, BUMP = 16, 0.7
-"""Errors of the shape in one place: how many places, and their width relative to the covering radius (of a particle
-from its nearest place, at most). Smooth fields over the body do not show errors of a side that few cameras see."""
 DENSITY_ERROR = 0.1
 """Of the reconstructed body, from the centre to the rim."""
 TRIALS = 4
@@ -126,8 +124,10 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
         reference: summaries that the model predicts [(V, F, 11)]
 
     Returns:
-        What the problem says where no camera shows the body.
+        What the problem says where no camera shows the body; what was found before where its shape was changed.
     """
+    if problem.errors is not None:
+        return problem.errors.sigma
     least = problem.least_shape_error
     if not problem.views:
         return least
@@ -188,30 +188,3 @@ def shaken(body: Body, random: np.random.Generator) -> Body:
     size = body.fraction[kept, None] ** (1 / 3) * (body.spacing / 2)
     moved = torch.tensor(random.uniform(-0.5, 0.5, (len(size), 3)), dtype=body.positions.dtype)
     return Body(body.positions[kept] + size * moved, torch.ones_like(body.fraction[kept]), body.spacing)
-
-
-def bumps(body: Body, positions: Tensor) -> Tensor:
-    """Gaussians of height 1 around places all over a body, at some positions [m, (N, 3)], (K, N); none is narrower than
-    a node spacing, as no grid would resolve it.
-    """
-    places, reach = spread(body.positions, min(PLACES, len(body.positions)))
-    width = max(BUMP * reach, body.spacing)
-    return (-0.5 * torch.cdist(places, positions).square() / width**2).exp()
-
-
-def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
-    """
-    chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
-    distance = (positions - positions[chosen[0]]).norm(dim=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (positions - positions[chosen[-1]]).norm(dim=1))
-    return positions[chosen], float(distance.max())

@@ -80,7 +80,7 @@ class Squares(BodyModel):
 class Recording(SimpleNamespace):
     """As much of a recording as replicates ask for."""
 
-    spacing, views, least_shape_error, sensor = 0.1, 0, 0.1, np.zeros((1, 2, 11))
+    spacing, views, least_shape_error, errors, sensor = 0.1, 0, 0.1, None, np.zeros((1, 2, 11))
     body = ball(0.1)
 
     def sample(self, spacing: float, seed: int) -> Body:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 import torch
@@ -11,8 +9,8 @@ from torch import Tensor
 
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
-from pacnerf_lpo.identification.replicates import PLACES, bumps, distorted, spread
-from pacnerf_lpo.identification.shape_errors import DENSITY_ERROR, LOCAL, polynomials, wrong_bodies
+from pacnerf_lpo.identification.replicates import distorted
+from pacnerf_lpo.identification.shape_modes import DENSITY_ERROR, LOCAL, PLACES, ShapeModes, bumps, polynomials, spread
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import ParticleState
@@ -52,27 +50,45 @@ def test_the_surface_of_a_ball_is_that_of_its_volume(ball):
 
 def test_a_thinned_body_has_lost_a_layer(ball):
     """5 and 10 mm of 20 cm. The surface of the resampled body is known to a tenth; the layer, to a sixth."""
-    for offset in (0.005, 0.01):
-        thinner = ball.thinned(lambda points, offset=offset: offset + 0 * points[:, 0])
-        assert radius(ball.coarse_body) - radius(thinner) == pytest.approx(offset, rel=1 / 6)
-    leaning = ball.thinned(lambda points: 0.01 * points[:, 0].sign())
+    for times in (1, 2):
+        thinner = ball.reshaped([SIGMA], times * one(ball, 24)).coarse_body
+        assert radius(ball.coarse_body) - radius(thinner) == pytest.approx(times * SIGMA, rel=1 / 6)
+    leaning = ball.reshaped([SIGMA], one(ball, 25)).coarse_body
     right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
     cut = (ball.coarse_body.positions[:, 0] > 0, right), (ball.coarse_body.positions[:, 0] < 0, left)
     (before, after), (other, grown) = (
         (ball.coarse_body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut
     )
-    assert after < 0.9 * before and grown > 1.1 * other
+    assert after < 0.95 * before and grown > 1.05 * other
+
+
+def one(problem: StateProblem, index: int) -> np.ndarray:
+    """One standard deviation of one error of the shape (M,)."""
+    return np.eye(ShapeModes(problem.coarse_body, SIGMA).count)[index]
+
+
+def test_a_changed_body_has_its_errors_in_every_sampling_and_further_ones_come_on_top(ball):
+    first, second = one(ball, 0), one(ball, 40)
+    changed = ball.reshaped([SIGMA], 2 * first)
+    both = changed.reshaped([9.0], 2 * first + second).coarse_body  # what a surface may be wrong by is settled
+    assert torch.allclose(changed.wrong_bodies(9.0)[40].positions, both.positions, atol=1e-6)
+    assert not torch.allclose(both.positions, changed.coarse_body.positions, atol=SIGMA / 10)
+    for seed in (0, 1):
+        moved = changed.sample(DX, seed).positions - ball.sample(DX, seed).positions
+        straight = torch.linalg.lstsq(ball.sample(DX, seed).positions, moved).solution
+        assert float(straight[0, 0]) > 5 * float(straight.abs().flatten()[1:].max()) > 0
+    assert ball.reshaped([SIGMA], 0 * first).sample(DX, 1).volume == pytest.approx(ball.sample(DX, 1).volume)
 
 
 def test_polynomials_have_mean_0_and_mean_square_1(ball):
     positions = ball.coarse_body.positions
-    linear, quadratic = polynomials(positions, positions)
-    assert (len(linear), len(quadratic)) == (3, 6)
-    for field in (*linear, *quadratic):
+    fields = polynomials(positions, positions)
+    assert len(fields) == 9
+    for field in fields:
         assert float(field.mean()) == pytest.approx(0, abs=1e-4)
         assert float(field.square().mean()) == pytest.approx(1, rel=1e-3)
     x, y = (positions[:, axis] - positions[:, axis].mean() for axis in range(2))
-    assert correlation(quadratic[0], x**2) > 0.999 and correlation(quadratic[3], x * y) > 0.999
+    assert correlation(fields[3], x**2) > 0.999 and correlation(fields[6], x * y) > 0.999
 
 
 def correlation(one: Tensor, other: Tensor) -> float:
@@ -96,8 +112,8 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
 
 def test_layers_are_taken_away_or_put_on(ball):
     """An even one first, then those that lean and curve."""
-    thinner = [body for body in bodies(ball) if len(body.positions) != len(ball.coarse_body.positions)]
-    assert len(thinner) == 10
+    thinner = ball.wrong_bodies(SIGMA)[24:34]
+    assert all(len(body.positions) != len(ball.coarse_body.positions) for body in thinner)
     lost = ball.coarse_body.volume - thinner[0].volume
     assert lost == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
 
@@ -120,8 +136,8 @@ def test_every_place_moves_along_every_axis_by_itself(ball):
 
 def test_a_distorted_body_moves_by_so_much_and_more_finely_than_it_bends(ball):
     body = ball.coarse_body
-    linear, quadratic = polynomials(body.positions, body.positions)
-    smooth = torch.stack([torch.ones_like(linear[0]), *linear, *quadratic], dim=1)
+    fields = polynomials(body.positions, body.positions)
+    smooth = torch.cat((torch.ones_like(fields[:1]), fields)).T
     for seed in range(3):
         moved = distorted(body, SIGMA, np.random.default_rng(seed)).positions - body.positions
         assert float(moved.square().sum(1).mean().sqrt()) == pytest.approx(SIGMA, rel=1e-4)
@@ -139,7 +155,8 @@ def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
 
 
 def test_the_body_is_denser_here_than_there(ball):
-    denser = [body for body in bodies(ball) if body.positions is ball.coarse_body.positions]
+    denser = ball.wrong_bodies(SIGMA)[-4:]
+    assert all(torch.equal(body.positions, ball.coarse_body.positions) for body in denser)
     ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [DENSITY_ERROR], rel=1e-3)
     assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
@@ -147,9 +164,5 @@ def test_the_body_is_denser_here_than_there(ball):
 
 def moves(problem: StateProblem) -> list[Tensor]:
     """Displacements of the bodies that have the particles of the right one (N, 3)."""
-    right = problem.coarse_body
-    return [body.positions - right.positions for body in bodies(problem) if body.fraction is right.fraction]
-
-
-def bodies(problem: StateProblem) -> Iterator[Body]:
-    return wrong_bodies(problem, SIGMA)
+    right, bodies = problem.coarse_body, problem.wrong_bodies(SIGMA)
+    return [body.positions - right.positions for body in (*bodies[:24], *bodies[34:-4])]
