@@ -5,14 +5,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Effort, Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.identification.replicates import distortion, replicates
-from pacnerf_lpo.identification.reshaping import JointObjective
+from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
 from pacnerf_lpo.identification.smooth_force import force_changes
 from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, noise_of, spread
@@ -22,8 +20,6 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 12
-RESHAPINGS = 4
-"""Fits of the shape at most: each takes some hundred simulations."""
 CONFIDENCE = 0.9
 """Of all intervals."""
 FORCE = 0.02
@@ -169,31 +165,24 @@ def compare(
     Raises:
         SimulationError: the motion is unstable at every start.
     """
-    now = before[1].reshaped(problem) if before else problem
-    model, rollouts = now.model(effects, known), 0
+    model, rollouts = problem.model(effects, known), 0
     free, changes = model.start, None
     if searched:
-        begun = base_fit(now, effects, known, progress, followed=True)
+        begun = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = begun.model, begun.free, begun.rollouts
-        changes = spread(begun.jacobian * now.presumed_error[:, None], now.fitted)
+        changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     count, seed = settings
 
     def told(number: int) -> None:
         progress(f"replicate {number} of {count}")
 
-    found, sensor, bias = replicates(now, model, free, count, seed, told)
-    errors, simulated = _errors_of_models(now, model, free, bias, before, progress)
-    if before and len(before[1].shape):
-        now = problem.reshaped(before[1].sigmas, before[1].shape, errors[0])
-    comparison = _standardised(now, model, free, changes, (found, sensor, *errors), progress)
-    if before:
-        comparison = replace(comparison, sigmas=before[1].sigmas, shape=before[1].shape)
-    if problem.shape_modes([0.0] * len(problem.parts(effects, known))):
-        comparison = _with_other_shapes(problem, effects, comparison, progress)
+    found, sensor, bias = replicates(problem, model, free, count, seed, told)
+    errors, simulated = _errors_of_models(problem, model, free, bias, before, progress)
+    comparison = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
     return replace(comparison, rollouts=comparison.rollouts + rollouts + simulated + 2 * len(found) + 2)
 
 
-def _standardised(
+def standardised(
     problem: Problem, model: Model, free: np.ndarray, changes: np.ndarray | None, learnt: Learnt, progress: Progress
 ) -> Comparison:
     """A model fitted from free coordinates [(K,)], standardised by the noise that was learnt; ``changes`` of the
@@ -208,59 +197,6 @@ def _standardised(
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
     return Comparison.at(model, best.free, prior, objective.seen(best), learnt, cost, doubts, best.rollouts)
-
-
-def _with_other_shapes(
-    problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress
-) -> Comparison:
-    """A comparison beside the shapes that explain most, as long as other shapes explain much more: found by fits of
-    material, motion and shape together, after each of which the errors of the shape are simulated anew.
-
-    The noise knows of such errors, but as straight lines from the shape that was reconstructed, and a body that is a
-    tenth too thick bounces in another way.
-    """
-    before = np.inf
-    for _ in range(RESHAPINGS):
-        try:
-            found, before = _with_another_shape(problem, effects, comparison, before, progress)
-        except SimulationError:
-            break
-        if found is None:
-            break
-        comparison = found
-    return comparison
-
-
-def _with_another_shape(
-    problem: Problem, effects: Sequence[Effect], comparison: Comparison, before: float, progress: Progress
-) -> tuple[Comparison | None, float]:
-    """The next comparison, None where no shape explains much more than those ``before`` did, and the cost of the joint
-    fit.
-    """
-    known, mask = comparison.known, problem.fitted
-    now = comparison.reshaped(problem)
-    model = now.model(effects, known)
-    replicated, sensor, changes, *others = comparison.learnt
-    noise = noise_of(problem, replicated, sensor, mask, known_errors(changes[..., :0], *others)[mask])
-    sigmas, shape = comparison.sigmas, comparison.shape
-    if not len(shape):
-        seen, parts = model.predict(comparison.free), problem.parts(effects, known)
-        sigmas = tuple(distortion(part.recording, problem.part_of(seen, n)) for n, part in enumerate(parts))
-        shape = np.zeros(changes.shape[-1])
-    joint = JointObjective(problem, effects, known, StandardisedObjective(problem, model, mask, noise), mask, sigmas)
-    report = reporter(model, lambda text: progress(f"shape: {text}"))
-    ended, begun = joint.fit(comparison.free, shape, comparison.jacobian, changes, report)
-    if ended.cost > (1 - ROUGH_GAIN) * min(before, begun):
-        return None, before
-    free, shape = np.split(ended.free, [len(model.start)])
-    now = problem.reshaped(sigmas, shape)
-    model = now.model(effects, model.physical(free))
-    changes = shape_errors(now, model, model.start)
-    learnt = (replicated, sensor, changes, others[0], others[1])
-    now = problem.reshaped(sigmas, shape, changes)
-    found = _standardised(now, model, model.start, None, learnt, progress)
-    used = comparison.rollouts + ended.rollouts + changes.shape[-1] + 2 + found.rollouts
-    return replace(found, sigmas=sigmas, shape=shape, rollouts=used), ended.cost
 
 
 def _errors_of_models(

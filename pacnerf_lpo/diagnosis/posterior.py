@@ -8,6 +8,7 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
+from pacnerf_lpo.diagnosis.shapes import with_other_shapes
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -24,9 +25,10 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     determine, and from which phase.
 
     A fit to the outlines that begins at what the phase identified, the scatter of simulated nulls on other grids, and
-    errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data held out. It
-    has more particles than the phase and weighs its data by their errors. So where the phase was fitted to outlines,
-    too, and is the result of the run, the values of this fit take the place of those of the phase.
+    errors of the reconstructed shape, which is fitted, too, where it is far from the body; kept step by step like those
+    of a diagnosis, and with the same data held out. It has more particles than the phase and weighs its data by their
+    errors. So where the phase was fitted to outlines, too, and is the result of the run, the values of this fit take
+    the place of those of the phase.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -45,6 +47,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), False, progress)
     comparison = store.once("intervals", step)
+    comparison = store.once("shapes", partial(with_other_shapes, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, comparison)
     content = {
         "phase": problem.stage.stem,

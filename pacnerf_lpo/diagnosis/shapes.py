@@ -1,0 +1,81 @@
+"""A fitted model with the shapes that explain most: values and intervals where a reconstruction is far from the body.
+
+The noise of a comparison knows of errors of the shape, but as straight lines from what was reconstructed, and a body
+that is a tenth too thick bounces in another way. So material, motion and shape are fitted together, and the errors of
+the shape are simulated anew around where that ends, as long as it gains something (Gauss and Newton's method).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from pacnerf_lpo.diagnosis.comparison import Comparison, known_errors, reporter, standardised
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.least_squares import ROUGH_GAIN
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.identification.replicates import distortion
+from pacnerf_lpo.identification.reshaping import JointObjective
+from pacnerf_lpo.identification.shape_errors import shape_errors
+from pacnerf_lpo.identification.standardised import StandardisedObjective, noise_of
+from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.mpm.effects.base import Effect
+
+MOST = 4
+"""Fits of the shape: each takes some hundred simulations."""
+
+
+def with_other_shapes(
+    problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress
+) -> Comparison:
+    """A comparison beside the shapes that explain most; the one that is given where shapes are known, where no other
+    one explains much more, and where what explains it is no error of a reconstruction, as it is too large: something
+    else is wrong then, and would bend the shape.
+
+    Args:
+        problem: as it was compared.
+        effects: of the model.
+        comparison: the model fitted.
+        progress: receives a line about each step.
+    """
+    cost = np.inf
+    for _ in range(MOST if problem.shape_modes([0.0] * len(problem.parts(effects, comparison.known))) else 0):
+        try:
+            found, cost = _with_another_shape(problem, effects, comparison, cost, progress)
+        except SimulationError:
+            break
+        if found is None:
+            break
+        comparison = found
+    return comparison
+
+
+def _with_another_shape(
+    problem: Problem, effects: Sequence[Effect], comparison: Comparison, before: float, progress: Progress
+) -> tuple[Comparison | None, float]:
+    """The next comparison, or None, and the cost of the joint fit; ``before`` is that of the fit before it."""
+    known, mask = comparison.known, problem.fitted
+    model = comparison.reshaped(problem).model(effects, known)
+    replicated, sensor, changes, discretisation, force = comparison.learnt
+    noise = noise_of(problem, replicated, sensor, mask, known_errors(changes[..., :0], discretisation, force)[mask])
+    sigmas, shape = comparison.sigmas, comparison.shape
+    if not len(shape):
+        seen, parts = model.predict(comparison.free), problem.parts(effects, known)
+        sigmas = tuple(distortion(part.recording, problem.part_of(seen, n)) for n, part in enumerate(parts))
+        shape = np.zeros(changes.shape[-1])
+    joint = JointObjective(problem, effects, known, StandardisedObjective(problem, model, mask, noise), mask, sigmas)
+    report = reporter(model, lambda text: progress(f"shape: {text}"))
+    ended, begun = joint.fit(comparison.free, shape, comparison.jacobian, changes, report)
+    free, shape = np.split(ended.free, [len(model.start)])
+    if ended.cost > (1 - ROUGH_GAIN) * min(before, begun) or chi2.sf(shape @ shape, len(shape)) < LEVEL:
+        return None, before
+    now = problem.reshaped(sigmas, shape)
+    model = now.model(effects, model.physical(free))
+    changes = shape_errors(now, model, model.start)
+    now = problem.reshaped(sigmas, shape, changes)
+    learnt = (replicated, sensor, changes, discretisation, force)
+    found = standardised(now, model, model.start, None, learnt, progress)
+    used = comparison.rollouts + ended.rollouts + changes.shape[-1] + 2 + found.rollouts
+    return replace(found, sigmas=sigmas, shape=shape, rollouts=used), ended.cost
