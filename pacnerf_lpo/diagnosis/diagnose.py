@@ -18,7 +18,6 @@ from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
 from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
-from pacnerf_lpo.diagnosis.shapes import with_other_shapes
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
@@ -113,8 +112,7 @@ def investigate(
     progress: Progress,
     keep: Callable[[list[Round]], None] = lambda _: None,
 ) -> list[Round]:
-    """All rounds. An effect that a later model does without is removed at the end, and the model is fitted again. The
-    decision is about shapes as they were reconstructed; the last model has those that explain most.
+    """All rounds. An effect that a later model does without is removed at the end, and the model is fitted again.
 
     Args:
         problem: what is under diagnosis.
@@ -159,15 +157,9 @@ class _Diagnosis:
         if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
             asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
             last.force = store.once(f"{len(rounds)}_force", asked)
-        if options.until == "refit":
-            told = _prefixed(self.progress, "last model, ")
-            step = partial(with_other_shapes, problem, last.effects, last.comparison, told)
-            last.comparison = store.once(f"{len(rounds)}_shapes", step)
-            last.parameters, last.undetermined = intervals(problem, last.effects, last.comparison)
         if options.profile is not None:
             told = _prefixed(self.progress, "profile likelihood: ")
-            beside = last.comparison.reshaped(problem)
-            followed = partial(profile, beside, last.effects, last.comparison, options.profile, told)
+            followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
             last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
         self.keep(rounds)
         return rounds

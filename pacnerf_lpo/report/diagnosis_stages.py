@@ -135,7 +135,7 @@ def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> N
 def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
     """Opacity in every view and frame, small [(V, F, h, w), uint8]."""
     found = []
-    for part in stage.comparison.reshaped(problem).parts(stage.effects, stage.known):
+    for part in problem.parts(stage.effects, stage.known):
         model = part.model
         seen = model.outlines(model.path(model.start), model.start)
         found.append(_small(seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()))
