@@ -31,7 +31,7 @@ PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
 INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 250, 4000
-"""What intervals take: null replicates on finer grids, errors of shape and force, and some fits, of the shape as well."""
+"""What intervals take: null replicates on finer grids, errors of shape and force, some fits, of the shape as well."""
 
 
 def estimate(
