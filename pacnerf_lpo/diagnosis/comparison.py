@@ -59,8 +59,8 @@ class Comparison:
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
-    sigmas: how far the surface of each recording's body may be from the true one [m]; none where shapes are known.
-    shape: errors of the shapes that were taken away, in standard deviations [(M,)]; none where they were not fitted.
+    sigma: how far the surface of the body may be from the true one [m], where that was needed.
+    shape: errors of the shape that were taken away, in standard deviations [(M,)]; none where it was not fitted.
     """
 
     names: tuple[str, ...]
@@ -78,12 +78,8 @@ class Comparison:
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
-    sigmas: tuple[float, ...] = ()
+    sigma: float = 0.0
     shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def reshaped(self, problem: Problem) -> Problem:
-        """A problem with the shapes that this model has."""
-        return problem.reshaped(self.sigmas, self.shape, self.shape_errors) if len(self.shape) else problem
 
     @staticmethod
     def at(

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from pacnerf_lpo.diagnosis.comparison import Comparison, known_errors, reporter, standardised
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import ROUGH_GAIN
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import distortion
 from pacnerf_lpo.identification.reshaping import JointObjective
@@ -28,11 +28,11 @@ MOST = 4
 
 
 def with_other_shapes(
-    problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress
+    problem: StateProblem, effects: Sequence[Effect], comparison: Comparison, progress: Progress
 ) -> Comparison:
-    """A comparison beside the shapes that explain most; the one that is given where shapes are known, where no other
-    one explains much more, and where what explains it is no error of a reconstruction, as it is too large: something
-    else is wrong then, and would bend the shape.
+    """A comparison beside the shape that explains most; the one that is given where no other one explains much more,
+    and where what explains it is no error of a reconstruction, as it is too large: something else is wrong then, and
+    would bend the shape.
 
     Args:
         problem: as it was compared.
@@ -41,7 +41,7 @@ def with_other_shapes(
         progress: receives a line about each step.
     """
     cost = np.inf
-    for _ in range(MOST if problem.shape_modes([0.0] * len(problem.parts(effects, comparison.known))) else 0):
+    for _ in range(MOST):
         try:
             found, cost = _with_another_shape(problem, effects, comparison, cost, progress)
         except SimulationError:
@@ -53,29 +53,29 @@ def with_other_shapes(
 
 
 def _with_another_shape(
-    problem: Problem, effects: Sequence[Effect], comparison: Comparison, before: float, progress: Progress
+    problem: StateProblem, effects: Sequence[Effect], comparison: Comparison, before: float, progress: Progress
 ) -> tuple[Comparison | None, float]:
     """The next comparison, or None, and the cost of the joint fit; ``before`` is that of the fit before it."""
     known, mask = comparison.known, problem.fitted
-    model = comparison.reshaped(problem).model(effects, known)
     replicated, sensor, changes, discretisation, force = comparison.learnt
+    sigma, shape, now = comparison.sigma, comparison.shape, problem
+    if len(shape):
+        now = problem.reshaped(sigma, shape)
+    else:
+        model = problem.model(effects, known)
+        sigma, shape = distortion(problem, model.predict(comparison.free)), np.zeros(changes.shape[-1])
+    model = now.model(effects, known)
     noise = noise_of(problem, replicated, sensor, mask, known_errors(changes[..., :0], discretisation, force)[mask])
-    sigmas, shape = comparison.sigmas, comparison.shape
-    if not len(shape):
-        seen, parts = model.predict(comparison.free), problem.parts(effects, known)
-        sigmas = tuple(distortion(part.recording, problem.part_of(seen, n)) for n, part in enumerate(parts))
-        shape = np.zeros(changes.shape[-1])
-    joint = JointObjective(problem, effects, known, StandardisedObjective(problem, model, mask, noise), mask, sigmas)
+    joint = JointObjective(problem, effects, known, StandardisedObjective(problem, model, mask, noise), mask, sigma)
     report = reporter(model, lambda text: progress(f"shape: {text}"))
     ended, begun = joint.fit(comparison.free, shape, comparison.jacobian, changes, report)
     free, shape = np.split(ended.free, [len(model.start)])
     if ended.cost > (1 - ROUGH_GAIN) * min(before, begun) or chi2.sf(shape @ shape, len(shape)) < LEVEL:
         return None, before
-    now = problem.reshaped(sigmas, shape)
+    now = problem.reshaped(sigma, shape)
     model = now.model(effects, model.physical(free))
     changes = shape_errors(now, model, model.start)
-    now = problem.reshaped(sigmas, shape, changes)
     learnt = (replicated, sensor, changes, discretisation, force)
-    found = standardised(now, model, model.start, None, learnt, progress)
+    found = standardised(problem.reshaped(sigma, shape, changes), model, model.start, None, learnt, progress)
     used = comparison.rollouts + ended.rollouts + changes.shape[-1] + 2 + found.rollouts
-    return replace(found, sigmas=sigmas, shape=shape, rollouts=used), ended.cost
+    return replace(found, sigma=sigma, shape=shape, rollouts=used), ended.cost

@@ -202,24 +202,11 @@ class Problem(ABC):
     assumed: np.ndarray | float = 0.0
     """What they do to the residual [(V + R, F, 11)], of which they are a part all the same."""
 
-    def shape_modes(self, sigmas: Sequence[float]) -> list[ShapeModes]:
-        """Errors of the shape of each body, whose surface may be so far from the true one [m]; none of a known one."""
-        return []
-
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        """The coarse body with one more of them each, of one standard deviation."""
-        return []
-
-    def reshaped(self, sigmas: Sequence[float], numbers: np.ndarray, changes: np.ndarray | None = None) -> "Problem":
-        """The problem with errors of the shapes taken away; itself where shapes are known.
-
-        Args:
-            sigmas: as for :meth:`shape_modes`.
-            numbers: how much of each error, in standard deviations, all recordings one after the other [(M,)]
-            changes: of the residual by each [(V + R, F, 11, M)], so that the residual stays one of the shapes as they
-                were, which noise with such errors expects; None: the residual is that of the new shapes.
+        """The coarse body with one more error of its shape each, of one standard deviation, where its surface may be so
+        far from the true one [m]; none where the shape is known.
         """
-        return self
+        return []
 
     @property
     def least_shape_error(self) -> float:
@@ -393,17 +380,26 @@ class StateProblem(BodyProblem):
         """The body, thinned until it is as large as it looks at frame 0, without the errors of its shape."""
         return self._shaped(self._sampling(spacing, seed), self.errors, self._numbers)
 
-    def shape_modes(self, sigmas: Sequence[float]) -> list[ShapeModes]:
-        return [self.errors or ShapeModes(self.coarse_body, sigmas[0])]
+    def shape_modes(self, sigma: float) -> ShapeModes:
+        """Errors of its shape, where the surface may be so far from the true one [m]."""
+        return self.errors or ShapeModes(self.coarse_body, sigma)
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        (modes,), coarse = self.shape_modes([sigma]), self._sampling(COARSER * self.spacing, 0)
+        modes, coarse = self.shape_modes(sigma), self._sampling(COARSER * self.spacing, 0)
         there = self._numbers if len(self._numbers) else np.zeros(modes.count)
         return [self._shaped(coarse, modes, there + more) for more in np.eye(modes.count)]
 
-    def reshaped(self, sigmas: Sequence[float], numbers: np.ndarray, changes: np.ndarray | None = None) -> Problem:
-        (modes,), found = self.shape_modes(sigmas), copy(self)
-        found.errors, found._numbers = modes, numbers
+    def reshaped(self, sigma: float, numbers: np.ndarray, changes: np.ndarray | None = None) -> "StateProblem":
+        """The problem with errors of the shape taken away.
+
+        Args:
+            sigma: as for :meth:`shape_modes`.
+            numbers: how much of each error, in standard deviations [(M,)]
+            changes: of the residual by each [(V + R, F, 11, M)], so that the residual stays one of the shape as it
+                was, which noise with such errors expects; None: the residual is that of the new shape.
+        """
+        found = copy(self)
+        found.errors, found._numbers = self.shape_modes(sigma), numbers
         found.assumed = 0.0 if changes is None else np.nan_to_num(changes) @ numbers
         for name in ("body", "coarse_body"):
             vars(found).pop(name, None)

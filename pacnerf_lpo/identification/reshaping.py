@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Effort, Fit, fit
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -19,28 +19,28 @@ class JointObjective:
     standard deviations [(D + K + M,)], as a function of free coordinates and errors [(K + M,)]; raises SimulationError.
 
     Args:
-        problem: with shapes as they were reconstructed.
+        problem: with the shape as it was reconstructed.
         effects, known: of its model, and the values it starts from [SI].
         objective: of that model, whose noise knows nothing of errors of the shape.
         mask: entries that are fitted [(R, F, 11), bool]
-        sigmas: how far surfaces may be from the true ones [m], for every recording.
+        sigma: how far the surface may be from the true one [m].
     """
 
     def __init__(
         self,
-        problem: Problem,
+        problem: StateProblem,
         effects: Sequence[Effect],
         known: dict[str, float],
         objective: StandardisedObjective,
         mask: np.ndarray,
-        sigmas: Sequence[float],
+        sigma: float,
     ):
         self.problem, self.effects, self.known, self.objective = problem, effects, known, objective
-        self.mask, self.sigmas = mask, sigmas
+        self.mask, self.sigma = mask, sigma
 
     def __call__(self, both: np.ndarray) -> np.ndarray:
         free, numbers = np.split(both, [len(self.objective.mean)])
-        problem = self.problem.reshaped(self.sigmas, numbers)
+        problem = self.problem.reshaped(self.sigma, numbers)
         residual = problem.residual_of(problem.model(self.effects, self.known), self.mask)(free)
         away = (free - self.objective.mean) / self.objective.deviation
         return np.concatenate((self.objective.noise.whiten_residual(residual), away, numbers))

@@ -19,7 +19,6 @@ from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.rigid import PLACE, RELEASE
-from pacnerf_lpo.identification.shape_modes import ShapeModes
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import OF, Parameter, name_in, own_name
@@ -170,22 +169,6 @@ class StudyProblem(Problem):
         parts = self.parts(effects, known)
         models = [part.recording.coarse_model(part.effects, part.known) for part in parts]
         return self._model(models, effects)
-
-    def shape_modes(self, sigmas: Sequence[float]) -> list[ShapeModes]:
-        return [modes for one, sigma in zip(self.recordings, sigmas, strict=True) for modes in one.shape_modes([sigma])]
-
-    def reshaped(self, sigmas: Sequence[float], numbers: np.ndarray, changes: np.ndarray | None = None) -> Problem:
-        modes, found = self.shape_modes(sigmas), copy(self)
-        if not modes:
-            return self
-        ends, found.recordings = np.cumsum([one.count for one in modes]), []
-        for place, (recording, end) in enumerate(zip(self.recordings, ends, strict=True)):
-            own = slice(end - modes[place].count, end)
-            moved = None if changes is None else self.part_of(changes, place)[..., own]
-            found.recordings.append(recording.reshaped([sigmas[place]], numbers[own], moved))
-        found.assumed = 0.0 if changes is None else np.nan_to_num(changes) @ numbers
-        vars(found).pop("body", None)
-        return found
 
     @property
     def point_names(self) -> list[str]:

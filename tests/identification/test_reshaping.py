@@ -19,7 +19,7 @@ class Bent:
         self.columns, self.shapes = (random.standard_normal((*ROWS, count)) for count in (2, 3))
         self.numbers = np.zeros(3)
 
-    def reshaped(self, sigmas, numbers, changes=None):
+    def reshaped(self, sigma, numbers):
         found = Bent()
         found.numbers = numbers
         return found
@@ -32,7 +32,7 @@ class Bent:
         return self.columns @ free + np.exp(free[0]) * self.shapes @ self.numbers
 
     def residual_of(self, model, mask):
-        right = self.reshaped((), WRONG)
+        right = self.reshaped(0.01, WRONG)
         return lambda free: (right.predicted(TRUE) - self.predicted(free))[mask]
 
 
@@ -41,7 +41,7 @@ def joint() -> JointObjective:
     noise = SimpleNamespace(whiten=lambda x: 100 * x, whiten_residual=lambda x: 100 * x)
     model = SimpleNamespace(scales=np.full(2, 0.02), bounds=(np.full(2, -5.0), np.full(2, 5.0)))
     objective = SimpleNamespace(mean=np.zeros(2), deviation=np.ones(2), noise=noise, model=model)
-    return JointObjective(Bent(), (), {}, objective, np.ones(ROWS, bool), (0.01,))  # type: ignore[arg-type]
+    return JointObjective(Bent(), (), {}, objective, np.ones(ROWS, bool), 0.01)  # type: ignore[arg-type]
 
 
 def test_every_error_of_the_shape_has_a_row_of_its_own(joint):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,28 +131,6 @@ def test_every_recording_is_compared_with_its_own_first_contact(study: StudyProb
     assert model.contact(model.start, 0.5) == min(each)
     assert study.split.last_fitted == drops[1].split.last_fitted
     assert without_contact(study) == []
-
-
-def test_every_recording_has_errors_of_its_own_shape(study: StudyProblem, monkeypatch: pytest.MonkeyPatch):
-    assert study.shape_modes((0.1, 0.2)) == [] and study.reshaped((0.1, 0.2), np.zeros(0)) is study
-    told: list[tuple] = []
-
-    def reshaped(self: KnownShape, sigmas: list[float], numbers: np.ndarray, changes: np.ndarray) -> KnownShape:
-        told.append((sigmas, numbers.tolist(), changes[0, 1, 0].tolist()))
-        return self
-
-    monkeypatch.setattr(KnownShape, "shape_modes", lambda self, sigmas: [SimpleNamespace(count=2, sigmas=sigmas)])
-    monkeypatch.setattr(KnownShape, "reshaped", reshaped)
-    changes = np.random.default_rng(0).standard_normal((*study.usable.shape, 4))
-    found = study.reshaped((0.1, 0.2), np.arange(4.0), changes)
-    row = study.stack.rows(1)[0]
-    assert told == [([0.1], [0, 1], changes[0, 1, 0, :2].tolist()), ([0.2], [2, 3], changes[row, 1, 0, 2:].tolist())]
-    predicted = study.model((), study.first_guess).predict(study.model((), study.first_guess).start)
-    np.testing.assert_allclose(
-        (found.residual(predicted) - study.residual(predicted))[study.usable],
-        (changes @ np.arange(4.0))[study.usable],
-        atol=1e-9,
-    )
 
 
 def test_view_names():
