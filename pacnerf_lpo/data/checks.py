@@ -146,10 +146,7 @@ def check_times(index: Index, views: Sequence[int], frames: Sequence[int]) -> li
 
 
 def check_offsets(index: Index, views: Sequence[int], frames: Sequence[int], step: float) -> tuple[float, ...]:
-    """How much later than stamped each view was taken [s]: one value per view, less than the time between two frames.
-
-    step: that time [s]
-    """
+    """How much later than stamped each view was taken [s]: one value per view, less than the time between two frames, ``step`` [s]."""
     found = []
     for view in views:
         offsets = {index.shots[view, frame].offset for frame in frames}

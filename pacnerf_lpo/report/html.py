@@ -126,11 +126,7 @@ def _decibel(psnr: float | None) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How well the model shows the video.
-
-    grade: ``good``, ``fair`` or ``poor``.
-    headline: one sentence.
-    """
+    """How well the model shows the video: the grade ``good``, ``fair`` or ``poor``, and one sentence."""
 
     grade: str
     headline: str

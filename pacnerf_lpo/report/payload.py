@@ -105,7 +105,6 @@ def moving_particles(
         positions: [m, (F, N, 3)]
         colours: [0..255, (N, 3), uint8]
         size: diameter of a particle where all are shown [m]; fewer are larger.
-        most: particles that are shown.
     """
     chosen = np.random.default_rng(0).permutation(positions.shape[1])[:most]
     integers, lower, extent = quantised(positions[:, chosen])

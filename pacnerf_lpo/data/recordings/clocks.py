@@ -220,10 +220,8 @@ def nearest_point(sightings: Sequence[Sighting]) -> np.ndarray:
 
 
 def _angles(sighting: Sighting, frame: np.ndarray) -> tuple[np.ndarray, float]:
-    """Outermost angles around an axis in every frame [rad, (2, F)], NaN where unknown, and pixels per radian.
-
-    Args:
-        frame: the axis, the direction of angle 0 and that of a right angle, as columns (3, 3).
+    """Outermost angles around an axis in every frame [rad, (2, F)], NaN where unknown, and pixels per radian. The
+    columns of ``frame`` (3, 3) are the axis, the direction of angle 0 and that of a right angle.
     """
     found, sharpness = np.full((2, len(sighting.points)), np.nan), []
     for number, (points, inside) in enumerate(zip(sighting.points, sighting.inside, strict=True)):

@@ -76,7 +76,6 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
     cannot be read, or its columns are not understood.
 
     Args:
-        path: the file.
         fps: samples a second, where the file counts frames and has no times.
     """
     table = read_cells(path)
@@ -93,7 +92,6 @@ def read_cells(path: Path, example: str = EXAMPLE) -> Table:
     read, or holds no row.
 
     Args:
-        path: the file.
         example: of a header, for messages.
     """
     try:
