@@ -114,11 +114,7 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
     The model's cloud consists of the points of the first measured one, carried along by the material, so that clouds of
     the surface are compared with the surface; the first residual is zero by construction. The last summary is the
     trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that a cloud of a part of the
-    body, seen from one side, is not blamed for what it does not show.
-
-    Args:
-        trajectory: particles at every frame [m, (F, N, 3)]
-        times: of the frames [s, (F,)]
+    body, seen from one side, is not blamed for what it does not show. Arguments as of :func:`track_residuals`.
     """
     first = _thinned(clouds.points[0], LARGEST_CARRIED)
     ids, starts = np.arange(len(first)), np.full(len(first), clouds.times[0])

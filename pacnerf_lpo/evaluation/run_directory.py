@@ -21,7 +21,7 @@ CONFIG_FILE = "config.yaml"
 
 @dataclass(frozen=True)
 class Stage:
-    """A finished phase: its entry in the manifest, and the directory of the run it belongs to, where its results lie."""
+    """A finished phase: its entry in the manifest, and the directory of its run, where its results lie."""
 
     record: PhaseRecord
     run_dir: Path

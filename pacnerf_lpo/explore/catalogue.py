@@ -27,8 +27,7 @@ from pacnerf_lpo.report.wording import readable
 
 REACH = 15.0
 """Noticeable changes to either side of a number, see ``Parameter.scale``: of a modulus or viscosity a factor of thirty,
-three times what people guess wrong.
-"""
+three times what people guess wrong."""
 PROBES = 2.0
 """A coefficient is looked for up to twice the largest size at which a diagnosis tries it."""
 

@@ -37,6 +37,6 @@ def residual_scale(residual: Tensor) -> float:
 
 
 def comparison_panel(predicted: Tensor, measured: Tensor) -> Tensor:
-    """Rendered | measured (0..1, (H, W, 3)) | signed residual, of full colour at 0.5, side by side [0..1, (H, 3 W, 3)]."""
+    """Rendered | measured [0..1, (H, W, 3)] | signed residual, full colour at 0.5, side by side [0..1, (H, 3 W, 3)]."""
     residual = residual_colours(signed_residual(predicted, measured), 0.5)
     return torch.cat((predicted.clamp(0, 1), measured.clamp(0, 1), residual), dim=1)

@@ -18,8 +18,7 @@ from pacnerf_lpo.errors import UserInputError
 GAP = 0.03
 """How far planes may be from what all views allow, relative to the size of the body (rms of a view in a frame).
 
-Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08.
-"""
+Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08."""
 ENOUGH = 4
 """Views from which on one that is wrong can be distinguished from the others."""
 

@@ -253,14 +253,6 @@ def _cost(pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step:
     return float((known.sum() + max(missing, 0)) / (len(known) + max(missing, 0))), float(np.median(known))
 
 
-def _difference(
-    pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Difference of the angles of two cameras on common times [pixels, (2, T)], and its derivatives by the offsets."""
-    (one, ahead, behind), (other, later, sooner) = _sides(pair, sightings, offsets, step, (0.0, 0.05, -0.05))
-    return one - other, -(ahead - behind) / (0.1 * step), (later - sooner) / (0.1 * step)
-
-
 def _sides(
     pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float, shifts: Sequence[float]
 ) -> list[list[np.ndarray]]:
@@ -331,7 +323,8 @@ def _refined(
     for _ in range(STEPS):
         normal, slope, squares, rows = 1e-9 / step**2 * np.eye(count), np.zeros(count), 0.0, 0
         for pair in pairs:
-            difference, by_one, by_other = _difference(pair, sightings, offsets, step)
+            (one, ahead, behind), (other, later, sooner) = _sides(pair, sightings, offsets, step, (0.0, 0.05, -0.05))
+            difference, by_one, by_other = one - other, (behind - ahead) / (0.1 * step), (later - sooner) / (0.1 * step)
             bound = 2.0 * NOISE + MATCH * pair.width
             for side in range(2):
                 known = np.isfinite(difference[side] + by_one[side] + by_other[side])

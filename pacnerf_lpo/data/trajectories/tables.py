@@ -89,10 +89,7 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
 
 def read_cells(path: Path, example: str = EXAMPLE) -> Table:
     """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it cannot be
-    read, or holds no row.
-
-    Args:
-        example: of a header, for messages.
+    read, or holds no row. ``example`` is that of a header, for messages.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

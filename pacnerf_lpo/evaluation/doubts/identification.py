@@ -102,7 +102,7 @@ def doubts_about_intervals(
 
 
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
-    """The cost rose, or the iterations ended while parameters were still moving, by the course of the identification."""
+    """By its course, the cost of the identification rose, or it ended while parameters were still moving."""
     yield from _risen(course)
     if course.get("converged", True):
         return

@@ -166,8 +166,5 @@ def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> Iterator[D
 def pixel_size(data: VideoData, state: ParticleState) -> float:
     """Size of a pixel at the body, median over the training views [m]."""
     video, centre = data.video, state.positions.mean(0, keepdim=True)
-    sizes = []
-    for view in data.train:
-        _, depth = project(centre, video.intrinsics[view], video.camera_to_world[view])
-        sizes.append(depth[0] / video.intrinsics[view, 0, 0])
-    return float(torch.stack(sizes).median())
+    depths = [project(centre, video.intrinsics[view], video.camera_to_world[view])[1][0] for view in data.train]
+    return float((torch.stack(depths) / video.intrinsics[data.train, 0, 0]).median())
