@@ -21,9 +21,7 @@ NOT_IDENTIFIABLE = (
 
 @dataclass(frozen=True)
 class Light:
-    """The mark next to the verdict: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``, and what it stands
-    for.
-    """
+    """The mark next to the verdict: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``, and its meaning."""
 
     colour: str
     caption: str

@@ -141,8 +141,9 @@ def still_background(footage: Footage) -> Background | None:
 
 
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
-    """The colours of the object where the other views see it, too; masks: where this camera held it to be [(F, h, w),
-    bool, reduced].
+    """The colours of the object where the other views see it, too.
+
+    masks: where this camera held the object to be [(F, h, w), bool, reduced].
     """
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])

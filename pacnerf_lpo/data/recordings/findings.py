@@ -213,8 +213,9 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
 
 
 def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, str]:
-    """Height of the ground, in the recording's unit, and where it comes from: where the lowest point, of heights [(F,)]
-    in every frame, comes to rest after the frames of free flight.
+    """Height of the ground, in the recording's unit, and where it comes from: where the lowest point comes to rest.
+
+    heights: of that point in every frame [(F,)]. flight: frames of free flight. size: of the body.
     """
     after = heights[flight - 1 :]
     least = float(np.nanmin(after))
