@@ -117,9 +117,7 @@ class PhaseCLI(LightningCLI):
         return made
 
     def go_on(self) -> None:
-        """Go on with the run that is there already, where it is of the same settings. Raises UserInputError where it is
-        of others.
-        """
+        """Go on with the run that is there already, if any. Raises UserInputError where that has other settings."""
         run_dir: Path = self.outer_loop.run_dir
         if not (run_dir / MANIFEST).is_file():
             return
@@ -142,10 +140,8 @@ class PhaseCLI(LightningCLI):
         write_atomically(path, self.dump().encode())
 
     def run(self, doubt: Callable[..., None]) -> Path:
-        """Run all phases that are not done yet; returns the run directory.
-
-        Args:
-            doubt: called after each phase, as :func:`pacnerf_lpo.commands.fit.doubt`.
+        """Run all phases that are not done yet, with ``doubt`` after each, see :func:`pacnerf_lpo.commands.fit.doubt`;
+        returns the run directory.
         """
         check_truth(self.config.truth)
         self._choose_device()

@@ -38,11 +38,7 @@ def shown(path: Path) -> str:
 
 
 def scene_changes(files: Sequence[Path]) -> list[str]:
-    """A sentence for each value of a scene file that a later file changes.
-
-    Args:
-        files: configuration files in their order, each valid YAML.
-    """
+    """A sentence for each value of a scene file that a later one of these files, each valid YAML, changes."""
     earlier: dict[str, tuple[Any, str]] = {}
     found: list[str] = []
     for path in files:

@@ -27,9 +27,7 @@ class PhaseCheckpoint(Checkpoint):
     The state of torch's random generator goes with it, so that a phase goes on as if it had not been interrupted.
 
     Args:
-        path: the checkpoint file.
         seconds: time between two writes [s].
-        stop: where the wish to stop arrives.
     """
 
     def __init__(self, path: Path, seconds: float, stop: StopRequest):
@@ -75,11 +73,7 @@ class PhaseCheckpoint(Checkpoint):
 
 
 class PhaseProgress(ProgressBar):
-    """Shows how far a phase is, on standard error.
-
-    Args:
-        title: name of the phase, such as ``round 1 of 4, physics``.
-    """
+    """Shows how far a phase is, on standard error, by its title, such as ``round 1 of 4, physics``."""
 
     def __init__(self, title: str):
         super().__init__()

@@ -146,10 +146,7 @@ def check_times(index: Index, views: Sequence[int], frames: Sequence[int]) -> li
 
 
 def check_offsets(index: Index, views: Sequence[int], frames: Sequence[int], step: float) -> tuple[float, ...]:
-    """How much later than stamped each view was taken [s]: one value per view, less than the time between two frames.
-
-    step: that time [s]
-    """
+    """How much later than stamped each view was taken [s]: one per view, less than the ``step`` of frames [s]."""
     found = []
     for view in views:
         offsets = {index.shots[view, frame].offset for frame in frames}
@@ -161,14 +158,6 @@ def check_offsets(index: Index, views: Sequence[int], frames: Sequence[int], ste
             )
         found.append(worst)
     return tuple(found) if any(found) else ()
-
-
-def image_folder(root: Path) -> Path:
-    """``root/data``, which must exist and hold images."""
-    folder = root / "data"
-    if not folder.is_dir() or not any(folder.glob("[mr]_*_*.png")):
-        raise UserInputError(f"{folder}: no images there; put m_<camera>_<frame>.png or r_<camera>_<frame>.png in it")
-    return folder
 
 
 def check_image_files(paths: Iterable[Path]) -> tuple[int, int]:

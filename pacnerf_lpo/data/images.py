@@ -31,10 +31,7 @@ def read_png(path: Path) -> np.ndarray:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(height, width) from the file's header alone.
-
-    Raises UserInputError where the file is missing or no image.
-    """
+    """(height, width) from the file's header alone. Raises UserInputError where the file is missing or no image."""
     with _opened(path) as image:
         return image.height, image.width
 

@@ -45,7 +45,8 @@ def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = 
 
     solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.
     """
-    shade = shade_factor(image, background)
+    ratio = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)  # explains each pixel best
+    shade = np.clip(ratio, *SHADE_RANGE)
     opacity, width = (rim_opacity, 0.0) if solid is None else (rim_opacity_in_shadow, RIM_SMOOTHING)
     if solid is None:
         solid = solid_region(image, background, shade)
@@ -56,12 +57,6 @@ def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = 
     alpha[rim] = np.clip((estimated - NOISE_MARGIN) / (1.0 - 2.0 * NOISE_MARGIN), 0.0, 1.0)
     alpha = ndimage.gaussian_filter(alpha, width)
     return unmix_onto_white(image, plate, alpha), alpha
-
-
-def shade_factor(image: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Scale of the plate that explains each pixel best, within a shadow's range [(H, W)]."""
-    scale = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)
-    return np.clip(scale, *SHADE_RANGE)
 
 
 def solid_region(image: np.ndarray, background: np.ndarray, shade: np.ndarray) -> np.ndarray:

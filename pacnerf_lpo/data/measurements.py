@@ -80,7 +80,6 @@ def read_tracked_points(path: str | Path, video_times: Sequence[float]) -> Track
     Without sigma_m, the noise is estimated from the roughness of the tracks.
 
     Args:
-        path: the file.
         video_times: of the frames that the model is simulated for [s, (F,)]; the file may use any times between.
     """
     table = read_cells(Path(path), ",".join(COLUMNS))
@@ -127,7 +126,6 @@ def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> Point
     A header may say otherwise, in comment lines: ``comment time_s 0.125`` and ``comment sigma_m 0.002``.
 
     Args:
-        folder: with the files.
         video_times: of the frames that the model is simulated for [s, (F,)].
     """
     folder = Path(folder)

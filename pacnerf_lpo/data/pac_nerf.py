@@ -104,7 +104,9 @@ def choose_files(
     root: Path, index: Index, views: Sequence[int] | None, frames: int | None, background: Background
 ) -> Files:
     """The views, frames and kind of image that were asked for. Raises UserInputError where they do not exist."""
-    folder = checks.image_folder(root)
+    folder = root / "data"
+    if not folder.is_dir() or not any(folder.glob("[mr]_*_*.png")):
+        raise UserInputError(f"{folder}: no images there; put m_<camera>_<frame>.png or r_<camera>_<frame>.png in it")
     available = index.views()
     chosen = tuple(available) if views is None else checks.check_views("views", views, available)
     frame_ids = checks.check_frames(index, frames)

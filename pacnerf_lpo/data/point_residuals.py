@@ -67,7 +67,6 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
     follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body.
 
     Args:
-        tracks: the measurement.
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
         farthest: how far outside the body a point may start [median distances of a particle to its nearest neighbour]
@@ -97,8 +96,6 @@ def track_residuals(
     """Compare tracked points with the material they are attached to, cubic in time between frames.
 
     Args:
-        tracks: the measurement.
-        attachment: of :func:`attach`.
         trajectory: particles at every frame [m, (F, N, 3)]
         times: of the frames [s, (F,)]
     """
@@ -117,12 +114,7 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
     The model's cloud consists of the points of the first measured one, carried along by the material, so that clouds of
     the surface are compared with the surface; the first residual is zero by construction. The last summary is the
     trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that a cloud of a part of the
-    body, seen from one side, is not blamed for what it does not show.
-
-    Args:
-        clouds: the measurement.
-        trajectory: particles at every frame [m, (F, N, 3)]
-        times: of the frames [s, (F,)]
+    body, seen from one side, is not blamed for what it does not show. Arguments as of :func:`track_residuals`.
     """
     first = _thinned(clouds.points[0], LARGEST_CARRIED)
     ids, starts = np.arange(len(first)), np.full(len(first), clouds.times[0])
@@ -140,11 +132,8 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
 
 
 def cloud_sigma(clouds: PointClouds, body: np.ndarray) -> np.ndarray:
-    """Standard deviation of the statistics of every cloud [m, (C, 16)], from resampling its points.
-
-    Args:
-        clouds: the measurement.
-        body: particles at any time [m, (N, 3)]; moved to every cloud, they show how distances scatter.
+    """Standard deviation of the statistics of every cloud [m, (C, 16)], from resampling its points. Particles at any
+    time [m, (N, 3)], moved to every cloud, show how distances scatter.
     """
     centred, found = body - body.mean(0), []
     for points, noise in zip(clouds.points, clouds.sigma, strict=True):
@@ -158,10 +147,8 @@ def cloud_sigma(clouds: PointClouds, body: np.ndarray) -> np.ndarray:
 
 
 def cloud_summary(points: np.ndarray) -> np.ndarray:
-    """Centroid, symmetric root of the covariance, and where the outermost 2 % begin on each side [m, (15,)].
-
-    Args:
-        points: [m, (n, 3)]
+    """Centroid, symmetric root of the covariance, and where the outermost 2 % of points [m, (n, 3)] begin on each side
+    [m, (15,)].
     """
     centre = points.mean(0)
     variances, axes = np.linalg.eigh(np.cov(points.T))

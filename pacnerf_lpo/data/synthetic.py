@@ -86,7 +86,6 @@ def write_scene(
         trajectories: particle positions [m, (F, N, 3)]
         colours: of the particles [0..1, (N, 3)]
         rig: cameras for images of the size of the drawing.
-        drawing: how particles are drawn.
         frame_rate: [1/s]
         truth: written as ``truth.json``, for an evaluation.
     """

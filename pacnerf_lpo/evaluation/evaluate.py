@@ -100,12 +100,9 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
         "parameters": _with_units(run, parameters),
         "velocity": velocity,
     }
-    if record.before is not None:
-        result["before"] = record.before
-    if record.methods is not None and "error" not in record.methods:
-        result["methods"] = record.methods
-    if record.held_out_error is not None:
-        result["held_out_error"] = record.held_out_error
+    methods = None if "error" in (record.methods or {}) else record.methods
+    further = {"before": record.before, "methods": methods, "held_out_error": record.held_out_error}
+    result |= {name: value for name, value in further.items() if value is not None}
     if truth is not None:
         mu = run.physics.parameters.get("mu")
         errors = parameter_errors(parameters, truth, fluid=mu is not None and "s" in mu.unit)  # then mu is a viscosity

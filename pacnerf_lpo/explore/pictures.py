@@ -97,7 +97,6 @@ def drawing(positions: np.ndarray, colours: np.ndarray, size: float, opacity: np
         colours: of them [0..1, (N, 3)].
         size: distance between neighbouring particles [m].
         opacity: of the model [0..1, (H, W)].
-        camera: that looks.
     """
     height, width = opacity.shape
     pose, matrix = camera.camera_to_world, camera.intrinsics

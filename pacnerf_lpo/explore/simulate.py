@@ -47,9 +47,7 @@ def simulate(
 
 
 def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | None = None) -> Errors:
-    """How far a rollout is from the measurements, see :class:`Errors`; the floor of the two parts,
-    where it is known.
-    """
+    """How far a rollout is from the measurements, see :class:`Errors`; the floor of both parts where it is known."""
     unit, factor = problem.unit
     table = np.sqrt(mean_of_outlines((factor * problem.residual(found.predicted)) ** 2))
     split = problem.split

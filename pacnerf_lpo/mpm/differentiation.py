@@ -31,9 +31,7 @@ class Record:
         return [Scalar(self, value) for value in values]
 
     def step(self, values: Sequence, operands: Sequence, pullback: Pullback) -> list["Scalar"]:
-        """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None =
-        zero).
-        """
+        """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None: 0)."""
         results = [Scalar(self, value) for value in values]
         self._steps.append((results, operands, pullback))
         return results

@@ -94,7 +94,6 @@ class Evaluation(Emitted):
     """All local laws at one particle, emitted into the kernel that is being compiled.
 
     Args:
-        laws: the laws.
         point: what they see, as expressions.
         coefficients: of the laws, in the order of their names, as expressions.
 

@@ -1,8 +1,7 @@
-"""A rollout frame by frame, forward and backward: checkpoints, recomputation, grids that follow the particles,
-failures.
+"""A rollout frame by frame, forward and backward: checkpoints, recomputation, failures, grids that follow the body.
 
 Memory: one state per frame, and all substeps of as many of the last frames as fit the budget (at least one). The
-    backward pass recomputes the substeps of every other frame from its checkpoint.
+backward pass recomputes the substeps of every other frame from its checkpoint.
 """
 
 from dataclasses import astuple
@@ -101,9 +100,7 @@ class Engine:
 
 
 class Run:
-    """One rollout in progress: its inputs and its grid buffers. Particles lie in blocks, see
-    :mod:`~pacnerf_lpo.mpm.arrays`.
-    """
+    """One rollout in progress: inputs and grid buffers. Particles lie in blocks, see :mod:`~pacnerf_lpo.mpm.arrays`."""
 
     def __init__(
         self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int, particles: int

@@ -101,9 +101,7 @@ def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t
 
 @ti.func
 def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
-    """What slice ``t`` does with its share of the rows of nodes; the last pass begins nothing, the first completes
-    nothing.
-    """
+    """What slice ``t`` does with its share of rows of nodes; the last pass begins nothing, the first ends nothing."""
     s = Setting.of(call, laws, substep)
     a = arrays.at(call, substep)
     low, high = reach(call)

@@ -136,9 +136,7 @@ class Launcher:
         self._bound: dict[str, Any] = {}
 
     def bind(self, **arguments: Any) -> None:
-        """Set every argument for the launches to come; the first call compiles the kernel. The caller keeps arrays
-        alive.
-        """
+        """Set all arguments for launches to come; the first call compiles the kernel. The caller keeps arrays alive."""
         if self._compiled is None:
             self._compile([arguments[name] for name in self._position])
         for name, value in arguments.items():

@@ -10,9 +10,7 @@ from pacnerf_lpo.mpm.lanes import LANES
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes ``origin`` to ``origin + size - 1`` of the infinite grid whose node (0, 0, 0) lies at the world's
-    origin.
-    """
+    """Nodes ``origin`` to ``origin + size - 1`` of the infinite grid whose node (0, 0, 0) is at the world's origin."""
 
     origin: tuple[int, int, int]
     size: tuple[int, int, int]

@@ -125,10 +125,7 @@ PAPER_SCENES = 9
 
 @dataclass(frozen=True)
 class SpreadLayout(Layout):
-    """Image metrics averaged over scenes, as mean and standard deviation over several view sets.
-
-    views: the set of views that is scored.
-    """
+    """Image metrics of a set of views averaged over scenes, as mean and standard deviation over several view sets."""
 
     views: Literal["train", "test"] = "test"
 

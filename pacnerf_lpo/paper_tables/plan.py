@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,13 +136,11 @@ def plan_runs(
 def _rounds_needed(suite: "Suite", scenes: Sequence[Scene]) -> dict[RunName, int]:
     needed: dict[RunName, int] = {}
     for layout in suite.layouts:
-        for views in layout.view_sets:
-            for scene in scenes:
-                for column in layout.columns:
-                    name = run_of(scene.name, column, views)
-                    needed[name] = max(needed.get(name, 0), column.round)
-                    if name.correction:
-                        needed[name.beginning] = 1
+        for views, scene, column in product(layout.view_sets, scenes, layout.columns):
+            name = run_of(scene.name, column, views)
+            needed[name] = max(needed.get(name, 0), column.round)
+            if name.correction:
+                needed[name.beginning] = 1
     return needed
 
 

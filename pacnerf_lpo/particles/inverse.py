@@ -13,18 +13,13 @@ RIM_WEIGHT = 4.0  # half of the sum of weights at a node inside, where there are
 
 @torch.no_grad()
 def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: float) -> FieldGrid:
-    """The field from which particles with these values could have been sampled.
+    """The field from which particles with these values could have been sampled; arguments as of
+    :func:`particles_to_grid`.
 
     Averaging particles on nodes (:func:`particles_to_grid`) spreads a field by up to a cell; sampled again it would be
     thicker. Here the nodes minimise the squared difference between their interpolation and the particles' values, by
     conjugate gradients from the average. At the rim, where a node is known by extrapolation only, its density is at
     most the average, and its features stay in the particles' range. Nodes that no particle touches are empty.
-
-    Args:
-        positions: [m, (N, 3)]
-        density: raw density [(N,)]
-        features: [(N, 12)]
-        dx: node spacing [m]
     """
     mean = particles_to_grid(positions, density, features, dx)
     shape = mean.density.shape[0], mean.density.shape[1], mean.density.shape[2]

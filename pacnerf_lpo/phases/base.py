@@ -65,11 +65,8 @@ class AbstractPhase(pl.LightningModule, ABC):
 
 
 class StepNumbers(torch.utils.data.IterableDataset):
-    """The numbers of the optimiser steps that remain, for phases that draw their own samples by step number.
-
-    Args:
-        count: steps in all.
-        done: says, when iteration starts, how many were taken before (a resumed run).
+    """The numbers of the optimiser steps that remain of ``count``, for phases that draw their own samples by step
+    number; ``done`` says, when iteration starts, how many were taken before (a resumed run).
     """
 
     def __init__(self, count: int, done: Callable[[], int]):

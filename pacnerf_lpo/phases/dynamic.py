@@ -139,10 +139,8 @@ class DynamicPhase(AbstractPhase):
         """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
 
         Args:
-            step: of the optimiser.
             seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
             density, features: of the particles [(N,)], [(N, 12)]
-            observer: what is wrong with the cameras.
         """
         test, video = self.data.test, self.data.video
         if not test or step % TEST_EVERY:

@@ -49,8 +49,6 @@ def estimate(
     Args:
         todo: templates of the phases that are still to run, each as often as it will.
         static: template of the static phase, which says how large a voxel is.
-        data: prepared video.
-        physics: of the run.
         intervals: they are added at the end.
     """
     if not isinstance(static, StaticGridModule):

@@ -25,12 +25,8 @@ def held_out_images(data: VideoData) -> Images:
 
 @torch.no_grad()
 def held_out_error(data: VideoData, physics: Physics, state: ParticleState, images: Iterable[tuple[int, int]]) -> float:
-    """Mean squared colour error (values 0..1, summed over channels) of a state in these images.
-
-    Args:
-        data, physics: of the run.
-        state: what a round ended with.
-        images: view and frame index of each image.
+    """Mean squared colour error (values 0..1, summed over channels) of a state in these images, each a view and a frame
+    index.
     """
     video = data.video
     values = physics.values(state)

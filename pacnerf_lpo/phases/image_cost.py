@@ -54,7 +54,6 @@ class ImageCost:
             density: raw density [(N,)]
             features: appearance [(N, 12)]
             view, frame: indices into the video.
-            observer: what is wrong with the cameras.
 
         Returns:
             [(H/pool, W/pool, 3)], with a fourth channel, opacity minus matte, if silhouettes are weighted.
@@ -104,7 +103,6 @@ class ImageCost:
             features: appearance [(N, 12)]
             views: for each frame, the indices of the views it is compared in
             first: frame number of ``seen[:, 0]``
-            observer: what is wrong with the cameras
         """
         view_ids, names = self.data.video.view_ids, observer.names
         clocks = [observer.clock(view_id) for view_id in view_ids]

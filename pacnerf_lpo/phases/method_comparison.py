@@ -119,12 +119,8 @@ def _excess(own: Fit, other: Fit) -> float:
 
 
 class _Images:
-    """Images of a body whose particles follow a coarse one, rendered small, less those of the video.
-
-    Args:
-        module: supplies state, video and settings.
-        outlines: supplies the coarse body, its model and the priors.
-        frames: the first so many are compared.
+    """Images of a body whose particles follow a coarse one, that of ``outlines``, rendered small, less those of the
+    video, in the first so many frames.
     """
 
     def __init__(self, module: PhysicsIDModule, outlines: OutlineCost, frames: int):

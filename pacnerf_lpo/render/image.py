@@ -17,8 +17,6 @@ def render_view(
     """Render all pixels of a view on white.
 
     Args:
-        grid: the field.
-        colour: the colour network.
         rays: H*W rays, row-major [m].
         size: (H, W).
         base_dx: coarsest spacing dx0 [m].

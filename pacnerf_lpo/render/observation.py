@@ -72,10 +72,7 @@ class Observer:
         return between_frames(trajectory, velocity, wanted / step, step)
 
     def rays(self, data: VideoData, view: int, frame: int) -> Rays:
-        """The rays of all pixels of a view at a frame (indices into the video), row by row.
-
-        Differentiable in the values.
-        """
+        """The rays of all pixels of a view at a frame (video indices), row by row; differentiable in the values."""
         video = data.video
         view_id = video.view_ids[view]
         moved, bent = self.changing("camera", view_id), self.changing("image_plane", view_id)

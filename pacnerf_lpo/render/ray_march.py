@@ -57,8 +57,6 @@ def render_rays(
     """Render rays through a grid. Differentiable in the grid's density and features, the colour weights and rays.
 
     Args:
-        grid: the field.
-        colour: the colour network.
         rays: R rays [m].
         base_dx: coarsest spacing dx0, which sets the optical length of a sample [m].
         min_weight: samples that would add less to their ray are not coloured; they still attenuate.

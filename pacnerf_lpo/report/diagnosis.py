@@ -43,10 +43,7 @@ def write_page(folder: Path) -> Path:
 
 def build_images(pictures: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Measured images, mattes and outlines of the model before and after as one picture per view, of a quality at which
-    they fit the budget.
-
-    Args:
-        pictures: ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), uint8.
+    they fit the budget; of ``measured`` (V, F, h, w, 3), ``matte`` and ``models`` ([(S,) V, F, h, w]), uint8.
     """
     measured, matte, models = pictures["measured"], pictures["matte"], pictures["models"]
     frames, height, width = matte.shape[1:]

@@ -99,7 +99,10 @@ def _chance(rounds: list[Round]) -> float | None:
 def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
-    odds, effects = _odds(problem, found), [name_of(effect) for effect in found.effects]
+    odds, effects = {}, [name_of(effect) for effect in found.effects]
+    if found.screening is not None:
+        contenders = [again.contender for again in found.refits]
+        odds = log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
     return {
         "effects": effects,
         "parameters": _intervals(found.parameters, unknowns),
@@ -121,14 +124,6 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "removed": found.removed,
         "effort": found.effort,
     }
-
-
-def _odds(problem: Problem, found: Round) -> dict[str, float]:
-    """Log odds of every refit against the best, by name."""
-    if found.screening is None:
-        return {}
-    contenders = [again.contender for again in found.refits]
-    return log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
 
 
 def _check(check: Check) -> dict[str, Any]:

@@ -21,11 +21,7 @@ NOT_IDENTIFIABLE = (
 
 @dataclass(frozen=True)
 class Light:
-    """The mark next to the verdict.
-
-    colour: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``.
-    caption: what it stands for.
-    """
+    """The mark next to the verdict: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``, and its meaning."""
 
     colour: str
     caption: str

@@ -53,7 +53,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         found=found,
         verdict=judge(results, (moving or shown)[-1]),
         scale=f"silhouettes overlap in the worst frame; good: by {GOOD:.0%} or more, fair: by {FAIR:.0%} or more",
-        figures=key_figures(results),
+        figures=key_figures(results, moving),
         parameters=parameter_table(results),
         quality=quality_table(results),
         longest=max((phase["seconds"] for phase in results["phases"]), default=0) or 1,
@@ -92,10 +92,8 @@ def parameter_table(results: Mapping[str, Any]) -> str:
     )
 
 
-def key_figures(results: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """A handful of large numbers, each with what it is."""
-    shown = [phase for phase in tables.phases_to_result(results) if "images" in phase]
-    moving = [phase for phase in shown if phase["phase"] != "static"]
+def key_figures(results: Mapping[str, Any], moving: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """A handful of large numbers, each with what it is; ``moving`` are the phases with images of a motion."""
     figures = []
     if moving:
         for views, label in (("test", "PSNR, held-out views"), ("train", "PSNR, training views")):
@@ -126,11 +124,7 @@ def _decibel(psnr: float | None) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How well the model shows the video.
-
-    grade: ``good``, ``fair`` or ``poor``.
-    headline: one sentence.
-    """
+    """How well the model shows the video: the grade ``good``, ``fair`` or ``poor``, and one sentence."""
 
     grade: str
     headline: str

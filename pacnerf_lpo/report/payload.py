@@ -58,9 +58,11 @@ def build_payload(run: Run, results: Mapping[str, Any]) -> dict[str, Any]:
 def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
     """Measured, modelled and residual images of every view as atlases, reduced until they fit the budget."""
     video, predictions = run.data.video, [read_prediction(run, stage) for stage in stages]
-    scale = _common_scale(run, predictions[-1]) if stages else 1.0
     height, width = video.images.shape[2:4]
-    views = range(len(video.view_ids))
+    views, scale = range(len(video.view_ids)), 1.0
+    if stages:
+        lefts = [signed_residual(_values(predictions[-1].images[view]), video.images[view]) for view in views]
+        scale = residual_scale(torch.cat([left.flatten() for left in lefts]))
 
     def residual(prediction: Prediction, view: int) -> np.ndarray:
         left = signed_residual(_values(prediction.images[view]), video.images[view]) * video.valid[view]
@@ -105,7 +107,6 @@ def moving_particles(
         positions: [m, (F, N, 3)]
         colours: [0..255, (N, 3), uint8]
         size: diameter of a particle where all are shown [m]; fewer are larger.
-        most: particles that are shown.
     """
     chosen = np.random.default_rng(0).permutation(positions.shape[1])[:most]
     integers, lower, extent = quantised(positions[:, chosen])
@@ -187,12 +188,6 @@ def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dic
         parameters.append({"title": "initial velocity", "unit": "m/s", "log": False, "truth": None, "lines": velocity})
     losses = [{"title": part[0], "log": True, "lines": [{"label": "loss", "parts": [part]}]} for part in loss.parts]
     return {"loss": losses, "parameters": parameters}
-
-
-def _common_scale(run: Run, prediction: Prediction) -> float:
-    measured = run.data.video.images
-    every = [signed_residual(_values(prediction.images[view]), measured[view]) for view in range(len(measured))]
-    return residual_scale(torch.cat([part.flatten() for part in every]))
 
 
 def _values(images: np.ndarray) -> torch.Tensor:

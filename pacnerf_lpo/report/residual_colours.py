@@ -18,11 +18,8 @@ def signed_residual(predicted: Tensor, measured: Tensor) -> Tensor:
 
 
 def residual_colours(residual: Tensor, scale: float) -> Tensor:
-    """Colours of signed residuals [0..1, (..., 3)]: white at 0, full orange at -scale and below, full blue at +scale.
-
-    Args:
-        residual: any shape.
-        scale: the residual at which the colour is full.
+    """Colours of signed residuals of any shape [0..1, (..., 3)]: white at 0, full orange at -scale and below, full blue
+    at +scale.
     """
     strength = (residual / scale).clamp(-1, 1)[..., None]
     end = torch.where(strength < 0, torch.tensor(NEGATIVE), torch.tensor(POSITIVE))
@@ -40,10 +37,6 @@ def residual_scale(residual: Tensor) -> float:
 
 
 def comparison_panel(predicted: Tensor, measured: Tensor) -> Tensor:
-    """Rendered | measured | signed residual, of full colour at 0.5, side by side [0..1, (H, 3 W, 3)].
-
-    Args:
-        predicted, measured: [0..1, (H, W, 3)]
-    """
+    """Rendered | measured [0..1, (H, W, 3)] | signed residual, full colour at 0.5, side by side [0..1, (H, 3 W, 3)]."""
     residual = residual_colours(signed_residual(predicted, measured), 0.5)
     return torch.cat((predicted.clamp(0, 1), measured.clamp(0, 1), residual), dim=1)

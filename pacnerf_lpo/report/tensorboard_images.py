@@ -21,9 +21,7 @@ GAP = 6
 
 
 def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
-    """Show what ``evaluate_run`` returned: image metrics and rendered-vs-measured images at the last step of each
-    phase.
-    """
+    """Show what ``evaluate_run`` returned: image metrics, rendered and measured images, at the last step of a phase."""
     step = 0
     for stage, result in zip(run.stages, results["phases"], strict=True):
         logger = PhaseLogger(run.run_dir, stage.record.phase, step)

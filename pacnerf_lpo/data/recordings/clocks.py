@@ -220,10 +220,8 @@ def nearest_point(sightings: Sequence[Sighting]) -> np.ndarray:
 
 
 def _angles(sighting: Sighting, frame: np.ndarray) -> tuple[np.ndarray, float]:
-    """Outermost angles around an axis in every frame [rad, (2, F)], NaN where unknown, and pixels per radian.
-
-    Args:
-        frame: the axis, the direction of angle 0 and that of a right angle, as columns (3, 3).
+    """Outermost angles around an axis in every frame [rad, (2, F)], NaN where unknown, and pixels per radian. The
+    columns of ``frame`` (3, 3) are the axis, the direction of angle 0 and that of a right angle.
     """
     found, sharpness = np.full((2, len(sighting.points)), np.nan), []
     for number, (points, inside) in enumerate(zip(sighting.points, sighting.inside, strict=True)):
@@ -253,14 +251,6 @@ def _cost(pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step:
     if len(known) < LEAST_FRAMES:
         return float((CAP * pair.width / match) ** 2), np.inf
     return float((known.sum() + max(missing, 0)) / (len(known) + max(missing, 0))), float(np.median(known))
-
-
-def _difference(
-    pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Difference of the angles of two cameras on common times [pixels, (2, T)], and its derivatives by the offsets."""
-    (one, ahead, behind), (other, later, sooner) = _sides(pair, sightings, offsets, step, (0.0, 0.05, -0.05))
-    return one - other, -(ahead - behind) / (0.1 * step), (later - sooner) / (0.1 * step)
 
 
 def _sides(
@@ -333,7 +323,8 @@ def _refined(
     for _ in range(STEPS):
         normal, slope, squares, rows = 1e-9 / step**2 * np.eye(count), np.zeros(count), 0.0, 0
         for pair in pairs:
-            difference, by_one, by_other = _difference(pair, sightings, offsets, step)
+            (one, ahead, behind), (other, later, sooner) = _sides(pair, sightings, offsets, step, (0.0, 0.05, -0.05))
+            difference, by_one, by_other = one - other, (behind - ahead) / (0.1 * step), (later - sooner) / (0.1 * step)
             bound = 2.0 * NOISE + MATCH * pair.width
             for side in range(2):
                 known = np.isfinite(difference[side] + by_one[side] + by_other[side])

@@ -58,11 +58,8 @@ def harmonics(normals: np.ndarray) -> np.ndarray:
 
 
 def fit_ballistic(frames: Sequence[Planes], times: np.ndarray) -> Ballistic:
-    """The parabola and the one shape that explain the planes of all frames best (least squares).
-
-    Args:
-        frames: planes of each frame.
-        times: of the frames [s, (F,)], three or more.
+    """The parabola and the one shape that explain the planes of three or more frames, at their times [s, (F,)], best
+    (least squares).
     """
     rows = []
     for planes, time in zip(frames, times, strict=True):

@@ -86,7 +86,6 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     Args:
         views: tangent planes of every frame, by camera, in the recording's world.
         times: of the frames [s, (F,)].
-        recording: what is known already.
     """
     size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
@@ -124,10 +123,8 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
 
 
 def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int:
-    """How many frames from the first lie on one parabola; at least three.
-
-    Args:
-        frames: tangent planes of each frame. times: [s, (F,)]. size: of the body, in the unit of the planes.
+    """How many frames (tangent planes, at times [s, (F,)]) from the first lie on one parabola; at least three. ``size``
+    of the body is in the unit of the planes.
     """
     flight = 3
     while flight < len(times):
@@ -218,8 +215,7 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
 def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, str]:
     """Height of the ground, in the recording's unit, and where it comes from: where the lowest point comes to rest.
 
-    Args:
-        heights: of the lowest point in every frame [(F,)]. flight: frames of free flight. size: of the body.
+    heights: of that point in every frame [(F,)]. flight: frames of free flight. size: of the body.
     """
     after = heights[flight - 1 :]
     least = float(np.nanmin(after))

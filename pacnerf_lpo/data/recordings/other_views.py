@@ -93,10 +93,8 @@ class Expectation:
 
 
 def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
-    """For each camera what the others say; None where they are too few or contradict it.
-
-    Args:
-        cameras: of one recording. centre: a point near the middle of the motion, in the unit of the poses (3,).
+    """For each camera of a recording what the others say; None where they are too few or contradict it. ``centre`` is a
+    point near the middle of the motion, in the unit of the poses (3,).
     """
     if len(cameras) <= FEWEST:
         return [None] * len(cameras)
@@ -129,10 +127,8 @@ def _bins(depth: np.ndarray) -> np.ndarray:
 
 
 def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Log odds of the object at each pair of depths, counted in all views and frames [(2 BINS + 1, 2 BINS + 1)].
-
-    Args:
-        parts: depth in the hull and in the loose one, and masks, of each view [(F, H, W) each].
+    """Log odds of the object at each pair of depths, counted in all views and frames [(2 BINS + 1, 2 BINS + 1)]: of the
+    depth in the hull and in the loose one, and the masks, of each view [(F, H, W) each].
     """
     counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)  # Jeffreys' prior
     for strict, loose, masks in parts:
@@ -184,10 +180,8 @@ def _rays(
 def _depths(
     pixel: np.ndarray, flat: Sequence[np.ndarray], masks: Sequence[np.ndarray], shape: tuple[int, ...], wrong: int
 ) -> list[np.ndarray]:
-    """How far inside the hull each pixel is, and inside that in which ``wrong`` views may be wrong [(H, W) each].
-
-    Args:
-        pixel, flat: of :func:`_rays`. masks: of the other views [(H, W), bool]. shape: of the image.
+    """How far inside the hull each pixel of :func:`_rays` is, and inside that in which ``wrong`` of the other views, of
+    masks [(H, W), bool], may be wrong [(H, W) each].
     """
     missed, found = _missed(flat, masks), []
     for allowed in (0, wrong):

@@ -62,11 +62,8 @@ def edge_widths(picture: np.ndarray, opacity: np.ndarray, reach: float) -> np.nd
 
 
 def blur(widths: np.ndarray, motion: np.ndarray) -> float:
-    """Length of the blur along a motion [pixels], from the widths of :func:`edge_widths`; NaN where it is not seen.
-
-    Args:
-        widths: of the edges by side [pixels, (SIDES,)].
-        motion: in the image, x right, y down [pixels, (2,)].
+    """Length [pixels] of the blur along a motion in the image, x right, y down [pixels, (2,)], from the widths of
+    :func:`edge_widths` [pixels, (SIDES,)]; NaN where it is not seen.
     """
     turn = np.arctan2(motion[1], motion[0]) / (2.0 * np.pi / SIDES)
     ahead = round(float(turn)) % SIDES

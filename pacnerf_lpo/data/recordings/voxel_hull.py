@@ -28,7 +28,6 @@ def visual_hull(
     [m, (N, 3)], and the edge of a cell [m].
 
     Args:
-        views: cameras.
         mattes: where the object is in each [(H, W), bool].
         lower, upper: corners of the box around it [m, (3,)].
     """

@@ -53,7 +53,6 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
     the stated, or another unit.
 
     Args:
-        recordings: as read.
         up: axis that points up; None: as it is measured, or the second one where that is a height.
         unit: of the lengths; None: as the file says, else metres.
     """
@@ -160,12 +159,9 @@ def _known(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def hit_of(times: np.ndarray, positions: np.ndarray) -> int:
-    """Number of the last sample before the velocity of a moving body jumps, in any direction; the last where it never
-    does. A jump is what a path of second order around a sample needs besides.
-
-    Args:
-        times: [s, (F,)]
-        positions: in any unit [(F, 3)]; NaN where unknown
+    """Number of the last sample, at times [s, (F,)], before the velocity of a moving body jumps, in any direction; the
+    last where it never does. A jump is what a path of second order around a sample needs besides. Positions are in any
+    unit [(F, 3)], NaN where unknown.
     """
     known, t, x = _known(times, positions)
     if len(t) < 2 * SIDE:
@@ -185,11 +181,8 @@ def hit_of(times: np.ndarray, positions: np.ndarray) -> int:
 
 
 def contact_of(times: np.ndarray, heights: np.ndarray) -> int:
-    """Number of the last sample before a body that fell rises again; the last sample where it never does.
-
-    Args:
-        times: [s, (F,)]
-        heights: in any unit [(F,)]; NaN where unknown
+    """Number of the last sample, at times [s, (F,)], before a body that fell rises again; the last where it never does.
+    Heights are in any unit [(F,)], NaN where unknown.
     """
     known = np.flatnonzero(np.isfinite(heights))
     h = heights[known]
@@ -205,11 +198,7 @@ def contact_of(times: np.ndarray, heights: np.ndarray) -> int:
 
 def begins_at_rest(times: np.ndarray, positions: np.ndarray) -> tuple[bool, str]:
     """Whether a body is let go rather than already flying at its first sample, by how fast it is at first and at the
-    end; and that in words.
-
-    Args:
-        times: [s, (F,)]
-        positions: [m, (F, 3)]; NaN where unknown
+    end; and that in words. Of times [s, (F,)] and positions [m, (F, 3)], NaN where unknown.
     """
     _, t, x = _known(times, positions)
     t = t - t[0]
@@ -252,13 +241,9 @@ class Findings:
 
 
 def investigate(one: Trajectory, direction: Direction, start: str | None) -> Findings:
-    """Turn a recording to metres and y up, and find out where its flight begins and ends. Raises UserInputError where
-    too few samples are in flight.
-
-    Args:
-        one: as read.
-        direction: of its source.
-        start: ``held`` or ``flying``; None: whichever describes its first half better.
+    """Turn a recording to metres and y up, and find out where its flight begins and ends. ``start`` is ``held`` or
+    ``flying``; None: whichever describes its first half better. Raises UserInputError where too few samples are in
+    flight.
     """
     turn = rotation_onto(direction.up, np.array([0.0, 1.0, 0.0]))
     turn = np.round(turn, 12)

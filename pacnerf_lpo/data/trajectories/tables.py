@@ -76,7 +76,6 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
     cannot be read, or its columns are not understood.
 
     Args:
-        path: the file.
         fps: samples a second, where the file counts frames and has no times.
     """
     table = read_cells(path)
@@ -90,11 +89,7 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
 
 def read_cells(path: Path, example: str = EXAMPLE) -> Table:
     """The cells of a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it cannot be
-    read, or holds no row.
-
-    Args:
-        path: the file.
-        example: of a header, for messages.
+    read, or holds no row. ``example`` is that of a header, for messages.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

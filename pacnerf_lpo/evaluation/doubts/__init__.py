@@ -14,13 +14,7 @@ __all__ = ["Doubt", "doubts_of_phase", "doubts_of_run"]
 
 
 def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator[Doubt]:
-    """The doubts that a finished phase raises.
-
-    Args:
-        data: the video, prepared.
-        physics: the model of the run.
-        stage: the phase, with its state and its course.
-    """
+    """The doubts that a finished phase of a run raises, by its state and its course."""
     state, course = stage.state, stage.record.course
     if stage.record.phase == "static":
         yield from recording.doubts_about_views(data)
@@ -43,11 +37,8 @@ def doubts_of_run(
     """The doubts about a result: those of the last phase of each kind, and those that its images raise. Of a velocity
     that still moved when its phase ended there is no doubt where the identification has fitted it again.
 
-    Args:
-        data: the video, prepared.
-        physics: the model of the run.
-        stages: the phases up to the one whose result counts.
-        results: of their evaluation, with the intervals where there are any.
+    Stages are those up to the one whose result counts; results are of their evaluation, with the intervals where there
+    are any.
     """
     latest = {stage.record.phase: stage for stage in stages}
     found = [doubt for stage in latest.values() for doubt in doubts_of_phase(data, physics, stage)]

@@ -15,11 +15,8 @@ CONTACT_GROWTH = 1.8
 
 
 def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Iterator[Doubt]:
-    """Views or frames in which the images of a phase are far worse than in the others.
-
-    Args:
-        results: of an evaluation, with ``contact``.
-        phase: the entry of ``results["phases"]``, with images.
+    """Views or frames in which the images of a phase, an entry of ``results["phases"]``, are far worse than in the
+    others.
     """
     rms = np.array(phase["images"]["rms"])
     order, train, test = view_rows(results)

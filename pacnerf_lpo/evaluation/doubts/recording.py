@@ -85,12 +85,7 @@ def doubts_about_views(data: VideoData) -> Iterator[Doubt]:
 
 
 def doubts_about_pixels(data: VideoData, state: ParticleState) -> Iterator[Doubt]:
-    """Too few pixels on the object, or too fine or too coarse voxels for it.
-
-    Args:
-        data: the video.
-        state: particles of the static phase.
-    """
+    """Too few pixels on the object, or too fine or too coarse voxels for it, by the particles of the static phase."""
     areas = data.video.silhouettes[data.train, 0].sum((-1, -2))
     across = 2.0 * float(areas.median() / np.pi) ** 0.5
     pixel = pixel_size(data, state)
@@ -123,12 +118,7 @@ def doubts_about_pixels(data: VideoData, state: ParticleState) -> Iterator[Doubt
 
 
 def doubts_about_contact(fall: Fall, hit_frame: int) -> Iterator[Doubt]:
-    """The contact is missing, too short, or elsewhere than the configuration says.
-
-    Args:
-        fall: as the outlines show it.
-        hit_frame: first frame of contact by the configuration.
-    """
+    """The contact is missing, too short, or elsewhere than in the frame that the configuration says."""
     if fall.contact is None:
         yield Doubt(
             "no_contact",
@@ -158,12 +148,8 @@ def doubts_about_contact(fall: Fall, hit_frame: int) -> Iterator[Doubt]:
 
 
 def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> Iterator[Doubt]:
-    """The outlines come to rest at another height than that of the ground.
-
-    Args:
-        fall: as the outlines show it.
-        ground: height that the configuration gives [m].
-        spacing: node spacing [m]; a grid itself shifts the contact by half of it.
+    """The outlines come to rest at another height than that of the ground in the configuration [m]; a grid itself
+    shifts the contact by half of its node spacing [m].
     """
     error = fall.error + spacing / 2
     if fall.ground is not None and abs(fall.ground - ground) > error:
@@ -180,8 +166,5 @@ def doubts_about_ground(fall: Fall, ground: float, spacing: float) -> Iterator[D
 def pixel_size(data: VideoData, state: ParticleState) -> float:
     """Size of a pixel at the body, median over the training views [m]."""
     video, centre = data.video, state.positions.mean(0, keepdim=True)
-    sizes = []
-    for view in data.train:
-        _, depth = project(centre, video.intrinsics[view], video.camera_to_world[view])
-        sizes.append(depth[0] / video.intrinsics[view, 0, 0])
-    return float(torch.stack(sizes).median())
+    depths = [project(centre, video.intrinsics[view], video.camera_to_world[view])[1][0] for view in data.train]
+    return float((torch.stack(depths) / video.intrinsics[data.train, 0, 0]).median())

@@ -73,7 +73,6 @@ def path(times: np.ndarray, measured: np.ndarray, model: np.ndarray, held: np.nd
         times: of the frames [s, (F,)].
         measured, model: [m, (F, 3)], NaN where there is none.
         held: whether a frame is held out [(F,), bool].
-        selected: frame that is shown.
     """
     known = [axis for axis in range(3) if np.isfinite(measured[:, axis]).any()]
     high = 160.0 / max(len(known), 1)
@@ -150,6 +149,6 @@ def difference_table(session: Session, before: int, after: int) -> str:
     show = lambda name, value: "\N{EN DASH}" if value is None else quantity(value, units.get(name, "1"))  # noqa: E731
     number = lambda value: figure(math.nan if value is None else value, found.unit)  # noqa: E731
     rows = [(name, show(name, a), show(name, b)) for name, (a, b) in found.changed.items()]
-    for name, (a, b) in (("fitted error", found.fitted), ("held-out error", found.held_out)):
-        rows.append((name, number(a), number(b)))
+    errors = ("fitted error", found.fitted), ("held-out error", found.held_out)
+    rows += [(name, number(a), number(b)) for name, (a, b) in errors]
     return chart("differences", rows, before, after)

@@ -28,9 +28,7 @@ SIDE = 420
 
 
 def write_story(session: Session, path: Path) -> Path:
-    """Write the page of a session's first recording; returns its path. Raises UserInputError where no step has a
-    motion.
-    """
+    """Write the page of a session's first recording; returns its path. Raises UserInputError where no step moves."""
     write_atomically(path, story_page(session).encode())
     return path
 

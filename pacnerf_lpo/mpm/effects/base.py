@@ -18,8 +18,7 @@ FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
 PROBES = 20.0
 """Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard deviations
-of the noise, and an effect that stands out by a hundred is as many times stronger.
-"""
+of the noise, and an effect that stands out by a hundred is as many times stronger."""
 LEAST_FACTOR = 0.05
 """A gradient leaves at least this part of mass and stiffness."""
 
@@ -181,10 +180,7 @@ class LawEffect(Effect):
 
     @classmethod
     def initial_history(cls, positions: Tensor, mass: Tensor, dx: float) -> Tensor:
-        """History at frame 0 [(N, history)], from positions [m, (N, 3)], mass [kg, (N,)] and node spacing [m].
-
-        Plain torch.
-        """
+        """History at frame 0 [(N, history)], of positions [m, (N, 3)], mass [kg, (N,)] and node spacing [m]; torch."""
         return positions.new_zeros(len(positions), cls.history)
 
 
