@@ -44,8 +44,10 @@ _heart: _Heart | None = None
 
 @contextmanager
 def heartbeat(task: str) -> Iterator[None]:
-    """While entered, no more than :data:`QUIET` seconds pass without a line on standard error: ``still``, and the task,
-    which :func:`doing` changes.
+    """While entered, no more than :data:`QUIET` seconds pass without a line on standard error.
+
+    Args:
+        task: what is being done, as it follows ``still``; :func:`doing` changes it.
     """
     global _heart
     if _heart is not None:

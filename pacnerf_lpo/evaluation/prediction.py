@@ -163,8 +163,8 @@ def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> in
 
     Args:
         lowest: height of the lowest particle at each frame [m, (F,)]
-        spacing: of the grid [m]
-        ground: its height [m]
+        spacing: grid spacing [m]
+        ground: height of the ground [m]
     """
     touching = lowest - ground < CONTACT_CELLS * spacing
     return int(touching.argmax()) if touching.any() else None

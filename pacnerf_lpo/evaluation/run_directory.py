@@ -21,7 +21,12 @@ CONFIG_FILE = "config.yaml"
 
 @dataclass(frozen=True)
 class Stage:
-    """A finished phase: its entry in the manifest, and the directory of its run, where its results lie."""
+    """A finished phase and where its results lie.
+
+    Attributes:
+        record: its entry in the manifest.
+        run_dir: the run it belongs to.
+    """
 
     record: PhaseRecord
     run_dir: Path

@@ -20,10 +20,12 @@ DX, SUBSTEPS, FRAMES, STEP_RATE = 0.1, 12, 5, 2400
 """Node spacing [m], substeps of a frame, frames, and substeps per second: a throw of 20 ms that ends on the ground."""
 STEP = 1e-2
 """Of a noticeable change: the error of a central difference is the square of that, and nodes that are too light to
-count, which the engine drops, make the positions jump by some 1e-8 m between its ends."""
+count, which the engine drops, make the positions jump by some 1e-8 m between its ends.
+"""
 AGREE = 1e-2
 """Relative to the derivative: both errors together are 1e-4 of it, and particles of a sand that begin to yield between
-the ends make half a per cent; a gradient that is cut is another number."""
+the ends make half a per cent; a gradient that is cut is another number.
+"""
 SAME, SEEN = 1e-12, 1e-8
 """Metres: positions of 1 m in 64 bits, rounded some times a substep; and what is far above that."""
 NONE = 1e-6
@@ -45,9 +47,13 @@ class Check:
 
 
 def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
-    """Checks of an effect, at its guess, on the motion or the state at frame 0 of a material. Raises UserInputError
-    where the effect has no meaning for the material, or its function cannot be compiled, and SimulationError where the
-    motion is unstable at a probe.
+    """Checks of an effect on the motion or the state at frame 0 of a material. Raises UserInputError where the effect
+    has no meaning for the material, or its function cannot be compiled, and SimulationError where the motion is
+    unstable at a probe.
+
+    Args:
+        effect: with its guess.
+        material: that moves.
     """
     names = set(effect.parameters)
     missing = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]

@@ -21,7 +21,11 @@ NOT_IDENTIFIABLE = (
 
 @dataclass(frozen=True)
 class Light:
-    """The mark next to the verdict: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``, and its meaning."""
+    """The mark next to the verdict.
+
+    colour: ``good`` (green), ``fair`` (amber), ``poor`` (red) or ``none``.
+    caption: what it stands for.
+    """
 
     colour: str
     caption: str

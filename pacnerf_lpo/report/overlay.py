@@ -39,8 +39,10 @@ def box_edges(lower: np.ndarray, upper: np.ndarray) -> list[Segment]:
 
 
 def ground_grid(lower: np.ndarray, upper: np.ndarray, height: float) -> tuple[list[Segment], float]:
-    """Lines at whole multiples of a step that cover the shadow of a box with these corners [m, (3,)] on the ground, at
-    its height [m], and the step: 1, 2 or 5 in its digit.
+    """Lines at whole multiples of a step that cover a box's shadow on the ground, and the step: 1, 2 or 5 in its digit.
+
+    Args:
+        lower, upper: corners of what is to be covered [m, (3,)]. height: of the ground [m].
     """
     raw = float(max(upper[0] - lower[0], upper[2] - lower[2])) / LINES
     power = 10.0 ** math.floor(math.log10(raw))

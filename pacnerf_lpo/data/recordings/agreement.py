@@ -18,7 +18,8 @@ from pacnerf_lpo.errors import UserInputError
 GAP = 0.03
 """How far planes may be from what all views allow, relative to the size of the body (rms of a view in a frame).
 
-Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08."""
+Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08.
+"""
 ENOUGH = 4
 """Views from which on one that is wrong can be distinguished from the others."""
 
@@ -31,6 +32,7 @@ def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> floa
 
     Args:
         views: tangent planes of every frame, by camera.
+        recording: its cameras, for messages.
     """
     gap = largest_gap(views)
     if gap > GAP:
@@ -81,8 +83,10 @@ def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) 
 
 
 def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> int | None:
-    """The view without which the others agree, or do so twice as well; None where no view alone is to blame. By the
-    tangent planes of every frame, by camera, the gap between all views, and the limit of gaps between right ones.
+    """The view without which the others agree, or do so twice as well; None where no view alone is to blame.
+
+    Args:
+        views: tangent planes of every frame, by camera. gap: between all of them. limit: of gaps between right views.
     """
     if len(views) < ENOUGH:
         return None
@@ -92,9 +96,11 @@ def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> 
 
 
 def largest_gap(views: Sequence[Sequence[Planes]]) -> float:
-    """How far views (tangent planes of every frame, by camera) contradict each other in the first, the middle or the
-    last frame: the largest rms distance of a view's planes from what all views allow, relative to the body; infinite
-    where they allow nothing.
+    """How far views contradict each other in the first, the middle or the last frame: the largest rms distance of a
+    view's planes from what all views allow, relative to the body; infinite where they allow nothing.
+
+    Args:
+        views: tangent planes of every frame, by camera.
     """
     last = len(views[0]) - 1
     return max(_gap([view[frame] for view in views]) for frame in (0, last // 2, last))

@@ -143,7 +143,8 @@ def still_background(footage: Footage) -> Background | None:
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
     """The colours of the object where the other views see it, too.
 
-    masks: where this camera held the object to be [(F, h, w), bool, reduced].
+    Args:
+        expected: what the other views say. masks: where this camera held the object to be [(F, h, w), bool, reduced].
     """
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])
@@ -152,8 +153,10 @@ def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray)
 
 def background_by_views(footage: Footage, expected: Expectation, masks: np.ndarray, colours: Colours) -> Background:
     """The background where other views say which frames show it; first where they are sure, then wherever these
-    backgrounds, perhaps in a shadow then, say so too. Arguments as for :func:`colours_by_views`; the colours are those
-    of the object.
+    backgrounds, perhaps in a shadow then, say so too.
+
+    Args:
+        expected, masks: as for :func:`colours_by_views`. colours: of the object.
     """
     frames, chosen = footage.decisive(), footage.chosen
     views = np.stack([smoothed(frame) for frame in frames])
@@ -213,8 +216,10 @@ def _most_probable(
 
 
 def _lit(views: np.ndarray, shows: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Which of the frames (F, H, W, 3) that show the background (F, H, W) show it without a shadow [(F, H, W), bool],
-    by its noise (H, W).
+    """Which of the frames that show the background show it without a shadow [(F, H, W), bool].
+
+    Args:
+        views: (F, H, W, 3). shows: frames to choose from (F, H, W). noise: (H, W).
     """
     light = np.where(shows, views.mean(axis=-1), -np.inf)
     return shows & (light > light.max(axis=0) - BRIGHT * noise)
@@ -228,8 +233,10 @@ def _outside(solid: np.ndarray) -> np.ndarray:
 
 
 def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:
-    """The background from the frames [(F, H, W, 3), 0..1 or bytes] in which each pixel shows it (F, H, W; or reduced);
-    around pixels that never do, it is continued.
+    """The background from the frames in which each pixel shows it; around pixels that never do, it is continued.
+
+    Args:
+        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W), or reduced. colours: of the object.
     """
     factor, (height, width), reduced = factor_of(frames.shape[1:]), frames.shape[1:3], shows
     shows = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, :height, :width]

@@ -38,6 +38,8 @@ def doubts_about_velocity(
     """The initial velocity still moved when its iterations ended.
 
     Args:
+        course: of the velocity phase.
+        state: what it exported.
         pixel: size of a pixel at the body [m].
         seconds: from frame 0 to the contact [s].
     """
@@ -56,8 +58,12 @@ def doubts_about_velocity(
 def doubts_about_parameters(
     physics: Physics, state: ParticleState, searched: Mapping[str, Sequence[float]]
 ) -> Iterator[Doubt]:
-    """Identified parameters at a bound, far from the prior mean, or physically odd, in the state that the
-    identification exported; ``searched``: between which free coordinates parameters were searched, by name.
+    """Identified parameters at a bound, far from the prior mean, or physically odd.
+
+    Args:
+        physics: the model.
+        state: what the identification exported.
+        searched: between which free coordinates parameters were searched, by name.
     """
     nulls = {name: null for effect in physics.effects for name, null in effect.null.items()}
     for name in physics.free_names:
@@ -81,8 +87,12 @@ def doubts_about_parameters(
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[Doubt]:
-    """What the identification had [SI] lies outside the interval, which belongs to a fit of its own: ``low`` and
-    ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
+    """What the identification had lies outside the interval, which belongs to a fit of its own.
+
+    Args:
+        physics: the model.
+        identified: value that the identification had of each parameter [SI].
+        intervals: ``low`` and ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
     """
     for name in physics.free_names:
         parameter, interval = physics.parameters[name], intervals.get(name)
@@ -102,7 +112,12 @@ def doubts_about_intervals(
 
 
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
-    """By its course, the cost of the identification rose, or it ended while parameters were still moving."""
+    """The cost rose, or the iterations ended while parameters were still moving.
+
+    Args:
+        course: of the identification.
+        physics: the model.
+    """
     yield from _risen(course)
     if course.get("converged", True):
         return
@@ -233,7 +248,12 @@ def _scatter(costs: np.ndarray) -> float:
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:
-    """What two methods found on a coarse body differs by more than a noticeable change of each; None: not compared."""
+    """The answers of two methods differ by more than a noticeable change of each.
+
+    Args:
+        methods: what was found on a coarse body; None: they were not compared.
+        physics: the model.
+    """
     if methods is None:
         return
     for name, by_images in methods.get("images", {}).items():
