@@ -30,7 +30,7 @@ SOLID_DENSITY = 10.0
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
-INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 250, 4000
+INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 200, 4000
 """What intervals take: null replicates on finer grids, errors of shape and force, some fits, of the shape as well."""
 
 
