@@ -1,4 +1,4 @@
-"""A fitted model with the shapes that explain most: values and intervals where a reconstruction is far from the body.
+"""A fitted model with the shape that explains most: values and intervals where a reconstruction is far from the body.
 
 The noise of a comparison knows of errors of the shape, but as straight lines from what was reconstructed, and a body
 that is a tenth too thick bounces in another way. So material, motion and shape are fitted together, and the errors of
@@ -30,7 +30,7 @@ MOST = 4
 def with_other_shapes(
     problem: StateProblem, effects: Sequence[Effect], comparison: Comparison, progress: Progress
 ) -> Comparison:
-    """A comparison beside the shape that explains most; the one that is given where no other one explains much more,
+    """A comparison with the shape that explains most; the one that is given where no other one explains much more,
     and where what explains it is no error of a reconstruction, as it is too large: something else is wrong then, and
     would bend the shape.
 

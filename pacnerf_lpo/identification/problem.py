@@ -204,7 +204,7 @@ class Problem(ABC):
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
         """The coarse body with one more error of its shape each, of one standard deviation, where its surface may be so
-        far from the true one [m]; none where the shape is known.
+        far from the true one [m]; the body itself where an error leaves nothing of it. None where the shape is known.
         """
         return []
 
@@ -387,7 +387,8 @@ class StateProblem(BodyProblem):
     def wrong_bodies(self, sigma: float) -> list[Body]:
         modes, coarse = self.shape_modes(sigma), self._sampling(COARSER * self.spacing, 0)
         there = self._numbers if len(self._numbers) else np.zeros(modes.count)
-        return [self._shaped(coarse, modes, there + more) for more in np.eye(modes.count)]
+        found = [self._shaped(coarse, modes, there + more) for more in np.eye(modes.count)]
+        return [body if len(body.positions) else self.coarse_body for body in found]
 
     def reshaped(self, sigma: float, numbers: np.ndarray, changes: np.ndarray | None = None) -> "StateProblem":
         """The problem with errors of the shape taken away.

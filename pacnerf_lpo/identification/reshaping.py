@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import LONGEST_STEP, Effort, Fit, fit
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.standardised import StandardisedObjective
@@ -41,6 +42,8 @@ class JointObjective:
     def __call__(self, both: np.ndarray) -> np.ndarray:
         free, numbers = np.split(both, [len(self.objective.mean)])
         problem = self.problem.reshaped(self.sigma, numbers)
+        if not len(problem.body.positions):
+            raise SimulationError(0, 0, "with this shape nothing is left of the body")
         residual = problem.residual_of(problem.model(self.effects, self.known), self.mask)(free)
         away = (free - self.objective.mean) / self.objective.deviation
         return np.concatenate((self.objective.noise.whiten_residual(residual), away, numbers))

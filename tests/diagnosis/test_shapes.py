@@ -1,4 +1,4 @@
-"""Values of a last model beside the shapes that explain most."""
+"""Values of a fitted model with the shape that explains most."""
 
 from __future__ import annotations
 

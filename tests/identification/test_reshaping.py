@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.reshaping import JointObjective
 
 TRUE, WRONG = np.array([0.4, -0.3]), np.array([2.0, -1.0, 0.5])
@@ -13,6 +14,8 @@ ROWS = (2, 9, 11)
 
 class Bent:
     """Residuals that bend where the shape is wrong, of an object that no simulation is needed for."""
+
+    body = SimpleNamespace(positions=[0])
 
     def __init__(self) -> None:
         random = np.random.default_rng(0)
@@ -49,6 +52,12 @@ def test_every_error_of_the_shape_has_a_row_of_its_own(joint):
     assert len(rows) == np.prod(ROWS) + 2 + 3
     np.testing.assert_allclose(rows[:-5], 0, atol=1e-9)
     np.testing.assert_allclose(rows[-5:], [*TRUE, *WRONG])
+
+
+def test_a_shape_of_which_nothing_is_left_is_no_answer(joint, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Bent, "body", SimpleNamespace(positions=[]))
+    with pytest.raises(SimulationError, match="nothing is left"):
+        joint(np.zeros(5))
 
 
 def test_shape_and_material_are_found_where_a_straight_line_misses_both(joint):

@@ -118,6 +118,12 @@ def test_layers_are_taken_away_or_put_on(ball):
     assert lost == pytest.approx(SIGMA * surface(ball.coarse_body), rel=1 / 6)
 
 
+def test_an_error_that_leaves_nothing_of_the_body_is_none(ball):
+    thick = ball.wrong_bodies(SIGMA)[24:34]
+    gone = ball.wrong_bodies(2 * RADIUS)[24:34]
+    assert gone[0] is ball.coarse_body and all(body is not ball.coarse_body for body in thick)
+
+
 def test_every_place_moves_along_every_axis_by_itself(ball):
     positions = ball.coarse_body.positions
     places = spread(positions, PLACES)[0]
