@@ -60,7 +60,7 @@ class Comparison:
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
     sigma: how far the surface of the body may be from the true one [m], where that was needed.
-    shape: errors of the shape that were taken away, in standard deviations [(M,)]; none where it was not fitted.
+    shape: by how much of each error the shape was changed, in standard deviations [(M,)]; none where it was not fitted.
     """
 
     names: tuple[str, ...]

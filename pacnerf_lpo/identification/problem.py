@@ -198,9 +198,9 @@ class Problem(ABC):
         return np.zeros(self.sensor.shape)
 
     errors: ShapeModes | None = None
-    """Of the shape, which were taken away; None: it is as it was given."""
+    """Errors by which the shape was changed; None: it is as it was given."""
     assumed: np.ndarray | float = 0.0
-    """What they do to the residual [(V + R, F, 11)], of which they are a part all the same."""
+    """What that changed of the residual [(V + R, F, 11)], as it counts as an error all the same."""
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
         """The coarse body with one more error of its shape each, of one standard deviation, where its surface may be so
@@ -377,7 +377,7 @@ class StateProblem(BodyProblem):
         return low
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """The body, thinned until it is as large as it looks at frame 0, without the errors of its shape."""
+        """The body, thinned until it is as large as it looks at frame 0, and changed where its shape was."""
         return self._shaped(self._sampling(spacing, seed), self.errors, self._numbers)
 
     def shape_modes(self, sigma: float) -> ShapeModes:
@@ -391,11 +391,11 @@ class StateProblem(BodyProblem):
         return [body if len(body.positions) else self.coarse_body for body in found]
 
     def reshaped(self, sigma: float, numbers: np.ndarray, changes: np.ndarray | None = None) -> "StateProblem":
-        """The problem with errors of the shape taken away.
+        """The problem with another shape: the reconstructed one, changed by so much of each error.
 
         Args:
             sigma: as for :meth:`shape_modes`.
-            numbers: how much of each error, in standard deviations [(M,)]
+            numbers: standard deviations of each error [(M,)]
             changes: of the residual by each [(V + R, F, 11, M)], so that the residual stays one of the shape as it
                 was, which noise with such errors expects; None: the residual is that of the new shape.
         """
