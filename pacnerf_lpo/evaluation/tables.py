@@ -146,7 +146,7 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
     if "before" in last:
         found.append(
             "Identified values and intervals are those of one last fit with more particles, in which data count by "
-            f"their errors; before it the phase had {listed(last['before'], units)}."
+            f"their errors and the shape may change; before it the phase had {listed(last['before'], units)}."
         )
     effects = ", ".join(results["effects"]) or "none"
     found.append(
