@@ -103,7 +103,11 @@ def _complain(error: BaseException, status: int) -> int:
 
 
 def run() -> NoReturn:
-    """Run the command of the process's command line, and end the process."""
+    """Run the command of the process's command line, and end the process. No bars are drawn into a log, which would
+    hold each of their states; lines say there how far it is.
+    """
+    if not sys.stderr.isatty():
+        os.environ.setdefault("TQDM_DISABLE", "1")
     leave(main())
 
 

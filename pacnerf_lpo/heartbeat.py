@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tqdm import tqdm
-
 QUIET = 8.0
 """Seconds without a word after which a line says what is being done: nobody waits for more than ten."""
 POLL = 0.5
@@ -23,6 +21,8 @@ class _Heart(threading.Thread):
         self.heard, self.ended = self.began, threading.Event()
 
     def run(self) -> None:
+        from tqdm import tqdm  # which asks when it is imported whether bars are drawn at all
+
         while not self.ended.wait(POLL):
             now = time.monotonic()
             if self.task is not None and now - self.heard >= QUIET:

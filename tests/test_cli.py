@@ -180,3 +180,10 @@ def test_help_all_of_fit_lists_the_trainers_options(capsys: pytest.CaptureFixtur
         main(["fit", "--help", "all"])
     assert ended.value.code == 0
     assert "--trainer.accelerator" in capsys.readouterr().out
+
+
+def test_no_bar_is_drawn_into_a_log():
+    drawing = "import pacnerf_lpo.__main__ as program; program.main = lambda: len(list(bar())) - 3; program.run()"
+    command = f"def bar():\n    from tqdm import tqdm\n    return tqdm(range(3))\n{drawing}"
+    done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr == ""
