@@ -27,7 +27,8 @@ from pacnerf_lpo.report.wording import readable
 
 REACH = 15.0
 """Noticeable changes to either side of a number, see ``Parameter.scale``: of a modulus or viscosity a factor of thirty,
-three times what people guess wrong."""
+three times what people guess wrong.
+"""
 PROBES = 2.0
 """A coefficient is looked for up to twice the largest size at which a diagnosis tries it."""
 
@@ -73,9 +74,11 @@ class Catalogue:
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
     def declare(self, entry: str | dict[str, Any]) -> str:
-        """Take an effect of one's own into the catalogue, by its class path, such as ``lorentz.Lorentz``, or as an
-        entry of ``physics.effects``; returns its name. Raises UserInputError where there is no such class, or it does
-        not apply to the material.
+        """Take an effect of one's own into the catalogue; returns its name. Raises UserInputError where there is no
+        such class, or it does not apply to the material.
+
+        Args:
+            entry: its class path, such as ``lorentz.Lorentz``, or an entry of ``physics.effects``.
         """
         given = entry if isinstance(entry, dict) else {"class_path": entry}
         effect = read_effects(Path("explore"), [given])[0]

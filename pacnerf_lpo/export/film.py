@@ -69,8 +69,11 @@ def write_mp4(subject: Subject, path: Path) -> None:
 
 
 def write_film(path: Path, frames: Iterable[np.ndarray], frame_rate: float) -> None:
-    """Write an H.264 film that browsers play, of frames [0..255, (H, W, 3), uint8] of even height and width, at a rate
-    [1/s].
+    """Write an H.264 film that browsers play.
+
+    Args:
+        frames: [0..255, (H, W, 3), uint8], even height and width.
+        frame_rate: [1/s]
     """
     options: Any = {"codec": "libx264", "quality": 8, "macro_block_size": 2, "ffmpeg_log_level": "error"}
     with whole_file(path) as part:

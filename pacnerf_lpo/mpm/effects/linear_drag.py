@@ -9,7 +9,9 @@ from pacnerf_lpo.mpm.point import Point
 
 
 class LinearDrag(BodyForce):
-    """Acceleration -c v: Stokes drag per unit mass; a fall approaches the terminal velocity g / c.
+    """Acceleration -c v: Stokes drag per unit mass.
+
+    Signature: the fall approaches a terminal velocity g / c. Easily confused with a smaller gravity.
 
     Args:
         drag: rate c [1/s].
