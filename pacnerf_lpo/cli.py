@@ -79,7 +79,7 @@ class PhaseCLI(LightningCLI):
         said = {name: text.replace("%", "%%") for name, text in OPTIONS.items()}
         parser.add_argument("--resume", metavar="RUN_DIR", help=said["resume"])
         parser.add_argument("--preset", type=str | None, help=said["preset"])
-        parser.add_argument("--intervals", type=bool, default=False, help=said["intervals"])
+        parser.add_argument("--intervals", type=bool, default=True, help=said["intervals"])
         parser.add_argument("--truth", type=str | None, help=said["truth"])
         parser.add_class_arguments(self._datamodule_class, "data")
         parser.add_class_arguments(self.physics_class, "physics")

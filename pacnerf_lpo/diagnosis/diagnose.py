@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import Progress, check_jobs
 from pacnerf_lpo.inference.decision import (
+    DECISIVE,
     LEVEL,
     LINEAR,
     best,
@@ -242,7 +244,7 @@ class _Diagnosis:
         assert found.screening is not None
         number = _number(len(rounds), found.again, rounds)
         found.refits, simulated = self._refits(number, found, found.screening, progress, kept)
-        tried = [name for name in self.store.seconds if name.startswith((f"{number}_refit_", f"{number}_search_"))]
+        tried = [name for name in self.store.seconds if name.startswith(f"{number}_refit_")]
         before = found.effort.get("refit", {})
         found.effort["refit"] = {k: v + before.get(k, 0) for k, v in self._effort(tried, simulated).items()}
         self._select(found, found.screening)
@@ -293,13 +295,19 @@ class _Diagnosis:
         """Every hypothesis that could win in a round, fitted, and the number of simulations: those whose linear change
         says so, and in a widened round those whose linear change is no accident; and while more than noise is left, the
         non-local ones, of which it says little: from their probes, and where the model without them has gone far from
-        what was expected and no effect explains the most of it, by a search of their own parameter space, too. Refits
-        of it that are ``kept`` are not made again.
+        what was expected and no effect explains the most of it, by a search of their own parameter space, too. Each
+        begins beside the best one, too, and those that came before that one once more. Refits of it that are ``kept``
+        are not made again.
         """
         refits: list[Refit] = list(kept)
         simulated = [0]
 
-        def attempt(candidate: Candidate, searched: bool) -> None:
+        def leader() -> Refit | None:
+            same = [again for again in refits if again.name not in screening.outside]
+            decisive = [again for again in same if again.log_bayes_factor > DECISIVE]
+            return min(decisive, key=lambda again: again.cost, default=None)
+
+        def attempt(candidate: Candidate, how: Literal["thoroughly", "searched", "beside"] = "thoroughly") -> None:
             if any(candidate.name == again.name for again in kept):
                 return
             if found.again < MOST_AGAIN and any(again.better for again in refits):
@@ -308,8 +316,10 @@ class _Diagnosis:
             told = _prefixed(progress, f"refit with {candidate.name}: ")
             step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
             compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
-            name = f"{number}_{'search' if searched else 'refit'}_{candidate.name}"
-            again = self.store.once(name, partial(step, compared, "searched" if searched else "thoroughly"))
+            ahead = leader()
+            beside = None if ahead is None or how == "searched" else ahead.known
+            name = f"{number}_refit_{how}_{candidate.name}"
+            again = self.store.once(name, partial(step, compared, how, beside))
             if again is None:
                 return
             simulated[0] += again.simulated
@@ -321,15 +331,19 @@ class _Diagnosis:
         by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
         nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
         scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
-        for name in worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR):
-            attempt(by_name[name], False)
+        names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
+        for name in names:
+            attempt(by_name[name])
+        ahead = leader()
+        for name in [] if ahead is None else takewhile(lambda name: name != ahead.name, names):
+            attempt(by_name[name], "beside")
         for searched in (False, True) if bent(found.comparison) else (False,):
             for candidate in nonlocal_:
                 known = any(again.name == candidate.name for again in refits)
                 least = min((again.cost for again in refits if again.p_value < LEVEL), default=np.inf)
                 wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
                 if wanted and more_than_noise(found, refits, size):
-                    attempt(candidate, searched)
+                    attempt(candidate, "searched" if searched else "thoroughly")
         return against_the_best(refits, screening), simulated[0]
 
     def _effort(self, steps: Sequence[str], simulated: float) -> dict[str, float]:

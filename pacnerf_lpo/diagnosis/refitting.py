@@ -103,7 +103,8 @@ def refit(
     screening: Screening,
     progress: Progress,
     best_cost: float = np.inf,
-    how: Literal["quickly", "thoroughly", "searched"] = "thoroughly",
+    how: Literal["quickly", "thoroughly", "searched", "beside"] = "thoroughly",
+    beside: dict[str, float] | None = None,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 
@@ -118,7 +119,9 @@ def refit(
         best_cost: of another effect; a fit that stays far above it is given up.
         how: searched: the whole parameter space of the model with the effect is searched first. Quickly: a few steps
             from the first start, with sensitivities that are measured again once at most: enough to see which effects
-            can win, not to decide between them.
+            can win, not to decide between them. Beside: from nowhere but
+        beside: values of the best model with another effect [SI], which is the first start where it is given: what a
+            model without either had to bend, neither has to.
 
     Returns:
         None if the motion is unstable from every start.
@@ -126,16 +129,20 @@ def refit(
     fits = _Fits(problem, effects, comparison, candidate, screening)
     linear = screening.score(candidate.name)
     begun, rollouts = _starts(fits.model, comparison, candidate, linear, fits.objective.mean), 0
+    measured = 0
+    if beside is not None:
+        near = fits.beside(begun[0], beside)
+        begun, measured = [near] if how == "beside" else [near, *begun], 1
     if how == "searched":
         try:
             guess = {**problem.first_guess, **candidate.effect.guess}
             found = base_fit(problem, fits.effects, guess, progress, followed=True)
         except SimulationError:
             return None
-        begun, rollouts = [found.free], found.rollouts
+        begun, rollouts, measured = [found.free], found.rollouts, 1
     quick = how == "quickly"
     effort = QUICK if quick else Effort(ITERATIONS)
-    best, used = fits.best(begun[:1] if quick else begun, progress, best_cost, how == "searched", effort)
+    best, used = fits.best(begun[:1] if quick else begun, progress, best_cost, measured, effort)
     if best is None:
         return None
     again = fits.scored(best, screening, rollouts + used)
@@ -171,14 +178,16 @@ class _Fits:
         self.size = int(self.mask.sum())
 
     def best(
-        self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, searched: bool, effort: Effort
+        self, begun: Sequence[np.ndarray], progress: Progress, best_cost: float, measured: int, effort: Effort
     ) -> tuple[Fit | None, int]:
-        """The best of the fits from some starts [(K,) each], None where all are unstable, and the rollouts of all."""
+        """The best of the fits from some starts [(K,) each], None where all are unstable, and the rollouts of all; at
+        the first so many, which are not near the model without the effect, sensitivities are measured.
+        """
         best, cost, rollouts = None, np.inf, 0
-        for start in begun:
+        for number, start in enumerate(begun):
             if np.isfinite(cost) and min(cost, best_cost) <= self.size:
                 break  # no more than noise is left, by this or by another effect: another optimum is not needed
-            first = None if searched else _begun(self.objective, self.model, self.comparison, start, self.own)
+            first = None if number < measured else _begun(self.objective, self.model, self.comparison, start, self.own)
             tried = fit_or_none(
                 self.objective,
                 start if first is None else first,
@@ -192,6 +201,11 @@ class _Fits:
             if tried is not None and tried.cost_of(self.objective.rows) < cost:
                 best, cost = tried, tried.cost_of(self.objective.rows)
         return best, rollouts
+
+    def beside(self, start: np.ndarray, values: dict[str, float]) -> np.ndarray:
+        """A start [(K,)] with all unknowns but those of the effect as another model has them [SI]."""
+        shared = {name: values[name] for name in np.array(self.model.names)[~self.own] if name in values}
+        return np.clip(self.model.moved(start, shared), *self.model.bounds)
 
     def scored(self, best: Fit, screening: Screening, rollouts: int) -> Refit:
         """What a fit says of the effect."""

@@ -148,6 +148,12 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
             "Identified values and intervals are those of one last fit with more particles, in which data count by "
             f"their errors and the shape may change; before it the phase had {listed(last['before'], units)}."
         )
+    elif fit := results.get("intervals"):
+        values = {name: one["value"] for name, one in fit["parameters"].items()}
+        found.append(
+            "Intervals are those of one last fit, to the outlines, in which data count by their errors and the shape "
+            f"may change; it has {listed(values, units)}."
+        )
     effects = ", ".join(results["effects"]) or "none"
     found.append(
         f"The model has gravity, a ground of the kind {results['ground']}, and as effects: {effects}. What is missing "

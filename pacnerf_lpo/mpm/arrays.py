@@ -104,7 +104,7 @@ class Dims(Emitted):
 
 @dataclass(frozen=True)
 class Launch(Emitted):
-    """Arguments that both kernels have.
+    """Arguments that forward and adjoint have in common.
 
     numbers, dims: see there.  spans: per slice the first and the last node that begins a stencil.
     status: per cause the first substep it befell.  bench: rows of LANES numbers per slice, see :class:`Bench`.

@@ -1,4 +1,4 @@
-"""The two kernels of the engine: passes forward, and their adjoint. Everything else in the engine calls these.
+"""The kernel of the engine, compiled twice: passes forward, and their adjoint. Everything else in the engine calls it.
 
 A pass goes over the particles (:mod:`~pacnerf_lpo.mpm.substep`), then over the grid; in which order threads go through
 them is the schedule of the device. A frame of S substeps takes S + 1 passes, as the first one completes nothing and the
@@ -17,7 +17,8 @@ from pacnerf_lpo.mpm.taichi_calls import REAL, Launcher, ti
 
 @functools.cache
 def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Launcher, Launcher]:
-    """Forward and adjoint kernel for these laws, compiled at their first launch.
+    """Forward and adjoint kernel for these laws, compiled at their first launch; ``gradient``, ``node``,
+    ``of_constants`` and ``of_coefficients`` are for the adjoint.
 
     Args:
         laws: local laws to compile in.
@@ -32,63 +33,45 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
     Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
     Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
-    @ti.kernel
-    def forward(
-        states: Rows,
-        velocity: Nodes,
-        contact: Reals,
-        momentum: Nodes,
-        constants: Rows,
-        numbers: Reals,
-        dims: Ints,
-        spans: Ints,
-        status: Ints,
-        bench: Rows,
-        progress: Ints,
-        slices: int,
-        chunk: int,
-        substeps: int,
-        first: int,
-        last: int,
-        state: int,
-        nodes: int,
-        contacts: int,
-    ):
-        call = Launch(
-            numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
-        )  # fmt: skip
-        schedule.passes(Forward(states, velocity, contact, momentum, constants), call, laws, parallel, False)
+    def launcher(back: bool) -> Launcher:
+        @ti.kernel
+        def passes(
+            states: Rows,
+            velocity: Nodes,
+            contact: Reals,
+            momentum: Nodes,
+            constants: Rows,
+            gradient: Rows,
+            node: Nodes,
+            of_constants: Rows,
+            of_coefficients: Doubles,
+            numbers: Reals,
+            dims: Ints,
+            spans: Ints,
+            status: Ints,
+            bench: Rows,
+            progress: Ints,
+            slices: int,
+            chunk: int,
+            substeps: int,
+            first: int,
+            last: int,
+            state: int,
+            nodes: int,
+            contacts: int,
+        ):
+            call = Launch(
+                numbers, dims, spans, status, bench, progress, slices, chunk, substeps,
+                first, last, state, nodes, contacts,
+            )  # fmt: skip
+            if ti.static(back):
+                a = Adjoint(
+                    states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients
+                )
+                schedule.passes(a, call, laws, parallel, True)
+            else:
+                schedule.passes(Forward(states, velocity, contact, momentum, constants), call, laws, parallel, False)
 
-    @ti.kernel
-    def adjoint(
-        states: Rows,
-        gradient: Rows,
-        node: Nodes,
-        velocity: Nodes,
-        contact: Reals,
-        momentum: Nodes,
-        constants: Rows,
-        of_constants: Rows,
-        of_coefficients: Doubles,
-        numbers: Reals,
-        dims: Ints,
-        spans: Ints,
-        status: Ints,
-        bench: Rows,
-        progress: Ints,
-        slices: int,
-        chunk: int,
-        substeps: int,
-        first: int,
-        last: int,
-        state: int,
-        nodes: int,
-        contacts: int,
-    ):
-        call = Launch(
-            numbers, dims, spans, status, bench, progress, slices, chunk, substeps, first, last, state, nodes, contacts
-        )  # fmt: skip
-        a = Adjoint(states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients)
-        schedule.passes(a, call, laws, parallel, True)
+        return Launcher(passes, dtype)
 
-    return Launcher(forward, dtype), Launcher(adjoint, dtype)
+    return launcher(back=False), launcher(back=True)

@@ -112,6 +112,8 @@ class Run:
         self._spans = torch.zeros(6 * self._slices, dtype=torch.int32, device=state.device)
         self._bench = state.new_zeros(self._slices * Bench.ROWS, LANES)
         self._momentum = state.new_zeros(0, 4)
+        nothing = {"gradient": self._bench, "node": self._momentum, "of_constants": self._bench}
+        self._no_adjoints = nothing | {"of_coefficients": state.new_zeros(0, dtype=torch.float64)}
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
@@ -171,7 +173,7 @@ class Run:
         return unpacked(self._of_state, self.particles), of_constants, self._of_coefficients.sum(0).to(self.state)
 
     def _launch(
-        self, kernel: Launcher, index: int, tape: Tape, launches: list[tuple[int, int]], others: dict | None = None
+        self, kernel: Launcher, index: int, tape: Tape, launches: list[tuple[int, int]], adjoints: dict | None = None
     ) -> list[int]:
         """Passes of a frame; the first substep that each cause of failure befell."""
         wanted = tape.grid.nodes * self._slices
@@ -197,7 +199,7 @@ class Run:
             first=0,
             last=0,
             **tape.arguments(),
-            **(others or {}),
+            **(adjoints or self._no_adjoints),
         )
         for first, last in launches:
             kernel(first=first, last=last)

@@ -114,7 +114,7 @@ def plan_runs(
         files = _files(name, scene, configs, (*(configs / extra for extra in suite.overlays), *overlays))
         words = [word for path in files for word in ("--config", str(path))]
         words += [f"--outer_loop.rounds={needed[name]}", f"--data.root={scene.root}", f"--truth={scene.truth}"]
-        words.append("--outer_loop.compare_methods=false")  # nobody reads doubts in a table
+        words += ["--outer_loop.compare_methods=false", "--intervals=false"]  # the tables have neither
         if name.correction in ("", NO_CORRECTION):  # nothing is held out from a correction that there is not
             words.append("--outer_loop.stop_when=never")
         if cli is None:  # the parser is made once

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
@@ -21,6 +22,8 @@ PROBES = 20.0
 of the noise, and an effect that stands out by a hundred is as many times stronger."""
 LEAST_FACTOR = 0.05
 """A gradient leaves at least this part of mass and stiffness."""
+Initial = tuple[Tensor, Tensor, Tensor]
+"""Velocity [m/s, (N, 3)], mass [kg, (N,)] and stiffness [1, (N,)] at frame 0."""
 
 
 class Effect(ABC):
@@ -200,11 +203,9 @@ class InitialState(Effect):
 
     @staticmethod
     @abstractmethod
-    def apply(
-        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Velocity [m/s, (N, 3)], mass [kg, (N,)] and stiffness [1, (N,)] at frame 0, from positions [m, (N, 3)], what
-        they would be without it, and the coefficients (scalars). Plain torch.
+    def apply(positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace) -> Initial:
+        """The body at frame 0, from positions [m, (N, 3)], what the others would be without it, and the coefficients
+        (scalars). Plain torch.
         """
 
     @staticmethod
@@ -223,8 +224,9 @@ def from_centre(positions: Tensor, mass: Tensor) -> Tensor:
     return positions - (mass[:, None] * positions).sum(0) / mass.sum()
 
 
-def linear_factor(positions: Tensor, mass: Tensor, gradient: tuple[Tensor, Tensor, Tensor]) -> Tensor:
-    """max(1 + k . (X - X_c), 0.05), with the gradient k [1/m, 3 scalars] and the centre of mass X_c [(N,)]."""
-    relative = from_centre(positions, mass)
-    change = sum((k * x for k, x in zip(gradient, relative.unbind(1), strict=True)), 0.0 * mass)
-    return (1.0 + change).clamp_min(LEAST_FACTOR)
+def linear_factor(positions: Tensor, mass: Tensor, c: SimpleNamespace, name: str) -> Tensor:
+    """max(1 + k . (X - X_c), 0.05), with the centre of mass X_c and the gradient k, whose components [1/m] are the
+    coefficients of that name with ``_x``, ``_y`` and ``_z`` [(N,)].
+    """
+    gradient = torch.stack([getattr(c, f"{name}_{axis}") for axis in "xyz"])
+    return (1.0 + from_centre(positions, mass) @ gradient.to(mass)).clamp_min(LEAST_FACTOR)

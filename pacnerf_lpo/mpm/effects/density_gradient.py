@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import InitialState, linear_factor, one_at_a_time
+from pacnerf_lpo.mpm.effects.base import Initial, InitialState, linear_factor, one_at_a_time
 from pacnerf_lpo.mpm.parameters import by_axis
 
 
@@ -23,8 +23,5 @@ class DensityGradient(InitialState):
     probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
     @staticmethod
-    def apply(
-        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        gradient = c.density_gradient_x, c.density_gradient_y, c.density_gradient_z
-        return velocity, linear_factor(positions, mass, gradient) * mass, stiffness
+    def apply(positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace) -> Initial:
+        return velocity, linear_factor(positions, mass, c, "density_gradient") * mass, stiffness

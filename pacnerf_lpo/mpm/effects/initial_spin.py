@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import InitialState, from_centre, one_at_a_time
+from pacnerf_lpo.mpm.effects.base import Initial, InitialState, from_centre, one_at_a_time
 from pacnerf_lpo.mpm.parameters import by_axis
 
 
@@ -24,9 +24,7 @@ class InitialSpin(InitialState):
     probes = one_at_a_time(spin_x=1.0, spin_y=1.0, spin_z=1.0)
 
     @staticmethod
-    def apply(
-        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    def apply(positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace) -> Initial:
         return velocity + from_centre(positions, mass) @ InitialSpin.velocity_gradient(c).T, mass, stiffness
 
     @staticmethod

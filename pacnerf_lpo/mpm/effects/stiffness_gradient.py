@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from torch import Tensor
 
-from pacnerf_lpo.mpm.effects.base import InitialState, linear_factor, one_at_a_time
+from pacnerf_lpo.mpm.effects.base import Initial, InitialState, linear_factor, one_at_a_time
 from pacnerf_lpo.mpm.parameters import by_axis
 
 
@@ -22,8 +22,5 @@ class StiffnessGradient(InitialState):
     probes = one_at_a_time(**dict.fromkeys(parameters, 2.0))
 
     @staticmethod
-    def apply(
-        positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        gradient = c.stiffness_gradient_x, c.stiffness_gradient_y, c.stiffness_gradient_z
-        return velocity, mass, linear_factor(positions, mass, gradient) * stiffness
+    def apply(positions: Tensor, velocity: Tensor, mass: Tensor, stiffness: Tensor, c: SimpleNamespace) -> Initial:
+        return velocity, mass, linear_factor(positions, mass, c, "stiffness_gradient") * stiffness
