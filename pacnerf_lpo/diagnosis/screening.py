@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 from torch import Tensor
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
@@ -31,6 +32,8 @@ of every model."""
 LEAST_CAMERAS = 4
 """Other views whose faults of one kind show how large such residuals are by themselves: the median of fewer says little
 more than one of them."""
+EFFICIENCY = 0.37
+"""Of a variance by the median: so many degrees of freedom are each other camera's (Rousseeuw and Croux 1993)."""
 PARALLEL = 1e-6
 """Part of a fault, of its size, below which another one explains it all."""
 LEAST_CHANGE = 1e-4
@@ -124,7 +127,8 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     fitted = [parts[one.name in probes.outside] for one in hypotheses]
     calibration = calibrate(noise, hypotheses, fitted, LEVEL)
     usual = usual_faults(noise, residual, hypotheses, calibration.scales)
-    scales = {name: s * usual.get(name, 1.0) for name, s in calibration.scales.items()}
+    factors = {name: found.factor(calibration.dof) for name, found in usual.items()}
+    scales = {name: s * factors.get(name, 1.0) for name, s in calibration.scales.items()}
     scores = []
     for one, part in zip(hypotheses, fitted, strict=True):
         found = score(noise, residual, one, scales[one.name])
@@ -222,10 +226,35 @@ def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:
     return name, 1.0 if candidate.discrete else trial[name] - null[name]
 
 
+class Usual(NamedTuple):
+    """How a camera fault compares with those of its kind in the other cameras.
+
+    scale: by how much a typical one is larger than noise, at least 1.
+    others: how many tell it.
+    square, size: mean square of the fault's own coordinates, in units of the noise, and their number.
+    """
+
+    scale: float
+    others: int
+    square: float
+    size: int
+
+    def factor(self, dof: float) -> float:
+        """On the scale of the noise along the fault. It makes it as rare by the tails that a selection is simulated
+        with, of a variance known with so many degrees of freedom, as it is by its own: of that variance and what the
+        other cameras show beyond it, known from a few of them only (Satterthwaite 1946).
+        """
+        excess, square = self.scale**2 - 1, self.square / self.scale**2
+        if excess <= 0 or square <= 0:
+            return self.scale
+        own = self.scale**4 / (1 / dof + excess**2 / (EFFICIENCY * self.others))
+        return self.scale * max(1.0, float(np.sqrt(square / f.isf(f.sf(square, self.size, own), self.size, dof))))
+
+
 def usual_faults(
     noise: NoiseModel, residual: np.ndarray, hypotheses: Sequence[Hypothesis], scales: Mapping[str, float]
-) -> dict[str, float]:
-    """By how much faults of the kind of each camera fault are larger in a typical other camera than noise, at least 1.
+) -> dict[str, Usual]:
+    """Every camera fault beside those of its kind in the other cameras.
 
     Replicates do not know how wrong a shape is where the reconstruction did not look, and that differs from view to
     view; so the other cameras are the null (Efron 2004): their median deviate has to be that of noise. It is taken
@@ -243,15 +272,16 @@ def usual_faults(
     axes = {one.name: alternatives[0].axes for one, alternatives in zip(faults, tried, strict=True)}
     left, found = noise.whiten_residual(residual), {}
     for name, own in axes.items():
-        kind = name.partition("@")[0] + "@"
+        kind, along = name.partition("@")[0] + "@", own.T @ left
         others = {other: found for other, found in axes.items() if other.startswith(kind) and other != name}
-        beside = left - own @ (own.T @ left)
+        beside = left - own @ along
         deviates = []
         for other, directions in others.items():
             free = directions - own @ (own.T @ directions)
             change = free @ np.linalg.lstsq(free, beside, rcond=PARALLEL)[0]
             deviates.append(np.sqrt(change @ change / chi2.median(free.shape[1])) / scales[other])
-        found[name] = max(1.0, float(np.median(deviates))) if len(deviates) >= LEAST_CAMERAS else 1.0
+        scale = max(1.0, float(np.median(deviates))) if len(deviates) >= LEAST_CAMERAS else 1.0
+        found[name] = Usual(scale, len(deviates), float((along**2).mean()) / scales[name] ** 2, len(along))
     return found
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.optimize import brentq
+from scipy.stats import chi2, f
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import superfluous
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import FORCE, fitted_by, usual_faults
+from pacnerf_lpo.diagnosis.screening import EFFICIENCY, FORCE, Usual, fitted_by, usual_faults
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.inference.decision import LEVEL
@@ -117,7 +118,7 @@ def usual(noise: NoiseModel, residual: np.ndarray, columns: np.ndarray) -> list[
     others = [Hypothesis("LinearDrag", (np.ones((VIEWS * FRAMES, 1)),), (np.ones(1),))]
     found = usual_faults(noise, residual, [*faults, *others], dict.fromkeys([f.name for f in [*faults, *others]], 1.0))
     assert set(found) == {fault.name for fault in faults}
-    return list(found.values())
+    return [one.scale for one in found.values()]
 
 
 def test_the_usual_fault_of_a_camera_is_that_of_the_others():
@@ -128,6 +129,24 @@ def test_the_usual_fault_of_a_camera_is_that_of_the_others():
     assert usual(noise, noise.mean, shifts) == VIEWS * [1.0]
     assert usual(noise, everywhere, shifts[:4]) == 4 * [1.0]  # too few others
     assert usual(noise, everywhere, shifts[:0]) == []
+
+
+def test_a_fault_among_few_cameras_is_believed_as_late_as_it_is_rare():
+    """Drawn as it is assumed: replicates' variance of 1, cameras' of 3, a fault of two numbers. Satterthwaite's tails
+    are up to twice too heavy.
+    """
+    random, draws, dof, others = np.random.default_rng(2), 200_000, 21.0, 10
+    told = EFFICIENCY * others
+    scale = np.sqrt(random.chisquare(dof, draws) / dof + 3 * random.chisquare(told, draws) / told)
+    squares, rare = 4 * random.chisquare(2, draws) / 2, f.isf(0.01, 2, dof)
+
+    def believed(square: float) -> float:
+        return square / Usual(2.0, others, square, 2).factor(dof) ** 2 - rare
+
+    edge = brentq(believed, 4.0, 4e3) / 4
+    assert 0.004 < np.mean(squares / scale**2 > edge) < 0.011
+    assert np.mean(squares / scale**2 > rare) > 0.02
+    assert Usual(1.0, others, 50.0, 2).factor(dof) == 1.0
 
 
 def test_a_fault_that_shows_in_all_cameras_is_no_usual_one():
