@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
-from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, bent, better_null, refit
-from pacnerf_lpo.diagnosis.removal import superfluous
+from pacnerf_lpo.diagnosis.removal import Without, without_each
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
@@ -114,7 +114,8 @@ def investigate(
     progress: Progress,
     keep: Callable[[list[Round]], None] = lambda _: None,
 ) -> list[Round]:
-    """All rounds. An effect that a later model does without is removed at the end, and the model is fitted again.
+    """All rounds. At the end, an effect that a later model does without is removed; or each but the last one competes
+    again beside those that were found after it, which were not there when it was chosen.
 
     Args:
         problem: what is under diagnosis.
@@ -144,18 +145,12 @@ class _Diagnosis:
         """All rounds."""
         problem, store, options, rounds = self.problem, self.store, self.options, self.rounds
         self._add_effects()
+        changed = len(rounds) > 2
+        while changed:
+            looks = without_each(problem, rounds[-1])
+            gone = [look for look in looks if look.superfluous]
+            changed = self._remove(gone) if gone else self._choose_again(looks)
         last = rounds[-1]
-        gone = superfluous(problem, last) if len(rounds) > 2 else []
-        if gone:
-            kept = tuple(effect for effect in last.effects if effect not in gone)
-            told = _prefixed(self.progress, f"round {len(rounds) + 1}, without what is not needed, ")
-            names = [name_of(effect) for effect in gone]
-            try:
-                last = self._round(kept, last.comparison.known, told, last.again)
-                last.removed = names
-                rounds.append(last)
-            except SimulationError as error:
-                last.left_out |= dict.fromkeys(names, str(error))
         if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
             asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
             last.force = store.once(f"{len(rounds)}_force", asked)
@@ -165,6 +160,52 @@ class _Diagnosis:
             last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
         self.keep(rounds)
         return rounds
+
+    def _remove(self, gone: Sequence[Without]) -> bool:
+        """Another round without some effects; whether several are left."""
+        rounds, last = self.rounds, self.rounds[-1]
+        kept = tuple(effect for effect in last.effects if effect not in [look.effect for look in gone])
+        told = _prefixed(self.progress, f"round {len(rounds) + 1}, without what is not needed, ")
+        names = [look.name for look in gone]
+        try:
+            found = self._round(kept, gone[-1].known, told, last.again, compete=False)
+        except SimulationError as error:
+            last.left_out |= dict.fromkeys(names, str(error))
+            return False
+        found.removed = names
+        rounds.append(found)
+        return len(kept) - len(self.problem.physics.effects) > 1
+
+    def _choose_again(self, looks: Sequence[Without]) -> bool:
+        """In the place of each effect but the last, let all compete beside the others; where another one wins that was
+        not removed before, it takes its place. Nothing stands for the fault of a camera. Returns whether one has won.
+        """
+        rounds, last = self.rounds, self.rounds[-1]
+        gone = {name for done in rounds for name in done.removed}
+        effects = [look for look in looks if "@" not in look.name]
+        for look in effects[:-1]:
+            others = tuple(effect for effect in last.effects if effect is not look.effect)
+            told = _prefixed(self.progress, f"round {len(rounds) + 1}, in the place of {look.name}, ")
+            try:
+                found = self._round(others, look.known, told, last.again, look.name)
+                while found.better is not None and found.again < MOST_AGAIN:
+                    found = self._round(others, found.better, told, found.again + 1, look.name)
+                chosen = found.accepted
+                if chosen is None or chosen.name in gone or look.name in found.indistinguishable:
+                    first = next(done for done in rounds if done.accepted and done.accepted.name == look.name)
+                    rivals = [name for name in found.indistinguishable if name != look.name]
+                    first.indistinguishable = [look.name, *rivals]
+                    continue
+                known, effect = chosen.known, found.candidate(chosen.name).effect
+                told = _prefixed(self.progress, f"round {len(rounds) + 2}, ")
+                after = [*rounds, found]
+                compared = self._round((*others, effect), known, told, found.again, look.name, after, compete=False)
+            except SimulationError:
+                continue
+            found.removed = [look.name]
+            rounds[:] = [*after, compared]
+            return True
+        return False
 
     def _add_effects(self) -> None:
         """Rounds in which effects are added one after the other."""
@@ -200,11 +241,27 @@ class _Diagnosis:
             assert last.accepted is not None
             effects, known = (*last.effects, last.candidate(last.accepted.name).effect), last.accepted.known
 
-    def _round(self, effects: tuple[Effect, ...], known: dict[str, float], progress: Progress, again: int) -> Round:
-        """The next round, of a model with these effects that starts from known values."""
-        problem, store, options, before = self.problem, self.store, self.options, self.rounds
+    def _round(
+        self,
+        effects: tuple[Effect, ...],
+        known: dict[str, float],
+        progress: Progress,
+        again: int,
+        beside: str = "",
+        before: Sequence[Round] | None = None,
+        compete: bool = True,
+    ) -> Round:
+        """The next round, of a model with these effects that starts from known values.
+
+        Args:
+            beside: as of a :class:`Round`.
+            before: rounds before it; None: all so far.
+            compete: whether effects may be added, as long as there are not too many.
+        """
+        problem, store, options = self.problem, self.store, self.options
+        before = self.rounds if before is None else before
         latest = (before[-1].effects, before[-1].comparison) if before else None
-        number = _number(len(before) + 1, again, before)
+        number = _number(len(before) + 1, again, before, beside)
         settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
         searched = not before and not again
         step = partial(compare, problem, effects, known, settings, searched, told, latest)
@@ -218,13 +275,14 @@ class _Diagnosis:
             undetermined,
             store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
             again=again,
+            beside=beside,
         )
         residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
         found.errors = comparison.errors(problem, residuals)
         found.effort["compare"] = self._effort([f"{number}_compare"], comparison.rollouts)
         if options.until in ("compare", "localise"):
             return found
-        if len(before) < options.effects:
+        if compete and len(effects) - len(problem.physics.effects) < options.effects:
             found.candidates = candidates_for(problem, options, effects)
         look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
         found.probes = probes = store.once(f"{number}_probe", look)
@@ -242,7 +300,7 @@ class _Diagnosis:
         """
         found = rounds[-1]
         assert found.screening is not None
-        number = _number(len(rounds), found.again, rounds)
+        number = _number(len(rounds), found.again, rounds, found.beside)
         found.refits, simulated = self._refits(number, found, found.screening, progress, kept)
         tried = [name for name in self.store.seconds if name.startswith(f"{number}_refit_")]
         before = found.effort.get("refit", {})
@@ -375,11 +433,11 @@ def candidates_for(problem: Problem, options: Options, installed: Sequence[Effec
     return [Candidate(candidate.name, problem.adopt(candidate.effect)) for candidate in found]
 
 
-def _number(count: int, again: int, rounds: Sequence[Round]) -> str:
-    """Of a round in the names of its steps: beginning again, and what this round or one before it left out or fitted in
-    addition, make others of it.
+def _number(count: int, again: int, rounds: Sequence[Round], beside: str) -> str:
+    """Of a round in the names of its steps: beginning again, in whose place effects compete, and what this round or one
+    before it left out or fitted in addition, make others of it.
     """
-    parts = [f"{count}_again{again}" if again else str(count)]
+    parts = [f"{count}_again{again}" if again else str(count), *([f"beside_{beside}"] if beside else [])]
     for place, found in enumerate(rounds, 1):
         parts += [f"widened_{place}"] if found.widened else []
         parts += [f"without_{name}" for name in found.left_out]

@@ -60,6 +60,8 @@ class Refit:
     sizes: numbers of the data that it is fitted to, and of all.
     better: values at which the model without the effect is decisively better than where it was fitted, found from where
         this fit ended [SI]; None: there are none.
+    whole: logarithm of the Bayes factor of all data as it is, whether the fitted ones alone say anything for the effect
+        or not.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Refit:
     simulated: int
     sizes: tuple[int, int]
     better: dict[str, float] | None = None
+    whole: float = 0.0
 
     @property
     def contender(self) -> Contender:
@@ -91,7 +94,7 @@ class Refit:
         whole = log_bayes_factor(without, self.cost + self.held.cost, self.sizes[1], occam, scale)
         factor = float(believed(whole, fitted))
         p_value = screening.p_value(factor)
-        again = replace(self, cost_without=cost_without, held_without=held_without)
+        again = replace(self, cost_without=cost_without, held_without=held_without, whole=whole)
         return replace(again, log_bayes_factor=factor, p_value=p_value)
 
 
@@ -259,8 +262,9 @@ def against_without(
     name: str,
     comparison: Comparison,
     screening: Screening,
-) -> Refit:
-    """One effect of a fitted model, scored against the model without it, which is fitted from there.
+) -> tuple[Refit, dict[str, float]]:
+    """One effect of a fitted model, scored against the model without it, which is fitted from there; and the values of
+    that [SI].
 
     Args:
         problem, comparison: the run, and its model fitted with the effect.
@@ -282,7 +286,8 @@ def against_without(
     fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
     places = [comparison.names.index(other) for other in fits.model.names]
     free, jacobian = comparison.free[places], fits.objective.derivative(comparison.jacobian[..., places])
-    return fits.scored(Fit(free, fits.objective(free), jacobian, 1, fits.objective), screening, found.rollouts)
+    again = fits.scored(Fit(free, fits.objective(free), jacobian, 1, fits.objective), screening, found.rollouts)
+    return again, without.known
 
 
 class BetterNull(NamedTuple):

@@ -1,27 +1,47 @@
-"""The removal step: an effect that was found early may be superfluous once others are in the model."""
+"""A model without each of its effects: one that was found early may be superfluous once others are in the model."""
+
+from dataclasses import dataclass
 
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.refitting import against_without
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.inference.decision import LEVEL
+from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
 from pacnerf_lpo.mpm.effects.base import Effect
 
 
-def superfluous(problem: Problem, found: Round) -> list[Effect]:
-    """Effects of a fitted model without which it explains the data as well: the model is fitted again without each of
-    them, and the effect is scored against that as any other. Those of the run itself stay, and those without which the
-    motion is unstable.
+@dataclass(frozen=True)
+class Without:
+    """A fitted model without one of its effects, fitted again.
+
+    effect: that it is without.
+    known: values of it [SI]
+    superfluous: whether it explains the data as well.
+    """
+
+    effect: Effect
+    known: dict[str, float]
+    superfluous: bool
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return name_of(self.effect)
+
+
+def without_each(problem: Problem, found: Round) -> list[Without]:
+    """A fitted model without each of its effects, in the order in which they were added. Those of the run itself stay,
+    and those without which the motion is unstable. An effect is superfluous if what it adds is no rarer than a false
+    alarm; what was held out can keep it, too, for it has won before.
     """
     assert found.screening is not None
-    gone = []
+    looks = []
     for effect in found.effects[len(problem.physics.effects) :]:
         kept = tuple(other for other in found.effects if other is not effect)
         try:
-            again = against_without(problem, kept, effect, name_of(effect), found.comparison, found.screening)
+            again, known = against_without(problem, kept, effect, name_of(effect), found.comparison, found.screening)
         except SimulationError:
             continue
-        if again.p_value >= LEVEL:
-            gone.append(effect)
-    return gone
+        looks.append(Without(effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE))
+    return looks

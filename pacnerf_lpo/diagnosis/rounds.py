@@ -48,6 +48,7 @@ class Round:
     effort: seconds and simulations of every step, by name.
     again: how often the diagnosis began a round again before this one was reached.
     widened: whether hypotheses to which no straight line leads were fitted, too.
+    beside: name of the earlier effect in whose place they compete beside the others; empty in rounds that add one.
     """
 
     effects: tuple[Effect, ...]
@@ -73,6 +74,7 @@ class Round:
     effort: dict[str, dict[str, float]] = field(default_factory=dict)
     again: int = 0
     widened: bool = False
+    beside: str = ""
 
     @property
     def better(self) -> dict[str, float] | None:

@@ -10,7 +10,7 @@ from scipy.stats import chi2, f
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
 from pacnerf_lpo.diagnosis.refitting import refit
-from pacnerf_lpo.diagnosis.removal import superfluous
+from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import EFFICIENCY, FORCE, Usual, fitted_by, usual_faults
 from pacnerf_lpo.errors import SimulationError
@@ -97,7 +97,7 @@ def test_an_effect_is_superfluous_only_where_its_coefficient_is_at_its_null(fitt
     screening = screened(problem, effects, comparison, [])
     told = intervals(problem, effects, comparison)
     found = Round(effects, comparison, *comparison.checks(problem), *told, [], screening=screening)
-    assert superfluous(problem, found) == [effects[1]]
+    assert [look.effect for look in without_each(problem, found) if look.superfluous] == [effects[1]]
 
 
 VIEWS, FRAMES = 6, 10

@@ -11,11 +11,11 @@ import pytest
 from pacnerf_lpo.diagnosis import diagnose
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate
+from pacnerf_lpo.diagnosis.removal import Without
 from pacnerf_lpo.diagnosis.rounds import Round, verdict
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.mpm.effects.base import Effect
 from tests.diagnosis import falling
 
 KINDS = {"nothing", "missing", "camera", "unknown", "unfinished"}
@@ -111,11 +111,11 @@ def test_an_effect_stays_where_the_model_without_it_is_unstable(tmp_path, monkey
     left = []
     falling.install(monkeypatch, lambda *_: bool(left))
 
-    def superfluous(problem: falling.Falling, found: Round) -> list[Effect]:
+    def without_each(problem: falling.Falling, found: Round) -> list[Without]:
         left.append(found.effects[0])
-        return left
+        return [Without(left[0], found.comparison.known, superfluous=True)]
 
-    monkeypatch.setattr(diagnose, "superfluous", superfluous)
+    monkeypatch.setattr(diagnose, "without_each", without_each)
     problem = falling.Falling({"drag": 2.0, "push_x": 3.0, "push_z": 0.0})
     options = Options(falling.listed(tmp_path), replicates=5, effects=2)
     rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, lambda _: None)

@@ -27,7 +27,7 @@ from validation.hidden_effects import full, simpler
 from validation.hidden_effects.known_shape import SETTING, VIDEO, KnownShape
 
 EFFORT, FAILURE, SIMPLER = "effort.json", "failure.txt", "simpler.json"
-FAST = Options(effects=2)
+FAST = Options()
 
 
 def diagnose_scene(scene: Path, options: Options = FAST) -> str:

@@ -1,0 +1,49 @@
+"""Effects are added one after the other; what came first competes again beside what came later."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pacnerf_lpo.diagnosis.diagnose import Options, _Diagnosis
+from pacnerf_lpo.diagnosis.refitting import refit
+from pacnerf_lpo.diagnosis.removal import without_each
+from pacnerf_lpo.diagnosis.rounds import accepted_names, verdict
+from pacnerf_lpo.diagnosis.store import Store
+from tests.diagnosis import falling
+
+HIDDEN = {"push_x": 2.5, "push_z": -1.0, "ground_friction": 0.2}
+
+
+def begun(folder, order: Sequence[str]) -> _Diagnosis:
+    """A diagnosis in whose rounds these effects were added, whatever won."""
+    problem = falling.Falling(HIDDEN)
+    options = Options(falling.listed(folder), replicates=8)
+    found = _Diagnosis(problem, Store(folder, b"falling", {}), options, lambda _: None, lambda _: None)
+    effects, known = (), problem.first_guess
+    for name in order:
+        done = found._round(effects, known, found.progress, 0)
+        done.accepted = refit(problem, effects, done.comparison, done.candidate(name), done.screening, found.progress)
+        done.indistinguishable = [name]
+        effects, known = (*effects, done.candidate(name).effect), done.accepted.known
+        found.rounds.append(done)
+    found.rounds.append(found._round(effects, known, found.progress, 0, compete=False))
+    return found
+
+
+def test_an_effect_that_stood_for_another_one_gives_way_to_it(tmp_path, monkeypatch, small_threads):
+    """Drag was taken for the wind while nothing else was in the model."""
+    falling.install(monkeypatch)
+    found = begun(tmp_path, ("LinearDrag", "GroundFriction"))
+    found._choose_again(without_each(found.problem, found.rounds[-1]))
+    assert [done.removed for done in found.rounds] == [[], [], [], ["LinearDrag"], []]
+    said = verdict(found.rounds)
+    assert (said.kind, sorted(said.names)) == ("missing", ["GroundFriction", "UniformForce"])
+
+
+def test_an_effect_that_wins_again_stays(tmp_path, monkeypatch, small_threads):
+    falling.install(monkeypatch)
+    found = begun(tmp_path, ("UniformForce", "GroundFriction"))
+    before = list(found.rounds)
+    found._choose_again(without_each(found.problem, before[-1]))
+    assert found.rounds == before and accepted_names(before) == ["UniformForce", "GroundFriction"]
+    assert before[0].indistinguishable == ["UniformForce"]
