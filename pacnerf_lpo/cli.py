@@ -38,7 +38,7 @@ from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.outer_loop import OuterLoop, PhaseStep
 from pacnerf_lpo.phases.base import AbstractPhase
 from pacnerf_lpo.phases.dynamic import DynamicPhase
-from pacnerf_lpo.phases.estimate import estimate
+from pacnerf_lpo.phases.estimate import estimate, interval_particles
 from pacnerf_lpo.phases.law_choice import LawChoice
 from pacnerf_lpo.reuse import reusable
 
@@ -79,7 +79,7 @@ class PhaseCLI(LightningCLI):
         said = {name: text.replace("%", "%%") for name, text in OPTIONS.items()}
         parser.add_argument("--resume", metavar="RUN_DIR", help=said["resume"])
         parser.add_argument("--preset", type=str | None, help=said["preset"])
-        parser.add_argument("--intervals", type=bool, default=True, help=said["intervals"])
+        parser.add_argument("--intervals", type=bool | int, default=True, help=said["intervals"])
         parser.add_argument("--truth", type=str | None, help=said["truth"])
         parser.add_class_arguments(self._datamodule_class, "data")
         parser.add_class_arguments(self.physics_class, "physics")
@@ -144,6 +144,7 @@ class PhaseCLI(LightningCLI):
         returns the run directory.
         """
         check_truth(self.config.truth)
+        interval_particles(self.config.intervals)
         self._choose_device()
         doing("reading the video")
         self.datamodule.prepare()
@@ -218,7 +219,8 @@ class PhaseCLI(LightningCLI):
         """Say what overlays changed, and what the run will take."""
         physics = self.physics if self.physics.decided else self.physics.candidates[0]
         todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
-        lasts = estimate(todo, self.phases.get("static"), self.datamodule, physics, self.config.intervals)
+        intervals = interval_particles(self.config.intervals)
+        lasts = estimate(todo, self.phases.get("static"), self.datamodule, physics, intervals)
         for line in [*self.remarks, *lasts]:
             print(line, flush=True)
 

@@ -21,7 +21,7 @@ OPTIONS = {
     "resume": "Go on with this run; takes no other option.",
     "preset": "Of fit SCENE: quick (minutes), cpu, paper, or auto: by the machine.",
     "out": "Of fit SCENE: the folder of the run; SCENE/run when not given.",
-    "intervals": "Add 90 % intervals of the parameters at the end, which takes minutes; false: do not.",
+    "intervals": "true: 90 % intervals of the parameters at the end (minutes); a number: by so many particles.",
     "truth": "A truth.json to compare with at the end, or demo.",
     "print_config": "Print the configuration as it would be run, and do nothing else.",
 }

@@ -17,6 +17,7 @@ from pacnerf_lpo.identification.processes import processes
 from pacnerf_lpo.manifest import Manifest
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase
+from pacnerf_lpo.phases.estimate import interval_particles
 from pacnerf_lpo.phases.method_comparison import compare_methods
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.presets import stack
@@ -71,8 +72,9 @@ def finish(run_dir: Path, truth: str | None) -> None:
     from pacnerf_lpo.report.tensorboard_images import log_evaluation
 
     run = Run(run_dir)
-    if run.config.get("intervals") and any(stage.record.phase == "physics" for stage in run.stages):
-        _add_intervals(run)
+    particles = interval_particles(run.config.get("intervals", False))
+    if particles and any(stage.record.phase == "physics" for stage in run.stages):
+        _add_intervals(run, particles)
         run = Run(run_dir)
     if truth is None and is_evaluated(run):
         results = json.loads((run_dir / RESULTS_FILE).read_text())
@@ -86,8 +88,8 @@ def finish(run_dir: Path, truth: str | None) -> None:
     print(f"report: {write_report(run_dir)}")
 
 
-def _add_intervals(run: Run) -> None:
-    """Intervals of what was identified, or a line that says why there are none."""
+def _add_intervals(run: Run, particles: int) -> None:
+    """Intervals of what was identified, by so many particles, or a line that says why there are none."""
     from pacnerf_lpo.diagnosis.posterior import keep_intervals
 
     def tell(text: str) -> None:
@@ -96,6 +98,6 @@ def _add_intervals(run: Run) -> None:
 
     try:
         with processes(None):
-            keep_intervals(run, tell)
+            keep_intervals(run, tell, particles)
     except (UserInputError, SimulationError) as error:
         tell(f"none, {error}")

@@ -11,6 +11,7 @@ from pacnerf_lpo.data.cameras import hits_box
 from pacnerf_lpo.data.hull import hull_volume
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.mpm import runtime
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase
@@ -30,8 +31,9 @@ SOLID_DENSITY = 10.0
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
-INTERVAL_ROLLOUTS, INTERVAL_PARTICLES = 200, 4000
-"""What intervals take: null replicates on finer grids, errors of shape and force, some fits, of the shape as well."""
+INTERVAL_ROLLOUTS, LEAST_PARTICLES = 200, 300
+"""What intervals take: null replicates on finer grids, errors of shape and force, some fits, of the shape as well; and
+how small a body may be."""
 
 
 def estimate(
@@ -39,7 +41,7 @@ def estimate(
     static: AbstractPhase | None,
     data: VideoData,
     physics: Physics,
-    intervals: bool = False,
+    intervals: int = 0,
 ) -> list[str]:
     """One line: how many particles, how much memory, and about how many minutes on this machine as busy as it is.
 
@@ -49,7 +51,7 @@ def estimate(
     Args:
         todo: templates of the phases that are still to run, each as often as it will.
         static: template of the static phase, which says how large a voxel is.
-        intervals: they are added at the end.
+        intervals: particles of the body that they are found with at the end; 0: there are none.
     """
     if not isinstance(static, StaticGridModule):
         return []
@@ -63,13 +65,23 @@ def estimate(
         phase.attach(data, physics)
         work += phase.work(particles)
     if intervals:
-        smaller = (INTERVAL_PARTICLES / particles) ** (4 / 3)  # half the spacing is half the time step
+        smaller = (intervals / particles) ** (4 / 3)  # half the spacing is half the time step
         work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
     try:
         seconds = _seconds(work, data, physics, static, volume)
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
+
+
+def interval_particles(option: bool | int) -> int:
+    """Particles of the body that intervals are found with, from the option of ``fit``; 0 where there are none. Raises
+    UserInputError for too few.
+    """
+    found = PARTICLES if option is True else int(option)
+    if found and found < LEAST_PARTICLES:
+        raise UserInputError(f"--intervals {option}: give true, false, or at least {LEAST_PARTICLES} particles")
+    return found
 
 
 def _finest(static: StaticGridModule) -> float:
