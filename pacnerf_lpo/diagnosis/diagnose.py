@@ -471,7 +471,8 @@ def against_the_best(refits: Sequence[Refit], screening: Screening) -> list[Refi
 
 def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
     """Whether the best model so far leaves more than noise, so that another hypothesis could be better: a mean square
-    above 1. How little a model leaves below that is no evidence.
+    above 1 of the fitted data, where these or those that were held out contradict the model without any. How little a
+    model leaves below that is no evidence.
 
     Args:
         found: the round.
@@ -479,7 +480,7 @@ def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
         size: number of fitted data.
     """
     least = min((again.cost for again in refits), default=found.comparison.cost)
-    return found.check.p_value < LEVEL and least > size
+    return min(found.check.p_value, found.held.p_value) < LEVEL and least > size
 
 
 def _prefixed(progress: Progress, prefix: str) -> Progress:

@@ -89,3 +89,5 @@ def test_further_hypotheses_are_fitted_while_the_best_leaves_more_than_noise():
     assert not more_than_noise(found, [refit("LinearDrag", cost=size - 10.0)], size)
     found.check = check(0.2, 3.0)
     assert not more_than_noise(found, [], size)
+    found.held = check(1e-4, 3.0)
+    assert more_than_noise(found, [], size)
