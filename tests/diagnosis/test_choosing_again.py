@@ -1,14 +1,16 @@
-"""Effects are added one after the other; what came first competes again beside what came later."""
+"""No effect wins because it came first: not by where its fit begins, nor by what was not yet in the model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pacnerf_lpo.diagnosis import diagnose
 from pacnerf_lpo.diagnosis.diagnose import Options, _Diagnosis
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import accepted_names, verdict
 from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.mpm.materials import NeoHookean
 from tests.diagnosis import falling
 
 HIDDEN = {"push_x": 2.5, "push_z": -1.0, "ground_friction": 0.2}
@@ -47,3 +49,24 @@ def test_an_effect_that_wins_again_stays(tmp_path, monkeypatch, small_threads):
     found._choose_again(without_each(found.problem, before[-1]))
     assert found.rounds == before and accepted_names(before) == ["UniformForce", "GroundFriction"]
     assert before[0].indistinguishable == ["UniformForce"]
+
+
+def test_what_was_fitted_before_the_best_is_fitted_once_more_from_where_that_ended(
+    tmp_path, monkeypatch, small_threads
+):
+    falling.install(monkeypatch)
+    monkeypatch.setattr(
+        diagnose, "worth_refitting", lambda scores, *_: ["UniformForce", "LinearDrag"] if scores else []
+    )
+    told: list[str] = []
+    options = Options(falling.listed(tmp_path), replicates=5, effects=1)
+    problem = falling.Falling({"drag": 2.0})
+    rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, told.append)
+    assert verdict(rounds).names == ["LinearDrag"]
+    tried = {path.stem.partition("refit_")[2] for path in (tmp_path / "steps").glob("*_refit_*")}
+    assert tried == {"thoroughly_UniformForce", "thoroughly_LinearDrag", "beside_UniformForce"}
+    best = next(again for again in rounds[0].refits if again.name == "LinearDrag")
+    begins = [line for line in told if "refit with UniformForce: iteration 0" in line]
+    young = NeoHookean.parameters["E"]
+    assert young.show(best.known["E"]) in begins[-1]
+    assert young.show(rounds[0].comparison.known["E"]) in begins[0]
