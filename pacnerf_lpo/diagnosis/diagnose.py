@@ -351,7 +351,8 @@ class _Diagnosis:
         self, number: str, found: Round, screening: Screening, progress: Progress, kept: Sequence[Refit]
     ) -> tuple[list[Refit], int]:
         """Every hypothesis that could win in a round, fitted, and the number of simulations: those whose linear change
-        says so, and in a widened round those whose linear change is no accident; and while more than noise is left, the
+        says so, and in a widened round those whose linear change is no accident, or all effects where the model has
+        moved so far that a straight line from there says little; and while more than noise is left, the
         non-local ones, of which it says little: from their probes, and where the model without them has gone far from
         what was expected and no effect explains the most of it, by a search of their own parameter space, too. Each
         begins beside the best one, too, and those that came before that one once more. Refits of it that are ``kept``
@@ -390,6 +391,8 @@ class _Diagnosis:
         nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
         scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
         names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
+        if found.widened and bent(found.comparison):
+            names += [name for name in scored if name not in names and not by_name[name].observes]
         for name in names:
             attempt(by_name[name])
         ahead = leader()
