@@ -276,6 +276,7 @@ class _Diagnosis:
             store.once(f"{number}_localise", lambda: localising.phases(problem, effects, comparison)),
             again=again,
             beside=beside,
+            incumbent=before[-1].comparison.known if beside else {},
         )
         residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
         found.errors = comparison.errors(problem, residuals)
@@ -376,7 +377,8 @@ class _Diagnosis:
             step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
             compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
             ahead = leader()
-            beside = None if ahead is None or how == "searched" else ahead.known
+            known = found.incumbent if ahead is None else ahead.known
+            beside = known if known and how != "searched" else None
             name = f"{number}_refit_{how}_{candidate.name}"
             again = self.store.once(name, partial(step, compared, how, beside))
             if again is None:
@@ -393,6 +395,8 @@ class _Diagnosis:
         names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
         if found.widened and bent(found.comparison):
             names += [name for name in scored if name not in names and not by_name[name].observes]
+        if found.beside in by_name:
+            names = [found.beside, *(name for name in names if name != found.beside)]
         for name in names:
             attempt(by_name[name])
         ahead = leader()

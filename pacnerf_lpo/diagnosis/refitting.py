@@ -206,8 +206,8 @@ class _Fits:
         return best, rollouts
 
     def beside(self, start: np.ndarray, values: dict[str, float]) -> np.ndarray:
-        """A start [(K,)] with all unknowns but those of the effect as another model has them [SI]."""
-        shared = {name: values[name] for name in np.array(self.model.names)[~self.own] if name in values}
+        """A start [(K,)] with all unknowns that another model has as that has them [SI]."""
+        shared = {name: values[name] for name in self.model.names if name in values}
         return np.clip(self.model.moved(start, shared), *self.model.bounds)
 
     def scored(self, best: Fit, screening: Screening, rollouts: int) -> Refit:

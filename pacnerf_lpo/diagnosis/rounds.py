@@ -48,7 +48,8 @@ class Round:
     effort: seconds and simulations of every step, by name.
     again: how often the diagnosis began a round again before this one was reached.
     widened: whether hypotheses to which no straight line leads were fitted, too.
-    beside: name of the earlier effect in whose place they compete beside the others; empty in rounds that add one.
+    beside, incumbent: name of the earlier effect in whose place they compete beside the others, it among them, and the
+        values of the model with it [SI]; empty in rounds that add one.
     """
 
     effects: tuple[Effect, ...]
@@ -75,6 +76,7 @@ class Round:
     again: int = 0
     widened: bool = False
     beside: str = ""
+    incumbent: dict[str, float] = field(default_factory=dict)
 
     @property
     def better(self) -> dict[str, float] | None:
