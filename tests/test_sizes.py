@@ -19,7 +19,6 @@ LONG = {
     "commands/benchmark.py:run": COMMAND,
     "commands/diagnose.py:run": COMMAND,
     "commands/init.py:run": COMMAND,
-    "mpm/kernels.py:build": "a scheduler of the kernels: Taichi wants all of them in one scope",
 }
 CONFIGURED = "keys of a section of the configuration, each set by name in YAML"
 KERNEL = "arrays of a kernel, which Taichi takes one by one"
@@ -33,8 +32,7 @@ MANY_ARGUMENTS = {
     "outer_loop.py:OuterLoop.__init__": CONFIGURED,
     "phases/static_grid.py:StaticGridModule.__init__": CONFIGURED,
     "mpm/simulator.py:Simulator.__init__": "settings of the public engine, each given by its name",
-    "mpm/kernels.py:forward": KERNEL,
-    "mpm/kernels.py:adjoint": KERNEL,
+    "mpm/kernels.py:passes": KERNEL,
     "mpm/rollout.py:Engine.__init__": "settings of the engine, which the simulator has checked",
 }
 LIGHTNING = ("on_", "training_step", "configure_optimizers", "setup", "train_dataloader", "log_metrics", "forward")

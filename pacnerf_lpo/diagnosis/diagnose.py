@@ -3,17 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from itertools import takewhile
 from pathlib import Path
 from typing import Literal
-
-import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
+from pacnerf_lpo.diagnosis.competition import MOST_AGAIN, Competition
 from pacnerf_lpo.diagnosis.profiles import profile
-from pacnerf_lpo.diagnosis.refitting import Refit, bent, better_null, refit
+from pacnerf_lpo.diagnosis.refitting import Refit, better_null
 from pacnerf_lpo.diagnosis.removal import Without, without_each
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
@@ -24,22 +22,14 @@ from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import Progress, check_jobs
 from pacnerf_lpo.inference.decision import (
-    DECISIVE,
-    LEVEL,
-    LINEAR,
     best,
-    explains_most,
     indistinguishable,
     log_odds,
-    worth_refitting,
 )
 from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
 LEAST_REPLICATES, MOST_REPLICATES = 4, 200
-MOST_AGAIN = 3
-"""Times that a round begins again from a better optimum of its model; after that, evidence is only counted against it.
-"""
 
 
 @dataclass
@@ -302,10 +292,12 @@ class _Diagnosis:
         found = rounds[-1]
         assert found.screening is not None
         number = _number(len(rounds), found.again, rounds, found.beside)
-        found.refits, simulated = self._refits(number, found, found.screening, progress, kept)
+        competition = Competition(self.problem, self.store, number, found, progress, kept)
+        found.refits = competition.run()
         tried = [name for name in self.store.seconds if name.startswith(f"{number}_refit_")]
         before = found.effort.get("refit", {})
-        found.effort["refit"] = {k: v + before.get(k, 0) for k, v in self._effort(tried, simulated).items()}
+        effort = self._effort(tried, competition.simulated)
+        found.effort["refit"] = {name: value + before.get(name, 0) for name, value in effort.items()}
         self._select(found, found.screening)
 
     def _select(self, found: Round, screening: Screening) -> None:
@@ -347,69 +339,6 @@ class _Diagnosis:
                 del rounds[count:]
                 return True
         return False
-
-    def _refits(
-        self, number: str, found: Round, screening: Screening, progress: Progress, kept: Sequence[Refit]
-    ) -> tuple[list[Refit], int]:
-        """Every hypothesis that could win in a round, fitted, and the number of simulations: those whose linear change
-        says so, and in a widened round those whose linear change is no accident, or all effects where the model has
-        moved so far that a straight line from there says little; and while more than noise is left, the
-        non-local ones, of which it says little: from their probes, and where the model without them has gone far from
-        what was expected and no effect explains the most of it, by a search of their own parameter space, too. Each
-        begins beside the best one, too, and those that came before that one once more. Refits of it that are ``kept``
-        are not made again.
-        """
-        refits: list[Refit] = list(kept)
-        simulated = [0]
-
-        def leader() -> Refit | None:
-            same = [again for again in refits if again.name not in screening.outside]
-            decisive = [again for again in same if again.log_bayes_factor > DECISIVE]
-            return min(decisive, key=lambda again: again.cost, default=None)
-
-        def attempt(candidate: Candidate, how: Literal["thoroughly", "searched", "beside"] = "thoroughly") -> None:
-            if any(candidate.name == again.name for again in kept):
-                return
-            if found.again < MOST_AGAIN and any(again.better for again in refits):
-                return  # all of them will be fitted again beside a better model
-            near = [again.cost for again in refits if again.name not in screening.outside]
-            told = _prefixed(progress, f"refit with {candidate.name}: ")
-            step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
-            compared = min(near, default=np.inf) if candidate.name not in screening.outside else np.inf
-            ahead = leader()
-            known = found.incumbent if ahead is None else ahead.known
-            beside = known if known and how != "searched" else None
-            name = f"{number}_refit_{how}_{candidate.name}"
-            again = self.store.once(name, partial(step, compared, how, beside))
-            if again is None:
-                return
-            simulated[0] += again.simulated
-            before = next((other for other in refits if other.name == candidate.name), None)
-            if before is None or again.log_bayes_factor > before.log_bayes_factor:
-                refits[:] = [other for other in refits if other is not before] + [again]
-
-        size = int(self.problem.fitted.sum())
-        by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
-        nonlocal_ = [candidate for candidate in by_name.values() if candidate.discrete and not candidate.observes]
-        scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
-        names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
-        if found.widened and bent(found.comparison):
-            names += [name for name in scored if name not in names and not by_name[name].observes]
-        if found.beside in by_name:
-            names = [found.beside, *(name for name in names if name != found.beside)]
-        for name in names:
-            attempt(by_name[name])
-        ahead = leader()
-        for name in [] if ahead is None else takewhile(lambda name: name != ahead.name, names):
-            attempt(by_name[name], "beside")
-        for searched in (False, True) if bent(found.comparison) else (False,):
-            for candidate in nonlocal_:
-                known = any(again.name == candidate.name for again in refits)
-                least = min((again.cost for again in refits if again.p_value < LEVEL), default=np.inf)
-                wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
-                if wanted and more_than_noise(found, refits, size):
-                    attempt(candidate, "searched" if searched else "thoroughly")
-        return against_the_best(refits, screening), simulated[0]
 
     def _effort(self, steps: Sequence[str], simulated: float) -> dict[str, float]:
         """Seconds of some steps together, and the number of their simulations."""
@@ -464,30 +393,6 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
         if better is not None:
             return place, better
     return len(rounds) - 1, known
-
-
-def against_the_best(refits: Sequence[Refit], screening: Screening) -> list[Refit]:
-    """Refits against the best optimum of the model without them that any of those to the same data has found."""
-    found = []
-    for again in refits:
-        same = [other for other in refits if (other.name in screening.outside) == (again.name in screening.outside)]
-        least = min(same, key=lambda other: other.cost_without)
-        found.append(again.against(least.cost_without, least.held_without, screening))
-    return found
-
-
-def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
-    """Whether the best model so far leaves more than noise, so that another hypothesis could be better: a mean square
-    above 1 of the fitted data, where these or those that were held out contradict the model without any. How little a
-    model leaves below that is no evidence.
-
-    Args:
-        found: the round.
-        refits: of it so far.
-        size: number of fitted data.
-    """
-    least = min((again.cost for again in refits), default=found.comparison.cost)
-    return min(found.check.p_value, found.held.p_value) < LEVEL and least > size
 
 
 def _prefixed(progress: Progress, prefix: str) -> Progress:

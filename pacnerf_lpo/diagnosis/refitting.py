@@ -98,6 +98,18 @@ class Refit:
         return replace(again, log_bayes_factor=factor, p_value=p_value)
 
 
+class Ahead(NamedTuple):
+    """How far fits with other effects have come.
+
+    cost: of the best; a fit that stays far above it is given up.
+    known: values of the best model, where a fit begins first [SI]; None: nowhere. What a model without either effect
+        had to bend, neither has to.
+    """
+
+    cost: float = np.inf
+    known: dict[str, float] | None = None
+
+
 def refit(
     problem: Problem,
     effects: Sequence[Effect],
@@ -105,9 +117,8 @@ def refit(
     candidate: Candidate,
     screening: Screening,
     progress: Progress,
-    best_cost: float = np.inf,
+    ahead: Ahead | None = None,
     how: Literal["quickly", "thoroughly", "searched", "beside"] = "thoroughly",
-    beside: dict[str, float] | None = None,
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 
@@ -119,22 +130,21 @@ def refit(
         candidate: the effect to add.
         screening: of it.
         progress: receives a line about each step.
-        best_cost: of another effect; a fit that stays far above it is given up.
+        ahead: other effects; None: there is none.
         how: searched: the whole parameter space of the model with the effect is searched first. Quickly: a few steps
             from the first start, with sensitivities that are measured again once at most: enough to see which effects
-            can win, not to decide between them. Beside: from nowhere but
-        beside: values of the best model with another effect [SI], which is the first start where it is given: what a
-            model without either had to bend, neither has to.
+            can win, not to decide between them. Beside: from nowhere but where the best other one ended.
 
     Returns:
         None if the motion is unstable from every start.
     """
+    ahead = ahead or Ahead()
     fits = _Fits(problem, effects, comparison, candidate, screening)
     linear = screening.score(candidate.name)
     begun, rollouts = _starts(fits.model, comparison, candidate, linear, fits.objective.mean), 0
     measured = 0
-    if beside is not None:
-        near = fits.beside(begun[0], beside)
+    if ahead.known is not None:
+        near = fits.beside(begun[0], ahead.known)
         begun, measured = [near] if how == "beside" else [near, *begun], 1
     if how == "searched":
         try:
@@ -145,11 +155,11 @@ def refit(
         begun, rollouts, measured = [found.free], found.rollouts, 1
     quick = how == "quickly"
     effort = QUICK if quick else Effort(ITERATIONS)
-    best, used = fits.best(begun[:1] if quick else begun, progress, best_cost, measured, effort)
+    best, used = fits.best(begun[:1] if quick else begun, progress, ahead.cost, measured, effort)
     if best is None:
         return None
     again = fits.scored(best, screening, rollouts + used)
-    if not quick and again.p_value < LEVEL and again.cost < best_cost:
+    if not quick and again.p_value < LEVEL and again.cost < ahead.cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         without = better_null(*null, fits.seen(best))
         again = replace(again, better=without.known, simulated=again.simulated + without.rollouts)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, reporter
-from pacnerf_lpo.diagnosis.refitting import Refit, refit, starts
+from pacnerf_lpo.diagnosis.refitting import Ahead, Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.records import Step, Suggestion
@@ -74,7 +74,7 @@ def _fitted(
     while chosen:
         now, chosen = chosen[: workers()], chosen[workers() :]
         least = min((one.cost for one in found.values()), default=np.inf)
-        quickly = partial(refit, best_cost=least, how="quickly")
+        quickly = partial(refit, ahead=Ahead(least), how="quickly")
         tried = each(quickly, ((problem, effects, null, one, screening, _quiet) for one in now))
         for candidate, again in zip(now, tried, strict=True):
             progress(f"fitted with {candidate.name}")

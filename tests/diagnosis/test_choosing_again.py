@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pacnerf_lpo.diagnosis import diagnose
+from pacnerf_lpo.diagnosis import competition, diagnose
 from pacnerf_lpo.diagnosis.diagnose import Options, _Diagnosis
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
@@ -13,6 +13,7 @@ from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.mpm.materials import NeoHookean
 from tests.diagnosis import falling
 
+ORDER = ["UniformForce", "LinearDrag"]
 HIDDEN = {"push_x": 2.5, "push_z": -1.0, "ground_friction": 0.2}
 
 
@@ -55,9 +56,7 @@ def test_what_was_fitted_before_the_best_is_fitted_once_more_from_where_that_end
     tmp_path, monkeypatch, small_threads
 ):
     falling.install(monkeypatch)
-    monkeypatch.setattr(
-        diagnose, "worth_refitting", lambda scores, *_: ["UniformForce", "LinearDrag"] if scores else []
-    )
+    monkeypatch.setattr(competition, "worth_refitting", lambda scores, *_: ORDER if scores else [])
     told: list[str] = []
     options = Options(falling.listed(tmp_path), replicates=5, effects=1)
     problem = falling.Falling({"drag": 2.0})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pacnerf_lpo.diagnosis.comparison import Error
-from pacnerf_lpo.diagnosis.diagnose import more_than_noise
+from pacnerf_lpo.diagnosis.competition import more_than_noise
 from pacnerf_lpo.diagnosis.rounds import removed_share, unknown_wins, verdict
 from pacnerf_lpo.diagnosis.screening import FORCE, SHAPE
 from tests.diagnosis.examples import check, refit, round_of, screening

@@ -75,7 +75,8 @@ def test_a_better_optimum_that_cannot_be_examined_still_counts(misled, tmp_path,
 
 
 def test_once_a_round_may_not_begin_again_evidence_is_counted_against_the_best_optimum(misled, tmp_path, monkeypatch):
-    monkeypatch.setattr("pacnerf_lpo.diagnosis.diagnose.MOST_AGAIN", 0)
+    for module in ("diagnose", "competition"):
+        monkeypatch.setattr(f"pacnerf_lpo.diagnosis.{module}.MOST_AGAIN", 0)
     rounds = diagnosed(misled, tmp_path)
     assert len(rounds) == 1 and rounds[0].accepted is None
     assert len({again.cost_without for again in rounds[0].refits}) == 1

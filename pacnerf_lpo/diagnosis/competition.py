@@ -1,0 +1,142 @@
+"""The hypotheses of a round compete: which of them are fitted, in which order, and from where."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import takewhile
+from typing import Literal
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.catalogue import Candidate
+from pacnerf_lpo.diagnosis.refitting import Ahead, Refit, bent, refit
+from pacnerf_lpo.diagnosis.rounds import Round
+from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, LINEAR, explains_most, worth_refitting
+
+MOST_AGAIN = 3
+"""Times that a round begins again from a better optimum of its model; after that, evidence is only counted against it.
+"""
+
+
+class Competition:
+    """Fits of every hypothesis that could win in a round: of those whose linear change says so, and in a widened round
+    of those whose linear change is no accident, or of all effects where the model has moved so far that a straight line
+    from there says little. While more than noise is left, non-local ones, of which a line never says much, are fitted
+    from their probes, and where the model without them has gone far from what was expected and no effect explains the
+    most of it, by a search of their own parameter space, too.
+
+    Args:
+        problem, store: what is under diagnosis, and where results are kept.
+        number: of the round, in the names of steps.
+        found: the round, screened.
+        progress: receives a line about each step.
+        kept: refits that are not made again.
+
+    Attributes:
+        refits: so far, one of each hypothesis.
+        simulated: simulations that they took.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        store: Store,
+        number: str,
+        found: Round,
+        progress: Progress,
+        kept: Sequence[Refit] = (),
+    ):
+        assert found.screening is not None
+        self.problem, self.store, self.number, self.found = problem, store, number, found
+        self.screening, self.progress, self.kept = found.screening, progress, [again.name for again in kept]
+        self.refits, self.simulated = list(kept), 0
+
+    def run(self) -> list[Refit]:
+        """All refits, against the best optimum of the model without them that any of them has found."""
+        found, size = self.found, int(self.problem.fitted.sum())
+        by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
+        names = self._order(by_name)
+        for name in names:
+            self._attempt(by_name[name])
+        ahead = self._leader()
+        for name in [] if ahead is None else takewhile(lambda name: name != ahead.name, names):
+            self._attempt(by_name[name], "beside")
+        for searched in (False, True) if bent(found.comparison) else (False,):
+            for candidate in by_name.values():
+                if not candidate.discrete or candidate.observes:
+                    continue
+                known = any(again.name == candidate.name for again in self.refits)
+                least = min((again.cost for again in self.refits if again.p_value < LEVEL), default=np.inf)
+                wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
+                if wanted and more_than_noise(found, self.refits, size):
+                    self._attempt(candidate, "searched" if searched else "thoroughly")
+        return against_the_best(self.refits, self.screening)
+
+    def _order(self, by_name: dict[str, Candidate]) -> list[str]:
+        """Names of the hypotheses that are worth a fit; the incumbent first, then by their linear change."""
+        found, screening = self.found, self.screening
+        scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
+        names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
+        if found.widened and bent(found.comparison):
+            names += [name for name in scored if name not in names and not by_name[name].observes]
+        if found.beside not in by_name:
+            return names
+        return [found.beside, *(name for name in names if name != found.beside)]
+
+    def _leader(self) -> Refit | None:
+        """The best refit that is decisively better than none. A fault of a held-out camera is fitted to other data."""
+        same = [again for again in self.refits if again.name not in self.screening.outside]
+        decisive = [again for again in same if again.log_bayes_factor > DECISIVE]
+        return min(decisive, key=lambda again: again.cost, default=None)
+
+    def _attempt(self, candidate: Candidate, how: Literal["thoroughly", "searched", "beside"] = "thoroughly") -> None:
+        """Fit one, also from where the best so far ended, or the incumbent."""
+        found, screening, name = self.found, self.screening, candidate.name
+        if name in self.kept:
+            return
+        if found.again < MOST_AGAIN and any(again.better for again in self.refits):
+            return  # all of them will be fitted again beside a better model
+        near = [again.cost for again in self.refits if again.name not in screening.outside]
+        best = min(near, default=np.inf) if name not in screening.outside else np.inf
+        leader = self._leader()
+        known = found.incumbent if leader is None else leader.known
+        ahead = Ahead(best, known if known and how != "searched" else None)
+
+        def told(text: str) -> None:
+            self.progress(f"refit with {name}: {text}")
+
+        step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
+        again = self.store.once(f"{self.number}_refit_{how}_{name}", partial(step, ahead, how))
+        if again is None:
+            return
+        self.simulated += again.simulated
+        before = next((other for other in self.refits if other.name == name), None)
+        if before is None or again.log_bayes_factor > before.log_bayes_factor:
+            self.refits = [other for other in self.refits if other is not before] + [again]
+
+
+def against_the_best(refits: Sequence[Refit], screening: Screening) -> list[Refit]:
+    """Refits against the best optimum of the model without them that any of those to the same data has found."""
+    found = []
+    for again in refits:
+        same = [other for other in refits if (other.name in screening.outside) == (again.name in screening.outside)]
+        least = min(same, key=lambda other: other.cost_without)
+        found.append(again.against(least.cost_without, least.held_without, screening))
+    return found
+
+
+def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
+    """Whether the best model so far leaves more than noise, so that another hypothesis could be better: a mean square
+    above 1 of the fitted data, where these or those that were held out contradict the model without any. How little a
+    model leaves below that is no evidence.
+
+    Args:
+        found: the round.
+        refits: of it so far.
+        size: number of fitted data.
+    """
+    least = min((again.cost for again in refits), default=found.comparison.cost)
+    return min(found.check.p_value, found.held.p_value) < LEVEL and least > size
