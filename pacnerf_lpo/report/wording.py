@@ -156,13 +156,21 @@ def _share(share: float, before: Round) -> str:
 
 
 def _removed(rounds: list[Round]) -> list[str]:
-    """Effects that were found at first and left out again."""
-    names = [name for done in rounds for name in done.removed]
-    if not names:
-        return []
-    one = len(names) == 1
-    needed = f"{'is' if one else 'are'} not needed with the others in the model, and {'was' if one else 'were'} removed"
-    return [f"{capitalised(together(names))}, found at first, {needed}."]
+    """Effects that were found at first and left out again, with what took their place."""
+    found, names = [], []
+    for done in rounds:
+        if done.removed and done.accepted is not None:
+            gone, better = together(done.removed), readable(done.accepted.name)
+            found.append(
+                f"{capitalised(gone)}, found at first, gives way to {better} once the others are in the model."
+            )
+        else:
+            names += done.removed
+    if names:
+        now, then = ("is", "was") if len(names) == 1 else ("are", "were")
+        needed = f"{now} not needed with the others in the model, and {then} removed"
+        found.append(f"{capitalised(together(names))}, found at first, {needed}.")
+    return found
 
 
 def force(explained: float, law: Law) -> list[str]:

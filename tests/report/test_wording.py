@@ -112,6 +112,10 @@ def test_a_removed_effect_is_reported():
     rounds = [a_round(POOR, POOR, spin), a_round(POOR, POOR, LINEAR), a_round(removed=["InitialSpin"])]
     found = said(rounds, "missing", ["LinearDrag"])
     assert "Initial spin, found at first, is not needed with the others in the model, and was removed." in found
+    better = SimpleNamespace(**{**vars(LINEAR), "name": "QuadraticDrag"})
+    rounds[-1] = a_round(POOR, POOR, better, removed=["InitialSpin"])
+    found = said([*rounds, a_round()], "missing", ["LinearDrag", "QuadraticDrag"])
+    assert "Initial spin, found at first, gives way to quadratic drag once the others are in the model." in found
 
 
 def test_notes_are_those_of_the_last_model():
