@@ -162,7 +162,7 @@ def _removed(rounds: list[Round]) -> list[str]:
         if done.removed and done.accepted is not None:
             gone, better = together(done.removed), readable(done.accepted.name)
             found.append(
-                f"{capitalised(gone)}, found at first, gives way to {better} once the others are in the model."
+                f"{capitalised(gone)}, found at first, gives way to {better} beside the others."
             )
         else:
             names += done.removed

@@ -115,7 +115,7 @@ def test_a_removed_effect_is_reported():
     better = SimpleNamespace(**{**vars(LINEAR), "name": "QuadraticDrag"})
     rounds[-1] = a_round(POOR, POOR, better, removed=["InitialSpin"])
     found = said([*rounds, a_round()], "missing", ["LinearDrag", "QuadraticDrag"])
-    assert "Initial spin, found at first, gives way to quadratic drag once the others are in the model." in found
+    assert "Initial spin, found at first, gives way to quadratic drag beside the others." in found
 
 
 def test_notes_are_those_of_the_last_model():
