@@ -190,8 +190,7 @@ class Model(ABC):
 
     def observer(self, free: np.ndarray) -> Observer:
         """The cameras with what free coordinates [(K,)] say is wrong about them."""
-        values = self.physical(free)
-        tensors = {name: torch.tensor(value) for name, value in values.items()}
+        tensors = {name: torch.tensor(value) for name, value in self.physical(free).items()}
         return Observer(cameras_of(self.physics.effects, self.video), tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:

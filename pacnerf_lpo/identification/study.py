@@ -101,8 +101,7 @@ class StudyProblem(Problem):
         counts = [
             (problem.views, len(problem.usable) - problem.views, problem.usable.shape[1]) for problem in recordings
         ]
-        views, points, frames = zip(*counts, strict=True)
-        self.stack = stack = Stack(views, points, frames)
+        self.stack = stack = Stack(*zip(*counts, strict=True))
         first = self.recordings[0]
         inner = [np.broadcast_to(p.split.frames, p.usable.shape[:2]) for p in recordings]
         split = Split(
