@@ -191,8 +191,6 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
 
 
 def _concrete_subclasses(base: type) -> list[type]:
-    found = [] if inspect.isabstract(base) or ABC in base.__bases__ else [base]
     children: list[type] = type.__subclasses__(base)
-    for child in children:
-        found += _concrete_subclasses(child)
-    return found
+    below = [one for child in children for one in _concrete_subclasses(child)]
+    return below if inspect.isabstract(base) or ABC in base.__bases__ else [base, *below]
