@@ -161,13 +161,12 @@ def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
     chosen: list[Fit] = []
     for rows in stage.rows[-1:] if stage.iterations else stage.rows:
         ranked = sorted(found, key=lambda other: other.cost_of(rows))
-        count = 0
+        most = len(chosen) + stage.keep
         for other in ranked:
             near = stage.within is None or other.cost_of(rows) <= stage.within * ranked[0].cost_of(rows)
             new = all((np.abs(other.free - one.free) > apart).any() for one in chosen)
-            if count < stage.keep and near and new:
+            if len(chosen) < most and near and new:
                 chosen.append(other)
-                count += 1
     return chosen
 
 

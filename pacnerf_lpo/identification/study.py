@@ -284,8 +284,7 @@ class StudyModel(Model):
         where they are at its end.
         """
         paths = [model.path(own) for model, own in self._own(free)]
-        frames = self.shape[1]
-        return torch.cat([torch.cat((p, p[-1:].expand(frames - len(p), -1, -1))) for p in paths], dim=1)
+        return torch.cat([torch.cat((p, p[-1:].expand(self.shape[1] - len(p), -1, -1))) for p in paths], dim=1)
 
     def predict(self, free: np.ndarray) -> np.ndarray:
         return self.stack.join([model.predict(own) for model, own in self._own(free)])
