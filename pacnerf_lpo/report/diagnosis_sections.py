@@ -54,10 +54,8 @@ def points_table(result: Result) -> str:
 def parameter_table(result: Result) -> str:
     """Values before and after with their 90 % intervals, as numbers and drawn."""
     before, after = _parameters(result)
-    rows = []
-    for name in dict.fromkeys([*before, *after]):
-        old, new = before.get(name), after.get(name)
-        rows.append((name, old or new, old, new, interval_places(old, new)))
+    pairs = [(name, before.get(name), after.get(name)) for name in {**before, **after}]
+    rows = [(name, old or new, old, new, interval_places(old, new)) for name, old, new in pairs]
     return PARTS.parameters(rows, bool(after))
 
 
