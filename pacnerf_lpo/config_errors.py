@@ -124,11 +124,8 @@ def _remedy(keys: Sequence[str], files: Sequence[Path]) -> str:
     about_scene = [path for path in files if any(key in SCENE_KEYS for key in flat(read_yaml(path)))]
     place = shown(about_scene[-1]) if about_scene else "a --config file of your scene"
     known = {**flat(read_yaml(find_config("fit", ""))), **flat(read_yaml(find_config(EXAMPLE, "")))}
-    examples = []
-    for key in keys:
-        value = known.get(key, known.get(f"{key}.class_path", EXAMPLES.get(key)))
-        if value is not None:
-            examples.append(f"{key.rpartition('.')[2]}: {value}")
+    values = [(key, known.get(key, known.get(f"{key}.class_path", EXAMPLES.get(key)))) for key in keys]
+    examples = [f"{key.rpartition('.')[2]}: {value}" for key, value in values if value is not None]
     written = f", for example {', '.join(examples)} (all of it: `{LIST_COMMAND} {EXAMPLE}`)" if examples else ""
     return f"add to {place}{written}"
 
@@ -191,8 +188,6 @@ def _class_names(parser: ArgumentParser, key: str) -> list[str]:
 
 
 def _concrete_subclasses(base: type) -> list[type]:
-    found = [] if inspect.isabstract(base) or ABC in base.__bases__ else [base]
     children: list[type] = type.__subclasses__(base)
-    for child in children:
-        found += _concrete_subclasses(child)
-    return found
+    below = [one for child in children for one in _concrete_subclasses(child)]
+    return below if inspect.isabstract(base) or ABC in base.__bases__ else [base, *below]

@@ -96,10 +96,8 @@ class Manifest:
     def chosen_round(self) -> int | None:
         """The last round before the held-out error stopped falling; None when no images were held out."""
         errors = self.held_out_errors
-        for done in range(1, len(errors)):
-            if not errors[done] < errors[done - 1]:
-                return done
-        return len(errors) or None
+        stopped = (done for done in range(1, len(errors)) if not errors[done] < errors[done - 1])
+        return next(stopped, len(errors) or None)
 
     def begin_with(self, source: Path, records: Sequence[PhaseRecord]) -> None:
         """Begin with copies of finished phases of another run, their states and checkpoints; writes no manifest."""

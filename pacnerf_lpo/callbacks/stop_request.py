@@ -36,7 +36,6 @@ class StopRequest:
     def __init__(self) -> None:
         self.deferred = False
         self.requested = False
-        self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> "StopRequest":
         self._ears, self._mouth = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)

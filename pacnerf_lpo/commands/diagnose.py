@@ -9,7 +9,7 @@ from typing import Literal
 from pacnerf_lpo.callbacks.stop_request import StopRequest
 from pacnerf_lpo.commands import fit
 from pacnerf_lpo.data.trajectories.scene import scenes_in
-from pacnerf_lpo.diagnosis.diagnose import Options, Step, investigate, prepare
+from pacnerf_lpo.diagnosis.diagnose import Options, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.errors import Interrupted
 from pacnerf_lpo.heartbeat import doing
@@ -82,10 +82,9 @@ def run(
         per_recording: effects, such as UniformForce, that every recording of a study has for itself.
     """
     began = time.monotonic()
-    step: Step = until
     listed = None if candidates is None else str(find_config(candidates, "--candidates"))
     options = Options(
-        listed, replicates, effects, step, seed, particles, profile, tracks, clouds, images, jobs, per_recording
+        listed, replicates, effects, until, seed, particles, profile, tracks, clouds, images, jobs, per_recording
     )
     runs = [reconstructed(given) for given in ([run_dirs] if isinstance(run_dirs, str) else run_dirs)]
     doing("reading the runs")

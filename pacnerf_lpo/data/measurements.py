@@ -166,10 +166,8 @@ def _check_rows(
     seen: dict[tuple[str, float], int] = {}
     for index, (line, name, time) in enumerate(zip(table.lines, ids, numbers["time_s"].tolist(), strict=True)):
         where = f"{table.path}, line {line}"
-        if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
-            raise UserInputError(_outside(where, time, video_times))
-        if np.abs(positions[index]).max() > FARTHEST:
-            raise UserInputError(_too_far(where, float(np.abs(positions[index]).max())))
+        _check_time(where, time, video_times)
+        _check_near(where, positions[index])
         if SIGMA in numbers and numbers[SIGMA][index] <= 0:
             raise UserInputError(f"{where}: {SIGMA} {numbers[SIGMA][index]:g} must be positive; write metres")
         if (name, time) in seen:
@@ -181,15 +179,17 @@ def _check_rows(
         )
 
 
-def _outside(where: str, time: float, video_times: Sequence[float]) -> str:
-    return (
-        f"{where}: time {time:g} s lies outside the video, {video_times[0]:g} to {video_times[-1]:g} s; "
-        "shift the clock, write seconds, or remove the row"
-    )
+def _check_time(where: str, time: float, video_times: Sequence[float]) -> None:
+    if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
+        raise UserInputError(
+            f"{where}: time {time:g} s lies outside the video, {video_times[0]:g} to {video_times[-1]:g} s; "
+            "shift the clock, write seconds, or remove the row"
+        )
 
 
-def _too_far(where: str, value: float) -> str:
-    return f"{where}: a coordinate of {value:g} m is no scene of this kind; divide millimetres by 1000"
+def _check_near(where: str, point: np.ndarray) -> None:
+    if (far := float(np.abs(point).max())) > FARTHEST:
+        raise UserInputError(f"{where}: a coordinate of {far:g} m is no scene of this kind; divide millimetres by 1000")
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, list[str]]:
@@ -216,14 +216,12 @@ def _check_cloud(path: Path, points: np.ndarray) -> None:
     bad = np.flatnonzero(~np.isfinite(points).all(1))
     if len(bad):
         raise UserInputError(f"{path}: vertex {bad[0]} holds NaN or infinity; remove such points before export")
-    if np.abs(points).max() > FARTHEST:
-        worst = int(np.abs(points).max(1).argmax())
-        raise UserInputError(_too_far(f"{path}, vertex {worst}", float(np.abs(points).max())))
+    worst = int(np.abs(points).max(1).argmax())
+    _check_near(f"{path}, vertex {worst}", points[worst])
 
 
 def _cloud_time(path: Path, comments: list[str], video_times: Sequence[float]) -> float:
-    match = CLOUD_NAME.search(path.name)
-    number = int(match[1]) if match else 0
+    number = int(CLOUD_NAME.findall(path.name)[0])
     default = video_times[number] if number < len(video_times) else np.inf
     time = _comment(path, comments, "time_s", default)
     if np.isinf(time):
@@ -231,18 +229,16 @@ def _cloud_time(path: Path, comments: list[str], video_times: Sequence[float]) -
             f"{path}: the video has frames 0 to {len(video_times) - 1}; renumber the file, or write 'comment time_s' "
             "in its header"
         )
-    if not video_times[0] - TIME_TOLERANCE <= time <= video_times[-1] + TIME_TOLERANCE:
-        raise UserInputError(_outside(str(path), time, video_times))
+    _check_time(str(path), time, video_times)
     return time
 
 
 def _comment(path: Path, comments: list[str], key: str, default: float) -> float:
     for comment in comments:
         name, _, value = comment.strip().partition(" ")
-        if name != key:
-            continue
         try:
-            return float(value)
+            if name == key:
+                return float(value)
         except ValueError:
             raise UserInputError(
                 f"{path}: 'comment {comment}' does not read 'comment {key} <number>'; mend it"

@@ -110,11 +110,10 @@ def named_shape(name: str, size: Sequence[float]) -> Shape:
     and the thickness of a Torus; a mesh file, with its longest extent where that is not as in the file. Raises
     UserInputError where there is no such shape, or for another number of extents.
     """
-    known = {"Ball": 1, "Block": 3, "Torus": 2}
-    if name not in known:
+    wanted = {"Ball": "its diameter", "Block": "its three edges", "Torus": "its outer diameter and its thickness"}
+    if name not in wanted:
         return Mesh(name, *size[:1])
-    if len(size) != known[name]:
-        wanted = {"Ball": "its diameter", "Block": "its three edges", "Torus": "its outer diameter and its thickness"}
+    if len(size) != {"Ball": 1, "Block": 3, "Torus": 2}[name]:
         raise UserInputError(f"--shape {name} needs --size with {wanted[name]} in metres, not {len(size)} numbers")
     if name == "Ball":
         return Ball(size[0] / 2)

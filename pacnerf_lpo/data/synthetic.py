@@ -137,17 +137,15 @@ def draw_discs(
     pixels, depth = project(torch.from_numpy(positions), torch.from_numpy(scale @ intrinsic), torch.from_numpy(pose))
     order = torch.argsort(depth, descending=True)
     order = order[depth[order] > radius]
-    centres = pixels[order].numpy()
+    centres = pixels[order].numpy().T[..., None]
     reach = SUPERSAMPLING * intrinsic[0, 0] * radius / depth[order].numpy()
 
     half = int(np.ceil(reach.max(initial=1.0)))
     span = np.arange(-half, half + 1)
-    columns = np.floor(centres[:, :1]).astype(int) + span
-    rows = np.floor(centres[:, 1:]).astype(int) + span
-    across = (columns + 0.5 - centres[:, :1]) ** 2 / reach[:, None] ** 2
-    down = (rows + 0.5 - centres[:, 1:]) ** 2 / reach[:, None] ** 2
-    across[(columns < 0) | (columns >= size)] = np.inf
-    down[(rows < 0) | (rows >= size)] = np.inf
+    places = np.floor(centres).astype(int) + span
+    away = (places + 0.5 - centres) ** 2 / reach[:, None] ** 2
+    away[(places < 0) | (places >= size)] = np.inf
+    (columns, rows), (across, down) = places, away
     apart = down[:, :, None] + across[:, None, :]
     particle, row, column = np.nonzero(apart < 1.0)
 

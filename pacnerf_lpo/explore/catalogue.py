@@ -84,12 +84,11 @@ class Catalogue:
         effect = read_effects(Path("explore"), [given])[0]
         effect.check_material(self.problem.physics.material)
         found = Candidate(name_of(effect), effect)
-        config = as_config(effect, effect.guess)
         if found.name not in self.effects:
             self._take(found)
             if found.name not in self.effects:
                 raise UserInputError(f"explore: {found.name} has a coefficient that an effect of the catalogue has too")
-            self.declared.append(config)
+            self.declared.append(as_config(effect, effect.guess))
             self.free |= set(self.effects[found.name].parameters)
         return found.name
 

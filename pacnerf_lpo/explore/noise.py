@@ -97,12 +97,10 @@ class Noise:
         problem, effects = self.problem, self.catalogue.chosen(step.effects)
         model = problem.model(effects, step.values)
         free = model.start
-
-        def simulated(count: int) -> None:
-            progress(f"noise: null replicate {count} of {REPLICATES}")
-
         progress("noise: null replicates")
-        found, sensor, bias = replicates(problem, model, free, REPLICATES, SEED, simulated)
+        found, sensor, bias = replicates(
+            problem, model, free, REPLICATES, SEED, lambda k: progress(f"noise: null replicate {k} of {REPLICATES}")
+        )
         learnt = (
             found,
             sensor,

@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.diagnose import Options, prepare
@@ -78,9 +79,6 @@ def open_source(
 
 def _readable(options: Options) -> Options:
     """Options of a stored diagnosis without files that are no longer there."""
-    found = replace(options, until="refit", profile=None)
-    for name in ("candidates", "tracks", "clouds"):
-        path = getattr(options, name)
-        if path is not None and not Path(path).exists():
-            setattr(found, name, None)
-    return found
+    files = {name: getattr(options, name) for name in ("candidates", "tracks", "clouds")}
+    gone: dict[str, Any] = {name: None for name, path in files.items() if path is None or not Path(path).exists()}
+    return replace(options, until="refit", profile=None, **gone)

@@ -50,7 +50,7 @@ class Stepper:
         reason. Raises SimulationError for one that ``must`` be stable.
         """
         with self._changing:
-            return self._coarse(self.history.add(step, None), must)
+            return self._coarse(self.history.add(step), must)
 
     def drag(self, step: Step, keys: tuple[str, ...]) -> Step:
         """The same for a hand that moves these settings: in the place of the current step where it made that, too."""
@@ -67,7 +67,7 @@ class Stepper:
         """Put a step that was found on the fine body into the history. Raises SimulationError."""
         with self.change():
             found = self.rolled(replace(step, number=len(self.history.steps)), "refined", fresh=True)
-            return self._kept(self.history.add(step, None), found)
+            return self._kept(self.history.add(step), found)
 
     def refine(self, step: Step) -> Step:
         """Simulate a step on the fine body; it stays as it is where a change comes meanwhile, or that is unstable."""
@@ -214,13 +214,12 @@ class History:
                 raise UserInputError(f"explore: there is no step {number}; give 0 to {len(self._steps) - 1}")
             return self._steps[int(number)]
 
-    def add(self, step: Step, table: np.ndarray | None) -> Step:
+    def add(self, step: Step) -> Step:
         """Take a step in, with the next number, and go to it."""
         with self._lock:
             step = replace(step, number=len(self._steps))
             self._steps.append(step)
             self._current, self._undone = step.number, []
-            self._keep(step, table)
             return step
 
     def update(self, step: Step, table: np.ndarray | None) -> Step:

@@ -86,14 +86,9 @@ def _fitted(
 def warm(session: "Session", progress: Progress, copies: int) -> None:
     """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
     problem, step = on_coarse_body(session.problem), session.current
-    candidates = session.catalogue.candidates(step.effects)
     effects = session.catalogue.chosen(step.effects)
-    known = [{**step.values, **candidate.effect.null} for candidate in candidates]
-    models = [
-        problem.model((*effects, candidate.effect), values)
-        for candidate, values in zip(candidates, known, strict=True)
-        if candidate.effect.acts_on_motion
-    ]
+    more = [one.effect for one in session.catalogue.candidates(step.effects) if one.effect.acts_on_motion]
+    models = [problem.model((*effects, effect), {**step.values, **effect.null}) for effect in more]
     for number, _ in enumerate(each(_first_frame, ((model,) for model in models for _ in range(copies))), 1):
         progress(f"compiling the kernels of all effects: {number} of {copies * len(models)}")
 
@@ -167,10 +162,9 @@ def on_coarse_body(problem: Problem) -> Problem:
     if isinstance(found, StudyProblem):
         found.recordings = [on_coarse_body(recording) for recording in found.recordings]
         return found
-    kept = {"body": problem.coarse_body, "first_guess": problem.first_guess, "video": problem.without_pictures}
     for name in LARGE:
         vars(found).pop(name, None)
-    vars(found).update(kept)
+    vars(found).update(body=problem.coarse_body, first_guess=problem.first_guess, video=problem.without_pictures)
     return found
 
 

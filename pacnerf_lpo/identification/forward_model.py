@@ -173,11 +173,10 @@ class Model(ABC):
     def brightness(self, free: np.ndarray) -> np.ndarray:
         """Logarithm of what the cameras make of a grey object's brightness [(V, F)]."""
         observer, grey = self.observer(free), torch.full((1, 3), 0.5)
-        views, frames = self.shape
-        found = np.zeros((views, frames))
+        found = np.zeros(self.shape)
         for view, view_id in enumerate(self.video.view_ids):
             if observer.changing("colour", view_id):
-                for frame in range(frames):
+                for frame in range(self.shape[1]):
                     seen = observer.colour(grey, torch.zeros(1), self.video, view, frame)
                     found[view, frame] = float((seen.mean() / grey.mean()).clamp_min(1e-3).log())
         return found
@@ -190,8 +189,7 @@ class Model(ABC):
 
     def observer(self, free: np.ndarray) -> Observer:
         """The cameras with what free coordinates [(K,)] say is wrong about them."""
-        values = self.physical(free)
-        tensors = {name: torch.tensor(value) for name, value in values.items()}
+        tensors = {name: torch.tensor(value) for name, value in self.physical(free).items()}
         return Observer(cameras_of(self.physics.effects, self.video), tensors)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:

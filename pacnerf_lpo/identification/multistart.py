@@ -102,20 +102,13 @@ def _elsewhere(stage: Stage, kept: Sequence[Start]) -> list[np.ndarray]:
     """Points that a stage tries besides those that were kept [(K,) each]."""
     if not stage.spans or not kept:
         return []
-    best = _free(kept[0])
-    sample = qmc.Sobol(len(stage.spans), seed=0).random(stage.samples) if stage.samples else []
-    found = []
-    for shares in sample:
-        point = best.copy()
-        for (index, (low, high)), share in zip(stage.spans.items(), shares, strict=True):
-            point[index] = low + share * (high - low)
-        found.append(point)
-    for index in stage.spans if stage.offsets else ():
-        for offset in stage.offsets:
-            point = best.copy()
-            point[index] += offset
-            found.append(point)
-    return found
+    best, places = _free(kept[0]), list(stage.spans)
+    low, high = np.array(list(stage.spans.values())).T
+    sampled = np.tile(best, (stage.samples, 1))
+    if stage.samples:
+        sampled[:, places] = low + qmc.Sobol(len(places), seed=0).random(stage.samples) * (high - low)
+    moved = [best + offset * axis for axis in np.eye(len(best))[places] for offset in stage.offsets]
+    return [*sampled, *moved]
 
 
 def _evaluated(stage: Stage, tried: Sequence[Start], watch: Watch) -> list[Fit | None]:
@@ -168,13 +161,12 @@ def _kept(stage: Stage, found: Sequence[Fit]) -> list[Fit]:
     chosen: list[Fit] = []
     for rows in stage.rows[-1:] if stage.iterations else stage.rows:
         ranked = sorted(found, key=lambda other: other.cost_of(rows))
-        count = 0
+        most = len(chosen) + stage.keep
         for other in ranked:
             near = stage.within is None or other.cost_of(rows) <= stage.within * ranked[0].cost_of(rows)
             new = all((np.abs(other.free - one.free) > apart).any() for one in chosen)
-            if count < stage.keep and near and new:
+            if len(chosen) < most and near and new:
                 chosen.append(other)
-                count += 1
     return chosen
 
 

@@ -72,9 +72,7 @@ def _of_recording(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     problem = part.recording
     sigma = distortion(problem, reference)
-    found: list[tuple[np.ndarray, np.ndarray]] = []
-    noise: list[np.ndarray] = []
-    slow: list[np.ndarray] = []
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
     attempts = range(count)
     while attempts:
         draws = [np.random.default_rng((seed, attempt)) for attempt in attempts]
@@ -91,20 +89,19 @@ def _of_recording(
             if isinstance(seen, SimulationError):
                 unstable = seen
                 continue
-            found.append(seen)
-            noise.append(random.standard_normal(reference.shape))
-            slow.append(problem.lasting_noise(random))
+            found.append((*seen, random.standard_normal(reference.shape), problem.lasting_noise(random)))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
-    errors, moved = (problem.relative(np.stack(seen) - reference) for seen in zip(*found, strict=True))
+    true_seen, wrong_seen, noise, slow = (np.stack(part) for part in zip(*found, strict=True))
+    errors, moved = (problem.relative(seen - reference) for seen in (true_seen, wrong_seen))
     bias = np.nan_to_num(moved).mean(0)
     errors, sensor = errors - bias, problem.sensor.copy()
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
         sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
-    return errors + problem.relative(sensor * np.stack(noise) + np.stack(slow)), sensor, bias
+    return errors + problem.relative(sensor * noise + slow), sensor, bias
 
 
 def _predicted(true: Model, wrong: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:

@@ -1,6 +1,7 @@
 """Material, motion and shape fitted together, where the errors of a reconstruction are too large for straight lines."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,7 @@ SCALE = 1 / LONGEST_STEP
 """Of an error of the shape in standard deviations: the first step changes none by more than one of them."""
 
 
+@dataclass(eq=False)
 class JointObjective:
     """Standardised residual, then how far each unknown and each error of the shape is from the mean of its prior in
     standard deviations [(D + K + M,)], as a function of free coordinates and errors [(K + M,)]; raises SimulationError.
@@ -27,17 +29,12 @@ class JointObjective:
         sigma: how far the surface may be from the true one [m].
     """
 
-    def __init__(
-        self,
-        problem: StateProblem,
-        effects: Sequence[Effect],
-        known: dict[str, float],
-        objective: StandardisedObjective,
-        mask: np.ndarray,
-        sigma: float,
-    ):
-        self.problem, self.effects, self.known, self.objective = problem, effects, known, objective
-        self.mask, self.sigma = mask, sigma
+    problem: StateProblem
+    effects: Sequence[Effect]
+    known: dict[str, float]
+    objective: StandardisedObjective
+    mask: np.ndarray
+    sigma: float
 
     def __call__(self, both: np.ndarray) -> np.ndarray:
         free, numbers = np.split(both, [len(self.objective.mean)])
@@ -68,9 +65,6 @@ class JointObjective:
         free_of = np.full(len(numbers), np.inf)
         bounds = np.append(model.bounds[0], -free_of), np.append(model.bounds[1], free_of)
 
-        def report_of_free(iteration: int, cost: float, both: np.ndarray) -> None:
-            report(iteration, cost, both[: len(free)])
-
-        return fit(
-            self, start, scales, bounds, Effort(ITERATIONS, confirm=False, remeasured=0), report_of_free
-        ), start.cost
+        effort = Effort(ITERATIONS, confirm=False, remeasured=0)
+        found = fit(self, start, scales, bounds, effort, lambda k, cost, both: report(k, cost, both[: len(free)]))
+        return found, start.cost

@@ -28,7 +28,7 @@ def splat(pixels: Tensor, weights: Tensor, size: tuple[int, int], apart: Tensor)
     radius = int(torch.ceil(REACH * sigma.max()).clamp(1, MOST_REACH))
     x, y = (pixels - 0.5).unbind(-1)
     low_x, low_y = x.floor(), y.floor()
-    (left, top), (right, bottom) = _window(low_x, low_y, radius, size)
+    (left, right), (top, bottom) = _window(low_x, size[1], radius), _window(low_y, size[0], radius)
     width, height = right - left + 4, bottom - top + 4  # what lies outside goes to two pixels around, which are cut off
     column = (low_x - left).clamp(-2, width - 4).long() + 2
     row = (low_y - top).clamp(-2, height - 4).long() + 2
@@ -43,17 +43,14 @@ def splat(pixels: Tensor, weights: Tensor, size: tuple[int, int], apart: Tensor)
     return functional.pad(opacity, (left, size[1] - right, top, size[0] - bottom))
 
 
-def _window(x: Tensor, y: Tensor, radius: int, size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First and last column and row, exclusive, of what points [pixels, (B, N) each] draw into an image; one pixel
+def _window(along: Tensor, length: int, radius: int) -> tuple[int, int]:
+    """First and last column, or row, exclusive, of what points [pixels, (B, N)] draw into an image of so many; one
     where they are out of sight.
     """
-    ends = []
-    for along, length in ((x, size[1]), (y, size[0])):
-        seen = along.nan_to_num()
-        low, high = seen.amin().item() - radius, seen.amax().item() + 2 + radius
-        first = int(min(max(low, 0), length - 1))
-        ends.append((first, int(min(max(high, first + 1), length))))
-    return (ends[0][0], ends[1][0]), (ends[0][1], ends[1][1])
+    seen = along.nan_to_num()
+    low, high = seen.amin().item() - radius, seen.amax().item() + 2 + radius
+    first = int(min(max(low, 0), length - 1))
+    return first, int(min(max(high, first + 1), length))
 
 
 def _blurred(images: Tensor, sigma: Tensor, radius: int) -> Tensor:

@@ -101,8 +101,7 @@ class StudyProblem(Problem):
         counts = [
             (problem.views, len(problem.usable) - problem.views, problem.usable.shape[1]) for problem in recordings
         ]
-        views, points, frames = zip(*counts, strict=True)
-        self.stack = stack = Stack(views, points, frames)
+        self.stack = stack = Stack(*zip(*counts, strict=True))
         first = self.recordings[0]
         inner = [np.broadcast_to(p.split.frames, p.usable.shape[:2]) for p in recordings]
         split = Split(
@@ -285,8 +284,7 @@ class StudyModel(Model):
         where they are at its end.
         """
         paths = [model.path(own) for model, own in self._own(free)]
-        frames = self.shape[1]
-        return torch.cat([torch.cat((p, p[-1:].expand(frames - len(p), -1, -1))) for p in paths], dim=1)
+        return torch.cat([torch.cat((p, p[-1:].expand(self.shape[1] - len(p), -1, -1))) for p in paths], dim=1)
 
     def predict(self, free: np.ndarray) -> np.ndarray:
         return self.stack.join([model.predict(own) for model, own in self._own(free)])

@@ -83,12 +83,9 @@ class ImageLayout(Layout):
 
     def _figures(self, book: Book, scene: str) -> list[tuple[Figures | Entry, list[int]]]:
         found = [book.figures(scene, column) for column in self.columns]
-        compared = [
-            one.views(self.views)
-            for one, column in zip(found, self.columns, strict=True)
-            if isinstance(one, Figures) and column.group
-        ]
-        held_out = compared[0] if compared else []
+        pairs = zip(found, self.columns, strict=True)
+        compared = (one.views(self.views) for one, column in pairs if isinstance(one, Figures) and column.group)
+        held_out = next(compared, [])
         return [(one, one.views(self.views) or held_out if isinstance(one, Figures) else []) for one in found]
 
     def _row(self, scene: Scene, cells: Sequence[tuple[Figures | Entry, list[int]]], metric: tuple) -> Row:

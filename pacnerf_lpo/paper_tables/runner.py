@@ -65,9 +65,8 @@ def run_all(runs: Sequence[PlannedRun], output: Path, resources: Resources) -> d
     with _engine(resources), _stop_file(output) as stop, Progress(runs, outcomes, resources.jobs):
         for starts in (False, True):
             wave = [run for run in runs if (run.start is not None) == starts and run.run_dir not in outcomes]
-            outcomes.update(
-                {run.run_dir: Outcome(run.run_dir, *cause) for run in wave if (cause := _hindered(run, outcomes))}
-            )
+            hindered = [(run.run_dir, cause) for run in wave if (cause := _hindered(run, outcomes))]
+            outcomes.update((run_dir, Outcome(run_dir, *cause)) for run_dir, cause in hindered)
             parallel = Parallel(batch_size=1, pre_dispatch="n_jobs", return_as="generator_unordered")
             tasks = (_task(run, resources, stop) for run in wave if run.run_dir not in outcomes)
             for outcome in parallel(delayed(execute)(task) for task in tasks):

@@ -150,13 +150,10 @@ def marked(row: Row, groups: Sequence[str]) -> Row:
     return replace(row, entries=tuple(entries))
 
 
-def write_table(table: Table, folder: Path) -> list[Path]:
-    """Write ``NAME.md``, ``NAME.csv`` and ``NAME.tex``; returns their paths."""
-    paths = []
+def write_table(table: Table, folder: Path) -> None:
+    """Write ``NAME.md``, ``NAME.csv`` and ``NAME.tex``."""
     for suffix, text in ((".md", markdown(table)), (".csv", comma_separated(table)), (".tex", latex(table))):
-        paths.append(folder / f"{table.name}{suffix}")
-        write_atomically(paths[-1], text.encode())
-    return paths
+        write_atomically(folder / f"{table.name}{suffix}", text.encode())
 
 
 def markdown(table: Table) -> str:

@@ -24,19 +24,15 @@ def particle_alpha(
 ) -> tuple[Tensor, Tensor]:
     """Freshly sampled particles [m, (N, 3)] and their alpha (N,), the latter differentiable in the density."""
     threshold = relative_alpha * float(alpha(grid.density.detach().max(), 1.0))
-    candidates = _jittered(grid, threshold, generator)
-    points = stencil(candidates, grid.lower, grid.dx, _shape(grid))
-    opacity = alpha(gather(grid.density.reshape(-1, 1), points).squeeze(1), 1.0)
-    kept = (opacity.detach() >= threshold).nonzero().squeeze(1)
-    return candidates.index_select(0, kept), opacity.index_select(0, kept)
-
-
-def _jittered(grid: FieldGrid, threshold: float, generator: torch.Generator) -> Tensor:
     with torch.no_grad():
         cells = occupied_cells(grid, 1.0, threshold)[:-1, :-1, :-1].nonzero()
         octants = torch.tensor(CORNERS, device=cells.device)
         jitter = torch.rand(len(cells), 8, 3, generator=generator, dtype=grid.density.dtype).to(cells.device)
-        return ((cells[:, None] + (octants + jitter) / 2) * grid.dx + grid.lower).flatten(0, 1)
+        candidates = ((cells[:, None] + (octants + jitter) / 2) * grid.dx + grid.lower).flatten(0, 1)
+    points = stencil(candidates, grid.lower, grid.dx, _shape(grid))
+    opacity = alpha(gather(grid.density.reshape(-1, 1), points).squeeze(1), 1.0)
+    kept = (opacity.detach() >= threshold).nonzero().squeeze(1)
+    return candidates.index_select(0, kept), opacity.index_select(0, kept)
 
 
 def interpolate(grid: FieldGrid, positions: Tensor) -> tuple[Tensor, Tensor]:

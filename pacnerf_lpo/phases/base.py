@@ -22,6 +22,7 @@ class AbstractPhase(pl.LightningModule, ABC):
 
     data: VideoData
     physics: Physics
+    steps: int  # of the optimiser
     held_out: frozenset[tuple[int, int]] = frozenset()  # view and frame of images it must not learn from
     long_steps: bool = False  # whether a checkpoint follows each step, and none is waited for when the run is to stop
     searches: bool = True  # whether an identification looks at the whole parameter space first
@@ -47,9 +48,9 @@ class AbstractPhase(pl.LightningModule, ABC):
         """What it found in addition to the state, as JSON; None: nothing."""
         return None
 
-    @abstractmethod
     def batches(self, data: VideoData) -> Iterable:
-        """One element per optimiser step; ``training_step`` receives it."""
+        """One element per optimiser step; ``training_step`` receives it: unless a phase says otherwise, its number."""
+        return StepNumbers(self.steps, lambda: self.global_step)
 
     def work(self, particles: int) -> Work:
         """How much it will compute for a body of so many particles, about; called after :meth:`attach`."""

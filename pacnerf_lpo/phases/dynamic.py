@@ -1,7 +1,7 @@
 """What velocity estimation, physical identification and LPO share: a particle state that moves and is filmed."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers, psnr
+from pacnerf_lpo.phases.base import AbstractPhase, psnr
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.work import Work, compared
 from pacnerf_lpo.render.camera_faults.base import faults_of
@@ -65,10 +65,6 @@ class DynamicPhase(AbstractPhase):
     @abstractmethod
     def begin(self) -> None:
         """Make what is optimised, from the state that was imported."""
-
-    def batches(self, data: VideoData) -> Iterable:
-        """The step numbers; each step draws its own views."""
-        return StepNumbers(self.steps, lambda: self.global_step)
 
     def one_view_per_frame(self, step: int, frames: int) -> list[list[int]]:
         """One random training view for each frame, of those whose image is not held out."""

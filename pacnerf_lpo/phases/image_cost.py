@@ -7,11 +7,10 @@ from torch import Tensor
 from torch.nn import functional
 
 from pacnerf_lpo.data.video_module import VideoData
-from pacnerf_lpo.mpm import runtime
+from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer
 from pacnerf_lpo.render.ray_march import render_rays
-from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import FieldGrid, ParticleState
 
 
@@ -32,10 +31,8 @@ class ImageCost:
     def __init__(self, data: VideoData, state: ParticleState, silhouette_weight: float = 0.0):
         self.data, self.silhouette_weight, self.pool = data, silhouette_weight, 1
         self.spacing, self.base_spacing = state.spacing, state.base_spacing
-        self.colour = ColourNetwork()
-        self.colour.load_state_dict(state.colour_network)
-        self.device = runtime.device()
-        self.colour.requires_grad_(False).to(self.device)
+        renderer = StateRenderer(state)
+        self.colour, self.device = renderer.colour.requires_grad_(False), renderer.device
         self.frames = data.video.images.shape[1]
 
     def residual(

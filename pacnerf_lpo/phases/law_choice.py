@@ -1,6 +1,5 @@
 """Which law the body moves by, where nobody has said it: between the velocity and the first identification."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -76,12 +75,8 @@ class LawChoice(DynamicPhase):
     def training_step(self, step: int, _: int) -> None:
         """A search or a fit of one law, the noise, or the verdict."""
         title = f"law: {self.competition.describe(step)}"
-
-        def bar(items: Iterable, count: int) -> Iterable:
-            return tqdm(items, title, count, leave=False)
-
         with processes(self.jobs):
-            self.competition.step(step, bar)
+            self.competition.step(step, lambda items, count: tqdm(items, title, count, leave=False))
         optimiser: Any = self.optimizers()
         optimiser.step()
 

@@ -77,15 +77,14 @@ class LPOModule(Correction):
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames, one random training view for each."""
-        particles = {name: getattr(self, name) for name in PARTICLES}
         seen, observer = self.seen(self.state.velocity, self.positions, self.density)
         views = self.one_view_per_frame(step, self.image_cost.frames)
         loss = self.image_cost.loss(seen, self.density, self.features, views, observer=observer)
         self.log_test_psnr(step, seen, self.density, self.features, observer)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
-            for name, values in particles.items():
-                getattr(self, f"best_{name}").copy_(values.detach())
+            for name in PARTICLES:
+                getattr(self, f"best_{name}").copy_(getattr(self, name).detach())
         self.log("correction/loss", loss)
         moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
         self.log("correction/mean displacement [m]", moved)

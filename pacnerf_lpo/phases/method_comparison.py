@@ -93,12 +93,9 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
 
 def _starts(model: Model, *residuals: Residual) -> list[np.ndarray]:
     """The best point for each method: of what was identified, and of moduli to either side of it."""
-    points = [model.start]
-    for index, unknown in enumerate(model.unknowns):
-        if isinstance(unknown.transform, Log10):
-            for offset in OFFSETS:
-                points.append(model.start.copy())
-                points[-1][index] += offset
+    moduli = [index for index, unknown in enumerate(model.unknowns) if isinstance(unknown.transform, Log10)]
+    axes = np.eye(len(model.start))[moduli]
+    points = [model.start, *(model.start + offset * axis for axis in axes for offset in OFFSETS)]
     return [min(points, key=lambda free: _cost(residual, free)) for residual in residuals]
 
 

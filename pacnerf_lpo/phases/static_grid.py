@@ -1,6 +1,5 @@
 """Phase 1: a voxel radiance field of frame 0, fitted to the training views, becomes particles."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss, normalize
 
-from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
@@ -16,7 +14,7 @@ from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
 from pacnerf_lpo.particles.parts import confirmed, inside_mattes
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, particle_alpha, sample_particles
-from pacnerf_lpo.phases.base import AbstractPhase, StepNumbers, psnr
+from pacnerf_lpo.phases.base import AbstractPhase, psnr
 from pacnerf_lpo.phases.schedules import TrainingLength, WeightSchedule
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.render.ray_march import MIN_WEIGHT, box_interval, march, shade
@@ -83,7 +81,7 @@ class StaticGridModule(AbstractPhase):
         self.surface_weight, self.surface_schedule = surface_weight, surface_schedule
         self.entropy_limit, self.view_invariant_weight = entropy_limit, view_invariant_weight
         self.silhouette_weight, self.relative_alpha = silhouette_weight, relative_alpha
-        self.length, self.grid_rate, self.network_rate = length, grid_rate, network_rate
+        self.length, self.steps, self.grid_rate, self.network_rate = length, length.steps, grid_rate, network_rate
         self.last_psnr = float("nan")
 
     def check(self) -> None:
@@ -110,12 +108,8 @@ class StaticGridModule(AbstractPhase):
         self.field = VoxelField.create(self.data.box, self.base_spacing)
         self._rays_through_box: dict[int, Tensor] = {}
 
-    def batches(self, data: VideoData) -> Iterable:
-        """The step numbers; each step draws its own view and rays."""
-        return StepNumbers(self.length.steps, lambda: self.global_step)
-
     def work(self, particles: int) -> Work:
-        return Work(rays=self.length.steps * self.rays_per_step)
+        return Work(rays=self.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Adam with one rate for the grids and one for the colour network."""

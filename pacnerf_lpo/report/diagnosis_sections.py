@@ -54,10 +54,8 @@ def points_table(result: Result) -> str:
 def parameter_table(result: Result) -> str:
     """Values before and after with their 90 % intervals, as numbers and drawn."""
     before, after = _parameters(result)
-    rows = []
-    for name in dict.fromkeys([*before, *after]):
-        old, new = before.get(name), after.get(name)
-        rows.append((name, old or new, old, new, interval_places(old, new)))
+    pairs = [(name, before.get(name), after.get(name)) for name in {**before, **after}]
+    rows = [(name, old or new, old, new, interval_places(old, new)) for name, old, new in pairs]
     return PARTS.parameters(rows, bool(after))
 
 
@@ -89,15 +87,12 @@ def bounds_table(result: Result) -> str:
             continue
         found = zip(candidate["coefficients"], candidate["coefficient"], candidate["interval"], strict=False)
         for coefficient, value, (low, high) in found:
-            ends = _possible(value, low, high) if candidate["one_sided"] else (low, high)
-            cells = [shown(coefficient["null"] + end, coefficient["unit"]) for end in ends]
+            if candidate["one_sided"]:  # only the part on the side of the null on which it is; its zero has a sign, too
+                side = max if math.copysign(1.0, value) > 0 else min
+                low, high = side(low, 0.0), side(high, 0.0)
+            cells = [shown(coefficient["null"] + end, coefficient["unit"]) for end in (low, high)]
             rows.append((candidate["readable"], coefficient["label"], *cells))
     return PARTS.table(("effect", "coefficient", "at least", "at most"), rows) if rows else ""
-
-
-def _possible(value: float, low: float, high: float) -> tuple[float, float]:
-    """The part of an interval on the side of the null on which a one-sided coefficient is; its zero has a sign, too."""
-    return (max(low, 0.0), max(high, 0.0)) if math.copysign(1.0, value) > 0 else (min(low, 0.0), min(high, 0.0))
 
 
 def effort_table(result: Result) -> str:

@@ -134,12 +134,9 @@ def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> N
 @torch.no_grad()
 def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
     """Opacity in every view and frame, small [(V, F, h, w), uint8]."""
-    found = []
-    for part in problem.parts(stage.effects, stage.known):
-        model = part.model
-        seen = model.outlines(model.path(model.start), model.start)
-        found.append(_small(seen[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()))
-    return _stacked(found)
+    models = (part.model for part in problem.parts(stage.effects, stage.known))
+    seen = (model.outlines(model.path(model.start), model.start) for model in models)
+    return _stacked([_small(one[..., MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()) for one in seen])
 
 
 def _stacked(recordings: Sequence[np.ndarray]) -> np.ndarray:

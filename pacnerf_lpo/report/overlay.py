@@ -99,8 +99,5 @@ def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
     """
     if min(mask.shape) < LEAST_PICTURE:
         return ""
-    parts = []
-    for line in contours(mask.astype(float)):
-        points = line[:: 1 + len(line) // MOST_POINTS] / scale + corner
-        parts.append("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "Z")
-    return "".join(parts)
+    shown = (line[:: 1 + len(line) // MOST_POINTS] / scale + corner for line in contours(mask.astype(float)))
+    return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "Z" for points in shown)

@@ -96,11 +96,9 @@ def cameras(look: Look, warnings: Sequence[SceneWarning]) -> list[tuple[str, lis
         doubts = [one.kind for one in warnings if 0 < len(one.cameras) < len(scene.views) and view.name in one.cameras]
         figures = []
         for drawn, (frame, when) in zip(pictures, moments, strict=True):
-            inside = 1.0 - look.hulls[frame].outside[number]
-            if np.isfinite(inside):
-                figures.append((drawn, when, f"{100 * inside:.1f} % of the matte in the hull", inside >= INSIDE))
-            else:
-                figures.append((drawn, when, "object not seen", True))
+            inside = 1.0 - look.hulls[frame].outside[number]  # NaN where the object is not seen
+            said = f"{100 * inside:.1f} % of the matte in the hull" if np.isfinite(inside) else "object not seen"
+            figures.append((drawn, when, said, not inside < INSIDE))
         found.append((view.name, list(dict.fromkeys(doubts)), figures))
     return found
 

@@ -97,7 +97,5 @@ def excess_picture(result: Mapping[str, Any]) -> Tensor:
     ]
     most = max(float(root.max()) for root in roots) or 1.0
     gap = torch.zeros(GAP, roots[0].shape[1] * CELL)
-    parts: list[Tensor] = []
-    for root in roots:
-        parts += [gap, root.repeat_interleave(CELL, 0).repeat_interleave(CELL, 1)]
+    parts = [part for root in roots for part in (gap, root.repeat_interleave(CELL, 0).repeat_interleave(CELL, 1))]
     return residual_colours(-torch.cat(parts[1:]), most)

@@ -95,11 +95,6 @@ def _scatter(values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Ten
     return out
 
 
-def _weight_gradient(points: Tensor, nodes: Tensor, cell: Tensor, shape: Shape) -> Tensor:
-    at_corners = nodes.index_select(0, _corner_nodes(cell, shape).flatten()).view(len(cell), 8, -1)
-    return torch.bmm(at_corners, points[:, :, None]).squeeze(2)
-
-
 class _Transfer(Function):
     """Gather, or scatter where ``to_nodes``; the adjoint of each by the values is the other."""
 
@@ -116,5 +111,8 @@ class _Transfer(Function):
         adjoint = _gather if ctx.to_nodes else _scatter
         at_points, at_nodes = (values, grad) if ctx.to_nodes else (grad, values)
         to_values = adjoint(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
-        to_weights = _weight_gradient(at_points, at_nodes, cell, ctx.shape) if ctx.needs_input_grad[1] else None
+        to_weights = None
+        if ctx.needs_input_grad[1]:
+            at_corners = at_nodes.index_select(0, _corner_nodes(cell, ctx.shape).flatten()).view(len(cell), 8, -1)
+            to_weights = torch.bmm(at_corners, at_points[:, :, None]).squeeze(2)
         return to_values, to_weights, None, None, None

@@ -35,8 +35,20 @@ def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> floa
         recording: its cameras, for messages.
     """
     gap = largest_gap(views)
+    wrong = odd_one_out(views, gap, GAP) if gap > GAP else None
+    if wrong is not None:
+        name = recording.cameras[wrong].name
+        raise UserInputError(
+            f"{recording.source}: camera {name} disagrees with the other views: its pose, its lens, its clock or its "
+            f"matte is wrong; calibrate it again, give its masks or background plate, or use --leave_out {name}"
+        )
     if gap > GAP:
-        _blame(views, gap, recording)
+        raise UserInputError(
+            f"{recording.source}: the outlines of the views do not belong to one body in space. Poses may be wrong: "
+            "rotations transposed, world to camera instead of camera to world, axes or videos mirrored, cameras "
+            "swapped, camera positions given for translations, calibration of other videos; or the lenses; or the "
+            "mattes of several views, then give masks or background plates"
+        )
     lower, upper = bounds(Planes.of([view[0] for view in views]))
     return float((upper - lower).max())
 
@@ -64,22 +76,6 @@ def check_different(images: Sequence[Sequence[Path]], recording: Recording) -> N
                 f"ones, or use --leave_out {camera.name}"
             )
         seen[shown] = camera.name
-
-
-def _blame(views: Sequence[Sequence[Planes]], gap: float, recording: Recording) -> None:
-    wrong = odd_one_out(views, gap, GAP)
-    if wrong is not None:
-        name = recording.cameras[wrong].name
-        raise UserInputError(
-            f"{recording.source}: camera {name} disagrees with the other views: its pose, its lens, its clock or its "
-            f"matte is wrong; calibrate it again, give its masks or background plate, or use --leave_out {name}"
-        )
-    raise UserInputError(
-        f"{recording.source}: the outlines of the views do not belong to one body in space. Poses may be wrong: "
-        "rotations transposed, world to camera instead of camera to world, axes or videos mirrored, cameras swapped, "
-        "camera positions given for translations, calibration of other videos; or the lenses; or the mattes of several "
-        "views, then give masks or background plates"
-    )
 
 
 def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> int | None:

@@ -334,7 +334,9 @@ def _refined(
                 weight = 1.0 / np.maximum(1.0, np.abs(r - np.median(r)) / bound)
                 jacobian = np.zeros((known.sum(), count))
                 jacobian[:, pair.one], jacobian[:, pair.other] = by_one[side, known], by_other[side, known]
-                whitened = _without_constant(np.column_stack((r, jacobian)) * np.sqrt(weight)[:, None])
+                table = np.column_stack((r, jacobian)) * np.sqrt(weight)[:, None]
+                kept = NOISE / np.sqrt(NOISE**2 + len(r) * POSE_ERROR**2)  # of a constant that is marginalised
+                whitened = (table - (1.0 - kept) * table.mean(axis=0)) / NOISE
                 normal += whitened[:, 1:].T @ whitened[:, 1:]
                 slope += whitened[:, 1:].T @ whitened[:, 0]
                 squares, rows = squares + float(whitened[:, 0] @ whitened[:, 0]), rows + len(r)
@@ -345,9 +347,3 @@ def _refined(
             break
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0) * scale * count / 2.0)
     return offsets, np.where(errors < step, errors, np.nan)
-
-
-def _without_constant(rows: np.ndarray) -> np.ndarray:
-    """Rows in units of their noise, with a constant of standard deviation POSE_ERROR marginalised [(T, ...)]."""
-    kept = NOISE / np.sqrt(NOISE**2 + len(rows) * POSE_ERROR**2)
-    return (rows - (1.0 - kept) * rows.mean(axis=0)) / NOISE

@@ -26,9 +26,7 @@ def check_rotation(where: str, rotation: np.ndarray) -> None:
 
 def pose_from_opencv(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """OpenCV's world-to-camera rotation (3, 3) and translation (3,) as a camera-to-world pose, OpenGL axes (3, 4)."""
-    rotation = np.asarray(rotation, float)
-    centre = -rotation.T @ np.asarray(translation, float).reshape(3)
-    return opengl_axes(np.column_stack((rotation.T, centre)))
+    return opengl_axes(np.column_stack((rotation.T, -rotation.T @ translation)))
 
 
 def opengl_axes(pose: np.ndarray) -> np.ndarray:

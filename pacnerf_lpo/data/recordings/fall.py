@@ -61,10 +61,8 @@ def fit_ballistic(frames: Sequence[Planes], times: np.ndarray) -> Ballistic:
     """The parabola and the one shape that explain the planes of three or more frames, at their times [s, (F,)], best
     (least squares).
     """
-    rows = []
-    for planes, time in zip(frames, times, strict=True):
-        n = planes.normals
-        rows.append(np.hstack((n, n * time, 0.5 * n * time**2, harmonics(n))))
+    pairs = [(planes.normals, time) for planes, time in zip(frames, times, strict=True)]
+    rows = [np.hstack((n, n * time, 0.5 * n * time**2, harmonics(n))) for n, time in pairs]
     solution, spread = _least_squares(np.vstack(rows), np.concatenate([planes.offsets for planes in frames]))
     return Ballistic(solution[:3], solution[3:6], solution[6:MOTION], spread[6:MOTION], solution[MOTION:])
 

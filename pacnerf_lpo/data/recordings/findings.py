@@ -126,15 +126,13 @@ def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int
     """How many frames (tangent planes, at times [s, (F,)]) from the first lie on one parabola; at least three. ``size``
     of the body is in the unit of the planes.
     """
-    flight = 3
-    while flight < len(times):
+    for flight in range(3, len(times)):
         motion = fit_ballistic(frames[:flight], times[:flight])
         place = places(frames[flight : flight + 1], motion.shape)[0]
         away = float(np.linalg.norm(place - motion.at(times[flight : flight + 1])[0]))
         if not away < LEFT_PARABOLA * size:
-            break
-        flight += 1
-    return flight
+            return flight
+    return max(len(times), 3)
 
 
 def find_up(recording: Recording, motion: Ballistic) -> tuple[np.ndarray, str]:

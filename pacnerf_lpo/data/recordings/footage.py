@@ -1,6 +1,7 @@
 """The frames of a camera that stands still, at the resolution at which it is decided what is object and background."""
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -50,12 +51,9 @@ def _keyframes(frames: np.ndarray) -> list[int]:
     """Numbers of frames of which each shows about as much motion since the one before; all where there are few."""
     if len(frames) <= KEYFRAMES:
         return list(range(len(frames)))
-    before, moved = None, []
-    for frame in frames:
-        now = smoothed(frame / np.float32(255.0))
-        change = np.zeros(1) if before is None else np.linalg.norm(now - before, axis=-1)
-        moved.append(float((change > max(STILL * float(np.median(change)), FINEST)).mean()))
-        before = now
+    smooth = (smoothed(frame / np.float32(255.0)) for frame in frames)
+    changes = (np.linalg.norm(now - before, axis=-1) for before, now in pairwise(smooth))
+    moved = [0.0, *(float((one > max(STILL * float(np.median(one)), FINEST)).mean()) for one in changes)]
     course = np.cumsum(np.array(moved) + RESTING * max(moved))
     wanted = np.linspace(course[0], course[-1], KEYFRAMES)
     return sorted(set(np.abs(course[:, None] - wanted).argmin(axis=0).tolist()))

@@ -82,6 +82,7 @@ def appearance(pixels: np.ndarray, view: View) -> Appearance:
     seen = picture(near, None if view.plate is None else view.plate[part])
     points, inside = outline_points(near[..., 3], intrinsic, view.valid[:height, :width][part])
     y, x = np.nonzero(solid)
+    areas = np.bincount(ndimage.label(solid, structure=np.ones((3, 3)))[0].ravel())[1:]
     return Appearance(
         tangents=outline_tangents(points, inside),
         pixels=len(x),
@@ -89,7 +90,7 @@ def appearance(pixels: np.ndarray, view: View) -> Appearance:
         centre=np.array([x.mean() + left + 0.5, y.mean() + top + 0.5]),
         cut=not inside.all(),
         hazy=_hazy(near[..., 3], solid),
-        loose=_loose(solid),
+        loose=float(1.0 - areas.max() / areas.sum()),
         widths=edge_widths(seen, near[..., 3], REACH * size),
     )
 
@@ -99,12 +100,6 @@ def _hazy(opacity: np.ndarray, solid: np.ndarray) -> float:
     inside = ndimage.binary_erosion(solid, iterations=RIM)
     outside = ~ndimage.binary_dilation(solid, iterations=RIM)
     return float(((opacity < 0.9) & inside | (opacity > 0.1) & outside).sum() / solid.sum())
-
-
-def _loose(solid: np.ndarray) -> float:
-    labels, _ = ndimage.label(solid, structure=np.ones((3, 3)))
-    areas = np.bincount(labels.ravel())[1:]
-    return float(1.0 - areas.max() / areas.sum())
 
 
 @dataclass(frozen=True)

@@ -106,15 +106,12 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
         rays = _rays(camera.view, shape, centre, half, others, wrong)
         masks = ([other.at(time, step) for other in others] for time in camera.times)
         depths = np.array([_depths(*rays, shown, shape, wrong) for shown in masks], np.int8)
-        found.append((depths[:, 0], depths[:, 1]) if _agrees(depths, camera.masks) else None)
+        inside = (camera.masks & (depths[:, 1] > -UNSURE)).sum()
+        seen = camera.masks.any() and (depths[:, 0] > 0).any() and inside >= AGREES * camera.masks.sum()
+        found.append((depths[:, 0], depths[:, 1]) if seen else None)
     pairs = list(zip(found, cameras, strict=True))
     table = _table([(*one, camera.masks) for one, camera in pairs if one is not None])
     return [None if one is None else Expectation(*one, _contradicted(one[0], c.masks), table) for one, c in pairs]
-
-
-def _agrees(depths: np.ndarray, masks: np.ndarray) -> bool:
-    inside = (masks & (depths[:, 1] > -UNSURE)).sum()
-    return bool(masks.any() and (depths[:, 0] > 0).any() and inside >= AGREES * masks.sum())
 
 
 def _contradicted(depth: np.ndarray, masks: np.ndarray) -> float:

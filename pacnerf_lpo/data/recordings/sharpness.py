@@ -53,12 +53,9 @@ def edge_widths(picture: np.ndarray, opacity: np.ndarray, reach: float) -> np.nd
     whole = np.all((places > 0) & (places < (width - 1, height - 1)), axis=(1, 2)) & (contrast > LEAST_CONTRAST)
     angle = np.arctan2(normals[:, 1], normals[:, 0])
     side = np.round(angle / (2.0 * np.pi / SIDES)).astype(int) % SIDES
-    found = np.full(SIDES, np.nan)
-    for number in range(SIDES):
-        own = whole & (side == number)
-        if own.sum() >= FEWEST:
-            found[number] = STEP / np.abs(np.diff(profiles[own].mean(axis=0))).max()
-    return found
+    sides = [profiles[whole & (side == number)] for number in range(SIDES)]
+    widths = [STEP / np.abs(np.diff(own.mean(axis=0))).max() if len(own) >= FEWEST else np.nan for own in sides]
+    return np.array(widths, float)
 
 
 def blur(widths: np.ndarray, motion: np.ndarray) -> float:

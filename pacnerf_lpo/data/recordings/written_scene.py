@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -169,9 +170,7 @@ def _corner(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
 def header(text: str) -> dict[str, str]:
     """What the comments at the top of the file say, by their first words."""
     found: dict[str, str] = {}
-    for line in text.splitlines():
-        if not line.startswith("#"):
-            break
+    for line in takewhile(lambda line: line.startswith("#"), text.splitlines()):
         if match := HEADER.fullmatch(line):
             found[match[1]] = match[2]
         elif line.startswith(MORE) and found:
@@ -210,9 +209,6 @@ def _comment(lines: list[str], mark: yaml.Mark) -> str:
 
 def _comment_above(lines: list[str], mark: yaml.Mark) -> str:
     """Lines of comment directly above an indented key."""
-    found: list[str] = []
-    for line in reversed(lines[: mark.line] if mark.column else []):
-        if not line.strip().startswith("#"):
-            break
-        found.insert(0, line.strip().lstrip("# "))
-    return " ".join(found)
+    above = [line.strip() for line in reversed(lines[: mark.line] if mark.column else [])]
+    comments = takewhile(lambda line: line.startswith("#"), above)
+    return " ".join(reversed([line.lstrip("# ") for line in comments]))

@@ -245,8 +245,7 @@ def investigate(one: Trajectory, direction: Direction, start: str | None) -> Fin
     ``flying``; None: whichever describes its first half better. Raises UserInputError where too few samples are in
     flight.
     """
-    turn = rotation_onto(direction.up, np.array([0.0, 1.0, 0.0]))
-    turn = np.round(turn, 12)
+    turn = np.round(rotation_onto(direction.up, np.array([0.0, 1.0, 0.0])), 12)
     known = np.nan_to_num(one.positions) @ turn.T * direction.scale
     hidden = ~np.isfinite(one.positions).astype(bool) @ (np.abs(turn) > 1e-9).T
     positions = np.where(hidden, np.nan, known)

@@ -101,8 +101,7 @@ def read_cells(path: Path, example: str = EXAMPLE) -> Table:
         raise UserInputError(f"{path}: cannot be read as text ({error}); save it as CSV in UTF-8") from None
     if not rows:
         raise UserInputError(f"{path}: is empty; write a header line such as {example} and one row per time")
-    above = next((k for k, (_, row) in enumerate(rows) if _is_number(row[0])), len(rows))
-    above = above if above < len(rows) else min(1, len(rows))
+    above = next((k for k, (_, row) in enumerate(rows) if _is_number(row[0])), 1)
     header = [[cell.strip() for cell in row] for _, row in rows[:above]]
     lines, body = [line for line, _ in rows[above:]], [row for _, row in rows[above:]]
     if not body:

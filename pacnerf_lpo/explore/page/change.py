@@ -137,13 +137,8 @@ def _places(setting: Setting) -> tuple[float, float, float]:
 
 def _marks(setting: Setting) -> tuple[tuple[float, str], ...]:
     """The ends of a slider, and the interval of the last fit."""
-    place = np.log10 if setting.logarithmic else float
+    place, (low, high) = np.log10 if setting.logarithmic else float, setting.slider
     unit = setting.unit if setting.logarithmic else "1"
-    ends = [(float(place(value)), quantity(value, unit, 2)) for value in setting.slider]
-    if setting.interval is not None:
-        ends += [
-            (float(place(value)), text)
-            for value, text in zip(setting.interval, "[]", strict=True)
-            if setting.slider[0] < value < setting.slider[1]
-        ]
-    return tuple(ends)
+    marks = [(value, quantity(value, unit, 2)) for value in setting.slider]
+    marks += [(value, text) for value, text in zip(setting.interval or (), "[]", strict=False) if low < value < high]
+    return tuple((float(place(value)), text) for value, text in marks)

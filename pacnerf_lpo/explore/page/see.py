@@ -147,20 +147,20 @@ class See:
 
     def _draw_path(self, name: str, motion: Motion) -> None:
         """Where a rigid body flies, as dots, and where it was measured; a coordinate that was not is the model's."""
-        page, measured = self.page, self._centres(name)
+        measured = self._centres(name)
         if measured is None:
             return
         model = motion.positions.mean(1)
-        shown = {"path": (model, PATH)}
-        if self.measured.value:
-            shown["tracks"] = np.where(np.isfinite(measured), measured, model), KINDS["tracks"]
-        for kind in ("path", "tracks"):
-            moving = None
-            if kind in shown:
-                points, colour = shown[kind]
-                frames = [points] * len(points)
-                moving = Moving(frames, np.array(colour, np.uint8), 0.5 * LEAST * self._size, self._offset(name))
-            page.stage.put(f"{kind} {name}", moving)
+        tracks = [np.where(np.isfinite(measured), measured, model)] if self.measured.value else []
+        self._put("path", name, [model] * len(model), 0.5 * LEAST * self._size)
+        self._put("tracks", name, tracks * len(model), 0.5 * LEAST * self._size)
+
+    def _put(self, kind: str, name: str, frames: list[np.ndarray], size: float) -> None:
+        """Show points of a kind [m, (N, 3) at every frame] in its colour; nothing where there are none."""
+        colour, moving = np.array({"path": PATH, **KINDS}[kind], np.uint8), None
+        if any(len(points) for points in frames):
+            moving = Moving(frames, colour, size, self._offset(name))
+        self.page.stage.put(f"{kind} {name}", moving)
 
     def _centres(self, name: str) -> np.ndarray | None:
         """Measured centres of a rigid body in flight [m, (F, 3)]; None where another thing was measured."""
@@ -252,11 +252,8 @@ class See:
                 continue
             shown = range(len(page.session.times(name))) if self.measured.value else ()
             found = [page.session.measured(frame, name) for frame in shown]
-            for kind, colour in KINDS.items():
+            size = max((one.cell for one in found), default=0.0) or 0.03 * self._size
+            for kind in KINDS:
                 frames = [{"hull": one.hull, "tracks": one.tracks, "clouds": one.cloud}[kind] for one in found]
-                moving = None
-                if any(len(points) for points in frames):
-                    size = max(one.cell for one in found) or 0.03 * self._size
-                    moving = Moving(frames, np.array(colour, np.uint8), 0.45 * size, self._offset(name))
                 with page.drawing():
-                    page.stage.put(f"{kind} {name}", moving)
+                    self._put(kind, name, frames, 0.45 * size)

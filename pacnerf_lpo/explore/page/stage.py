@@ -1,7 +1,7 @@
 """The 3-D part of the page: bodies, what was measured of them, the ground, and the cameras to step into."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -33,7 +33,7 @@ class Moving:
     frames: list[np.ndarray]
     colours: np.ndarray
     size: float
-    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    offset: np.ndarray
 
     def at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Finite positions [m, (N, 3)] and their colours at a frame."""

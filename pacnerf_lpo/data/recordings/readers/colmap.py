@@ -26,9 +26,8 @@ def read(folder: Path) -> Recording:
     """
     model = open_model(next(folder / place for place in MODELS if _is_model(folder / place)))
     shots = [_shot(folder, model, image) for image in sorted(model.images.values(), key=lambda image: image.name)]
-    if all(len(shot.frames) > 1 for shot in shots):
-        return Recording(LAYOUT.name, folder, tuple(shots))
-    return Recording(LAYOUT.name, folder, still_cameras(folder, shots))
+    cameras = tuple(shots) if all(len(shot.frames) > 1 for shot in shots) else still_cameras(folder, shots)
+    return Recording(LAYOUT.name, folder, cameras)
 
 
 def open_model(folder: Path) -> Any:
