@@ -5,7 +5,6 @@ It encloses as much space at frame 0 as the particles fill; the same level then 
 
 import re
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +100,16 @@ def surface_colours(subject: Subject, positions: Tensor, surface: Surface) -> np
     return to_bytes(subject.renderer.colours(features, inwards))
 
 
+def write_obj(subject: Subject, folder: Path) -> None:
+    """Write ``frame_000.obj`` and so on [m]; colours follow each vertex, as displayed."""
+    _write(subject, folder, "obj")
+
+
+def write_glb(subject: Subject, folder: Path) -> None:
+    """Write ``frame_000.glb`` and so on (binary glTF 2) [m]; colours of vertices are linear light, as it wants them."""
+    _write(subject, folder, "glb")
+
+
 def _write(subject: Subject, folder: Path, ending: str) -> None:
     import trimesh
 
@@ -124,9 +133,3 @@ def _write(subject: Subject, folder: Path, ending: str) -> None:
                 surface.vertices, surface.faces, vertex_normals=surface.normals, vertex_colors=colours, process=False
             )
             mesh.export(part / f"frame_{frame:03d}.{ending}", include_normals=True)
-
-
-write_obj = partial(_write, ending="obj")
-"""Write ``frame_000.obj`` and so on [m]; colours follow each vertex, as displayed."""
-write_glb = partial(_write, ending="glb")
-"""Write ``frame_000.glb`` and so on (binary glTF 2) [m]; colours of vertices are linear light, as it wants them."""
