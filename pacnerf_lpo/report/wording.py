@@ -161,9 +161,7 @@ def _removed(rounds: list[Round]) -> list[str]:
     for done in rounds:
         if done.removed and done.accepted is not None:
             gone, better = together(done.removed), readable(done.accepted.name)
-            found.append(
-                f"{capitalised(gone)}, found at first, gives way to {better} beside the others."
-            )
+            found.append(f"{capitalised(gone)}, found at first, gives way to {better} beside the others.")
         else:
             names += done.removed
     if names:
