@@ -48,13 +48,11 @@ class TrackResiduals:
     """Measured minus model of every sighting after the first, which is zero by construction.
 
     residual: [m, (M, 3)]
-    sigma: standard deviation, that of the first sighting included [m, (M,)]
     times: [s, (M,)]
     ids: (M,)
     """
 
     residual: np.ndarray
-    sigma: np.ndarray
     times: np.ndarray
     ids: np.ndarray
 
@@ -103,9 +101,7 @@ def track_residuals(
     later = tracks.times > attachment.first[point]
     point, when = point[later], tracks.times[later]
     model = at_times(_carried(attachment, trajectory), times, when)[np.arange(len(when)), point]
-    first_sigma = np.array([tracks.sigma[tracks.ids == name][0] for name in attachment.names])
-    sigma = np.hypot(tracks.sigma[later], first_sigma[point])
-    return TrackResiduals(tracks.positions[later] - model, sigma, when, tracks.ids[later])
+    return TrackResiduals(tracks.positions[later] - model, when, tracks.ids[later])
 
 
 def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -57,8 +57,7 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
     parts = problem.parts((), {})
     several = len(parts) > 1
     owners = [parts[view // CAMERAS - 1].name if several else parts[0].name for view in ids]
-    for part in parts:
-        owners += [part.name] * len(part.recording.point_names)
+    owners += [part.name for part in parts for _ in part.recording.point_names]
     names = [f"view {view % CAMERAS if several else view}" for view in ids]
     rows = [*names, *(name for part in parts for name in part.recording.point_names)]
     return Errors(

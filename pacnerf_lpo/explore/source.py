@@ -39,10 +39,8 @@ class Source:
         if not isinstance(self.problem, RunProblem):
             return {}
         path = self.problem.run.run_dir / INTERVALS_FILE
-        if not path.is_file():
-            return {}
-        content = json.loads(path.read_text())
-        if content["phase"] != self.problem.stage.stem:
+        content: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+        if content.get("phase") != self.problem.stage.stem:
             return {}
         return {name: (one["low"], one["high"]) for name, one in content["parameters"].items()}
 

@@ -226,7 +226,10 @@ class History:
         """Put a step in the place of the one with its number."""
         with self._lock:
             self._steps[step.number] = step
-            self._keep(step, table)
+            if table is None:
+                self.tables.pop(step.number, None)
+            else:
+                self.tables[step.number] = table.astype(np.float32)
             return step
 
     def go(self, number: int) -> Step:
@@ -266,9 +269,3 @@ class History:
         with self._lock:
             self._steps, self._current, self._undone = list(steps), steps[current].number, []
             self.tables = {number: table.astype(np.float32) for number, table in tables.items()}
-
-    def _keep(self, step: Step, table: np.ndarray | None) -> None:
-        if table is None:
-            self.tables.pop(step.number, None)
-        else:
-            self.tables[step.number] = table.astype(np.float32)

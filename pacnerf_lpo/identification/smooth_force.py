@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import outcome
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress, each
@@ -107,8 +106,6 @@ def _of_recording(part: Part, progress: Progress) -> np.ndarray:
     for number, predicted in enumerate(each(outcome, pushed), 1):
         if number % len(PARTS) == 0:
             progress(f"smooth force on {problem.scene}: {number} of {len(names)}")
-        if isinstance(predicted, SimulationError):
-            columns.append(0 * base)
-        else:
-            columns.append((base - problem.residual(predicted)) / PROBE)
+        change = base - problem.residual(predicted) if isinstance(predicted, np.ndarray) else 0 * base
+        columns.append(change / PROBE)
     return np.nan_to_num(np.stack(columns, -1))

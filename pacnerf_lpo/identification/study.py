@@ -242,9 +242,7 @@ class StudyModel(Model):
         self.models, self.stack, self._effects = list(models), stack, tuple(effects)
         self.body, self.physics = models[0].body, models[0].physics
         unknowns: dict[str, Parameter] = {}
-        low: dict[str, float] = {}
-        high: dict[str, float] = {}
-        start: dict[str, float] = {}
+        low, high, start = (dict[str, float]() for _ in range(3))
         self.known, called = {}, []
         for model, own, recording in zip(models, names, recordings, strict=True):
             called.append([own.get(name, name) for name in model.names])

@@ -112,7 +112,7 @@ class Mattes:
         """Find the background in the video, for all mattes from now on; UserInputError where nothing moves."""
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
-        self.footage = Footage(self._pictures)
+        self.footage = Footage(lambda: (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames()))
         found = still_background(self.footage)
         if found is None:
             raise UserInputError(
@@ -135,9 +135,6 @@ class Mattes:
         if self._corrected is not None:
             self.still, self._corrected = self._corrected.at_full_size(self.footage), None
             self.plate = self.still.plate
-
-    def _pictures(self) -> Iterator[np.ndarray]:
-        return (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames())
 
     def __iter__(self) -> Iterator[np.ndarray]:
         """Colour and opacity of every frame, undistorted [0..1, (H, W, 4)]."""
