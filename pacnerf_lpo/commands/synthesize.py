@@ -86,8 +86,7 @@ def run(
     moved = skin.carried(drawn.double().numpy(), path.double().numpy())
     drawing = Drawing(image_size, skin.COVER * apart, skin.OUTLINE * apart, noise, seed)
     rig, truth = hemisphere_rig(views, image_size), truth_of(physics, velocity, dx)
-    root = write_scene(output, moved, patches(drawn), rig, drawing, truth=truth)
-    print(root)
+    print(write_scene(output, moved, patches(drawn), rig, drawing, truth=truth))
 
 
 def dropped(

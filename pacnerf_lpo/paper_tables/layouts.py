@@ -128,8 +128,7 @@ class SpreadLayout(Layout):
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per metric."""
-        rows = [self._spread(book, scenes, metric) for metric in METRICS]
-        table = self.table(rows)
+        table = self.table(self._spread(book, scenes, metric) for metric in METRICS)
         names = ", ".join(name or "the baseline's own" for name in self.view_sets)
         table.notes.append(f"mean ± standard deviation (over n, not n - 1) of {len(self.view_sets)} view sets: {names}")
         return table

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal
+from typing import Literal
 
 from joblib import Parallel, delayed, parallel_config
 
@@ -91,12 +91,11 @@ def _hindered(run: PlannedRun, outcomes: Mapping[Path, Outcome]) -> tuple[Status
 @contextlib.contextmanager
 def _engine(resources: Resources) -> Iterator[None]:
     """joblib with the chosen backend."""
-    options: dict[str, Any] = {"n_jobs": resources.jobs}
     try:
         if resources.backend == "dask":
             from dask.distributed import Client
 
-            with Client(n_workers=resources.jobs, threads_per_worker=1), parallel_config("dask", **options):
+            with Client(n_workers=resources.jobs, threads_per_worker=1), parallel_config("dask", n_jobs=resources.jobs):
                 yield
             return
         if resources.backend == "ray":
@@ -108,7 +107,7 @@ def _engine(resources: Resources) -> Iterator[None]:
         raise UserInputError(
             f"--backend {resources.backend}: {error.name} is not installed; pip install '{package}'"
         ) from None
-    with parallel_config(resources.backend, **options):
+    with parallel_config(resources.backend, n_jobs=resources.jobs):
         yield
 
 
