@@ -15,19 +15,15 @@ from pacnerf_lpo.mpm.effects.base import Effect
 class Without:
     """A fitted model without one of its effects, fitted again.
 
-    effect: that it is without.
+    name, effect: that it is without.
     known: values of it [SI]
     superfluous: whether it explains the data as well.
     """
 
+    name: str
     effect: Effect
     known: dict[str, float]
     superfluous: bool
-
-    @property
-    def name(self) -> str:
-        """Of the effect."""
-        return name_of(self.effect)
 
 
 def without_each(problem: Problem, found: Round) -> list[Without]:
@@ -38,10 +34,10 @@ def without_each(problem: Problem, found: Round) -> list[Without]:
     assert found.screening is not None
     looks = []
     for effect in found.effects[len(problem.physics.effects) :]:
-        kept = tuple(other for other in found.effects if other is not effect)
+        kept, name = tuple(other for other in found.effects if other is not effect), name_of(effect)
         try:
-            again, known = against_without(problem, kept, effect, name_of(effect), found.comparison, found.screening)
+            again, known = against_without(problem, kept, effect, name, found.comparison, found.screening)
         except SimulationError:
             continue
-        looks.append(Without(effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE))
+        looks.append(Without(name, effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE))
     return looks

@@ -11,7 +11,7 @@ from pacnerf_lpo.mpm import schedule_cpu, schedule_cuda
 from pacnerf_lpo.mpm.arrays import Launch
 from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
-from pacnerf_lpo.mpm.substep import Adjoint, Forward
+from pacnerf_lpo.mpm.substep import Arrays
 from pacnerf_lpo.mpm.taichi_calls import REAL, Launcher, ti
 
 
@@ -64,13 +64,10 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
                 numbers, dims, spans, status, bench, progress, slices, chunk, substeps,
                 first, last, state, nodes, contacts,
             )  # fmt: skip
-            if ti.static(back):
-                a = Adjoint(
-                    states, gradient, node, velocity, contact, momentum, constants, of_constants, of_coefficients
-                )
-                schedule.passes(a, call, laws, parallel, True)
-            else:
-                schedule.passes(Forward(states, velocity, contact, momentum, constants), call, laws, parallel, False)
+            arrays = Arrays(
+                states, velocity, contact, momentum, constants, gradient, node, of_constants, of_coefficients
+            )
+            schedule.passes(arrays, call, laws, parallel, back)
 
         return Launcher(passes, dtype)
 

@@ -30,13 +30,16 @@ from pacnerf_lpo.mpm.transfer import stencil
 
 
 @dataclass(frozen=True)
-class Forward(Emitted):
-    """Arrays of a forward launch; :meth:`at` says where those of a substep begin in them.
+class Arrays(Emitted):
+    """Arrays of a launch; :meth:`at` says where those of a substep begin in them.
 
     states: of the particles.  velocity: of the nodes, with their mass.  contact: velocity of nodes before the ground.
     momentum: of the nodes, summed per slice.
+    gradient: adjoint of the state.  node: adjoints of the nodes' momentum and mass.
+    of_constants, of_coefficients: adjoints, summed up.
     before, now, ahead: states before the substep that is completed, after it, and after the next (which begins with
-    their deformation).  velocity_before, velocity_now, contact_now: of the substep completed, and of the one begun.
+    their deformation).  velocity_before, contact_before, velocity_now, contact_now: of the substep completed, and of
+    the one begun.
     """
 
     states: Any
@@ -44,52 +47,26 @@ class Forward(Emitted):
     contact: Any
     momentum: Any
     constants: Any
+    gradient: Any
+    node: Any
+    of_constants: Any
+    of_coefficients: Any
     before: Any = None
     now: Any = None
     ahead: Any = None
     velocity_before: Any = None
     velocity_now: Any = None
+    contact_before: Any = None
     contact_now: Any = None
 
-    def at(self, call: Launch, substep: Any) -> "Forward":
+    def at(self, call: Launch, substep: Any) -> "Arrays":
         """With the places of a substep."""
         earlier = keep(ti.max(substep - 1, 0))
         return replace(
             self, before=keep(call.state * earlier), now=keep(call.state * substep),
             ahead=keep(call.state * (substep + 1)), velocity_before=keep(call.nodes * earlier),
-            velocity_now=keep(call.nodes * substep), contact_now=keep(call.contact * substep),
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Adjoint(Emitted):
-    """Arrays of an adjoint launch; :meth:`at` says where those of a substep begin in them.
-
-    states, velocity, contact, momentum: as forward.  gradient: adjoint of the state.
-    node: adjoints of the nodes' momentum and mass.  of_constants, of_coefficients: adjoints, summed up.
-    now, before: states after and before the substep that is completed.  velocity_before, contact_before: of it.
-    """
-
-    states: Any
-    gradient: Any
-    node: Any
-    velocity: Any
-    contact: Any
-    momentum: Any
-    constants: Any
-    of_constants: Any
-    of_coefficients: Any
-    now: Any = None
-    before: Any = None
-    velocity_before: Any = None
-    contact_before: Any = None
-
-    def at(self, call: Launch, substep: Any) -> "Adjoint":
-        """With the places of a substep."""
-        earlier = keep(ti.max(substep - 1, 0))
-        return replace(
-            self, now=keep(call.state * substep), before=keep(call.state * earlier),
-            velocity_before=keep(call.nodes * earlier), contact_before=keep(call.contact * earlier),
+            velocity_now=keep(call.nodes * substep), contact_before=keep(call.contact * earlier),
+            contact_now=keep(call.contact * substep),
         )  # fmt: skip
 
 
@@ -102,7 +79,7 @@ def forward_group(a: ti.template(), s: ti.template(), first, group: ti.template(
         begin(a, s, first, group)
 
 
-def complete(a: Forward, s: Setting, group: Group) -> None:
+def complete(a: Arrays, s: Setting, group: Group) -> None:
     """G2P and the motion."""
     new_scope()
     o = keep(group.block * s.width)
@@ -113,7 +90,7 @@ def complete(a: Forward, s: Setting, group: Group) -> None:
     group.write(a.states, a.now + o + V, [*v, *flat(grad)])
 
 
-def begin(a: Forward, s: Setting, first: Any, group: Group) -> None:
+def begin(a: Arrays, s: Setting, first: Any, group: Group) -> None:
     """The local laws and P2G."""
     new_scope()
     o = keep(group.block * s.width)
@@ -141,7 +118,7 @@ def adjoint_group(a: ti.template(), s: ti.template(), first, group: ti.template(
         undo_complete(a, s, first, group)
 
 
-def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
+def undo_begin(a: Arrays, s: Setting, group: Group, row: Any) -> None:
     """Adjoint of :func:`begin`."""
     new_scope()
     o, constant = keep(group.block * s.width), keep(group.block * CONSTANTS)
@@ -168,7 +145,7 @@ def undo_begin(a: Adjoint, s: Setting, group: Group, row: Any) -> None:
         add_to_slice(a.of_coefficients, row, c, summed(keep(of_coefficient)), group.lane is not None)
 
 
-def undo_complete(a: Adjoint, s: Setting, first: Any, group: Group) -> None:
+def undo_complete(a: Arrays, s: Setting, first: Any, group: Group) -> None:
     """Adjoint of :func:`complete`."""
     new_scope()
     o = keep(group.block * s.width)

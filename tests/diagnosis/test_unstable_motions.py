@@ -113,7 +113,7 @@ def test_an_effect_stays_where_the_model_without_it_is_unstable(tmp_path, monkey
 
     def without_each(problem: falling.Falling, found: Round) -> list[Without]:
         left.append(found.effects[0])
-        return [Without(left[0], found.comparison.known, superfluous=True)]
+        return [Without(name_of(left[0]), left[0], found.comparison.known, superfluous=True)]
 
     monkeypatch.setattr(diagnose, "without_each", without_each)
     problem = falling.Falling({"drag": 2.0, "push_x": 3.0, "push_z": 0.0})
