@@ -3,17 +3,16 @@
 from collections.abc import Sequence
 from functools import partial
 from itertools import takewhile
-from typing import Literal
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.refitting import Ahead, Refit, bent, refit
+from pacnerf_lpo.diagnosis.refitting import Ahead, How, Refit, bent, refit
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.identification.processes import Progress, prefixed
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, LINEAR, explains_most, worth_refitting
 
 MOST_AGAIN = 3
@@ -92,22 +91,18 @@ class Competition:
         decisive = [again for again in same if again.log_bayes_factor > DECISIVE]
         return min(decisive, key=lambda again: again.cost, default=None)
 
-    def _attempt(self, candidate: Candidate, how: Literal["thoroughly", "searched", "beside"] = "thoroughly") -> None:
+    def _attempt(self, candidate: Candidate, how: How = "thoroughly") -> None:
         """Fit one, also from where the best so far ended, or the incumbent."""
         found, screening, name = self.found, self.screening, candidate.name
         if name in self.kept:
             return
         if found.again < MOST_AGAIN and any(again.better for again in self.refits):
             return  # all of them will be fitted again beside a better model
-        near = [again.cost for again in self.refits if again.name not in screening.outside]
-        best = min(near, default=np.inf) if name not in screening.outside else np.inf
+        best = min((one.cost for one in self.refits if {one.name, name}.isdisjoint(screening.outside)), default=np.inf)
         leader = self._leader()
         known = found.incumbent if leader is None else leader.known
         ahead = Ahead(best, known if known and how != "searched" else None)
-
-        def told(text: str) -> None:
-            self.progress(f"refit with {name}: {text}")
-
+        told = prefixed(self.progress, f"refit with {name}: ")
         step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
         again = self.store.once(f"{self.number}_refit_{how}_{name}", partial(step, ahead, how))
         if again is None:

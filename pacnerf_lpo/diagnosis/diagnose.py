@@ -20,7 +20,7 @@ from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
-from pacnerf_lpo.identification.processes import Progress, check_jobs
+from pacnerf_lpo.identification.processes import Progress, check_jobs, prefixed
 from pacnerf_lpo.inference.decision import (
     best,
     indistinguishable,
@@ -145,7 +145,7 @@ class _Diagnosis:
             asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
             last.force = store.once(f"{len(rounds)}_force", asked)
         if options.profile is not None:
-            told = _prefixed(self.progress, "profile likelihood: ")
+            told = prefixed(self.progress, "profile likelihood: ")
             followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
             last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
         self.keep(rounds)
@@ -155,7 +155,7 @@ class _Diagnosis:
         """Another round without some effects; whether several are left."""
         rounds, last = self.rounds, self.rounds[-1]
         kept = tuple(effect for effect in last.effects if effect not in [look.effect for look in gone])
-        told = _prefixed(self.progress, f"round {len(rounds) + 1}, without what is not needed, ")
+        told = prefixed(self.progress, f"round {len(rounds) + 1}, without what is not needed, ")
         names = [look.name for look in gone]
         try:
             found = self._round(kept, gone[-1].known, told, last.again, compete=False)
@@ -175,7 +175,7 @@ class _Diagnosis:
         effects = [look for look in looks if "@" not in look.name]
         for look in effects[:-1]:
             others = tuple(effect for effect in last.effects if effect is not look.effect)
-            told = _prefixed(self.progress, f"round {len(rounds) + 1}, in the place of {look.name}, ")
+            told = prefixed(self.progress, f"round {len(rounds) + 1}, in the place of {look.name}, ")
             try:
                 found = self._round(others, look.known, told, last.again, look.name)
                 while found.better is not None and found.again < MOST_AGAIN:
@@ -183,11 +183,10 @@ class _Diagnosis:
                 chosen = found.accepted
                 if chosen is None or chosen.name in gone or look.name in found.indistinguishable:
                     first = next(done for done in rounds if done.accepted and done.accepted.name == look.name)
-                    rivals = [name for name in found.indistinguishable if name != look.name]
-                    first.indistinguishable = [look.name, *rivals]
+                    first.indistinguishable = list(dict.fromkeys([look.name, *found.indistinguishable]))
                     continue
                 known, effect = chosen.known, found.candidate(chosen.name).effect
-                told = _prefixed(self.progress, f"round {len(rounds) + 2}, ")
+                told = prefixed(self.progress, f"round {len(rounds) + 2}, ")
                 after = [*rounds, found]
                 compared = self._round((*others, effect), known, told, found.again, look.name, after, compete=False)
             except SimulationError:
@@ -203,7 +202,7 @@ class _Diagnosis:
         effects, known = tuple(problem.physics.effects), problem.first_guess
         again, examined = 0, None
         while len(rounds) <= self.options.effects:
-            told = _prefixed(self.progress, f"round {len(rounds) + 1}, ")
+            told = prefixed(self.progress, f"round {len(rounds) + 1}, ")
             try:
                 rounds.append(self._round(effects, known, told, again))
             except SimulationError as error:
@@ -252,7 +251,7 @@ class _Diagnosis:
         before = self.rounds if before is None else before
         latest = (before[-1].effects, before[-1].comparison) if before else None
         number = _number(len(before) + 1, again, before, beside)
-        settings, told = (options.replicates, options.seed), _prefixed(progress, "compare: ")
+        settings, told = (options.replicates, options.seed), prefixed(progress, "compare: ")
         searched = not before and not again
         step = partial(compare, problem, effects, known, settings, searched, told, latest)
         comparison: Comparison = store.once(f"{number}_compare", step)
@@ -275,7 +274,7 @@ class _Diagnosis:
             return found
         if compete and len(effects) - len(problem.physics.effects) < options.effects:
             found.candidates = candidates_for(problem, options, effects)
-        look = partial(probe, problem, effects, comparison, found.candidates, _prefixed(progress, "screen: "))
+        look = partial(probe, problem, effects, comparison, found.candidates, prefixed(progress, "screen: "))
         found.probes = probes = store.once(f"{number}_probe", look)
         found.screening = judge(problem, comparison, probes)
         found.effort["screen"] = self._effort([f"{number}_probe"], probes.simulated)
@@ -334,7 +333,7 @@ class _Diagnosis:
             if found.widened or found.screening is None:
                 continue
             found.widened, before = True, found.accepted
-            self._fit_hypotheses(rounds[:count], _prefixed(self.progress, f"round {count}, "), found.refits)
+            self._fit_hypotheses(rounds[:count], prefixed(self.progress, f"round {count}, "), found.refits)
             if found.accepted is not None and (before is None or found.accepted.name != before.name):
                 del rounds[count:]
                 return True
@@ -369,7 +368,7 @@ def candidates_for(problem: Problem, options: Options, installed: Sequence[Effec
     return [Candidate(candidate.name, problem.adopt(candidate.effect)) for candidate in found]
 
 
-def _number(count: int, again: int, rounds: Sequence[Round], beside: str) -> str:
+def _number(count: int, again: int, rounds: Sequence[Round], beside: str = "") -> str:
     """Of a round in the names of its steps: beginning again, in whose place effects compete, and what this round or one
     before it left out or fitted in addition, make others of it.
     """
@@ -393,7 +392,3 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
         if better is not None:
             return place, better
     return len(rounds) - 1, known
-
-
-def _prefixed(progress: Progress, prefix: str) -> Progress:
-    return lambda text: progress(prefix + text)

@@ -37,6 +37,7 @@ from pacnerf_lpo.mpm.effects.base import Effect
 ITERATIONS, QUICK = 12, Effort(8, confirm=False, remeasured=1)
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
+How = Literal["quickly", "thoroughly", "searched", "beside"]
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""
 
@@ -118,7 +119,7 @@ def refit(
     screening: Screening,
     progress: Progress,
     ahead: Ahead | None = None,
-    how: Literal["quickly", "thoroughly", "searched", "beside"] = "thoroughly",
+    how: How = "thoroughly",
 ) -> Refit | None:
     """Fit all parameters with the effect added, from one or more starts, and score it.
 

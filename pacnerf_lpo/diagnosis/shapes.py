@@ -15,7 +15,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison, known_errors, reporter,
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.least_squares import ROUGH_GAIN
 from pacnerf_lpo.identification.problem import StateProblem
-from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.identification.processes import Progress, prefixed
 from pacnerf_lpo.identification.replicates import distortion
 from pacnerf_lpo.identification.reshaping import JointObjective
 from pacnerf_lpo.identification.shape_errors import shape_errors
@@ -67,7 +67,7 @@ def _with_another_shape(
     model = now.model(effects, known)
     noise = noise_of(problem, replicated, sensor, mask, known_errors(changes[..., :0], discretisation, force)[mask])
     joint = JointObjective(problem, effects, known, StandardisedObjective(problem, model, mask, noise), mask, sigma)
-    report = reporter(model, lambda text: progress(f"shape: {text}"))
+    report = reporter(model, prefixed(progress, "shape: "))
     ended, begun = joint.fit(comparison.free, shape, comparison.jacobian, changes, report)
     free, shape = np.split(ended.free, [len(model.start)])
     if ended.cost > (1 - ROUGH_GAIN) * min(before, begun) or chi2.sf(shape @ shape, len(shape)) < LEVEL:

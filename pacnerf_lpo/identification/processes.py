@@ -17,6 +17,11 @@ Progress = Callable[[str], None]
 """Receives a line about each step of what takes long."""
 
 
+def prefixed(progress: Progress, prefix: str) -> Progress:
+    """The same with a prefix to every line."""
+    return lambda text: progress(prefix + text)
+
+
 def check_jobs(count: int | None, where: str) -> None:
     """Raise UserInputError, which names the setting, for less than one process."""
     if count is not None and count < 1:

@@ -112,8 +112,8 @@ class Run:
         self._spans = torch.zeros(6 * self._slices, dtype=torch.int32, device=state.device)
         self._bench = state.new_zeros(self._slices * Bench.ROWS, LANES)
         self._momentum = state.new_zeros(0, 4)
-        nothing = {"gradient": self._bench, "node": self._momentum, "of_constants": self._bench}
-        self._no_adjoints = nothing | {"of_coefficients": state.new_zeros(0, dtype=torch.float64)}
+        self._of_state, self._of_constants = state[:0], constants[:0]  # a forward launch leaves them alone
+        self._of_coefficients = state.new_zeros(0, dtype=torch.float64)
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
@@ -138,7 +138,7 @@ class Run:
                 raise SimulationError(index, 0, f"{CAUSES[2]}: particles spread over {spread} cells")
             tape.fit(grid)
             with LAUNCHING:
-                failures = self._launch(self._forward, index, tape, self._engine.launches())
+                failures = self._launch(index, tape)
             if min(failures) == NOT_YET:
                 return
             self._momentum.zero_()
@@ -159,23 +159,16 @@ class Run:
 
     def frame_adjoint(self, index: int, tape: Tape) -> None:
         """Pull the adjoint of the state back over frame interval ``index``."""
-        adjoints = {
-            "gradient": self._of_state.view(-1, LANES),
-            "node": self.state.new_empty(tape.grid.nodes, 4),
-            "of_constants": self._of_constants.view(-1, LANES),
-            "of_coefficients": self._of_coefficients.view(-1),
-        }
-        self._launch(self._adjoint, index, tape, self._engine.launches()[::-1], adjoints)
+        self._launch(index, tape, self.state.new_empty(tape.grid.nodes, 4))
 
     def adjoints(self) -> tuple[Tensor, Tensor, Tensor]:
         """Of the state [(N, width)], the constants [(N, 5)] and the coefficients [(P,)]."""
         of_constants = unpacked(self._of_constants, self.particles)[:, :ALIVE]
         return unpacked(self._of_state, self.particles), of_constants, self._of_coefficients.sum(0).to(self.state)
 
-    def _launch(
-        self, kernel: Launcher, index: int, tape: Tape, launches: list[tuple[int, int]], adjoints: dict | None = None
-    ) -> list[int]:
-        """Passes of a frame; the first substep that each cause of failure befell."""
+    def _launch(self, index: int, tape: Tape, node: Tensor | None = None) -> list[int]:
+        """Passes of a frame, backward with the adjoint of the nodes; the first substep that each failure befell."""
+        kernel, order = (self._forward, 1) if node is None else (self._adjoint, -1)
         wanted = tape.grid.nodes * self._slices
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
@@ -199,9 +192,12 @@ class Run:
             first=0,
             last=0,
             **tape.arguments(),
-            **(adjoints or self._no_adjoints),
+            gradient=self._of_state.view(-1, LANES),
+            node=self._momentum if node is None else node,
+            of_constants=self._of_constants.view(-1, LANES),
+            of_coefficients=self._of_coefficients.view(-1),
         )
-        for first, last in launches:
+        for first, last in self._engine.launches()[::order]:
             kernel(first=first, last=last)
             while self._slices > 1 and int(progress[DONE]) < 2 * self._slices * (last - first):
                 progress[STOPPED] = 0

@@ -38,18 +38,13 @@ def passes(
                 substep = call.first + n
                 if ti.static(back):
                     substep = call.last - 1 - n
-                for k in range(call.slices):
-                    u = (t // apart + k) % call.slices
-                    if begun(call, u, 2 * n + 1, parallel):
-                        particles(arrays, call, laws, u, substep, back)
-                        done(call, parallel)
-                meet(call, 2 * n + 1, parallel)
-                for k in range(call.slices):
-                    u = (t // apart + k) % call.slices
-                    if begun(call, u, 2 * n + 2, parallel):
-                        nodes(arrays, call, laws, u, substep, back)
-                        done(call, parallel)
-                meet(call, 2 * n + 2, parallel)
+                for half, work in ti.static(enumerate((particles, nodes), 1)):
+                    for k in range(call.slices):
+                        u = (t // apart + k) % call.slices
+                        if begun(call, u, 2 * n + half, parallel):
+                            work(arrays, call, laws, u, substep, back)
+                            done(call, parallel)
+                    meet(call, 2 * n + half, parallel)
 
 
 @ti.func

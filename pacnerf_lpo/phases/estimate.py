@@ -75,9 +75,7 @@ def estimate(
 
 
 def interval_particles(option: bool | int) -> int:
-    """Particles of the body that intervals are found with, from the option of ``fit``; 0 where there are none. Raises
-    UserInputError for too few.
-    """
+    """Particles for intervals, by the option of ``fit``; 0: there are none. Raises UserInputError for too few."""
     found = PARTICLES if option is True else int(option)
     if found and found < LEAST_PARTICLES:
         raise UserInputError(f"--intervals {option}: give true, false, or at least {LEAST_PARTICLES} particles")

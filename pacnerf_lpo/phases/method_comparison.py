@@ -23,7 +23,7 @@ from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Effort, Fit, Re
 from pacnerf_lpo.mpm.parameters import Log10
 from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.image_cost import ImageCost
-from pacnerf_lpo.phases.outline_method import HALVINGS, OutlineCost
+from pacnerf_lpo.phases.outline_method import HALVINGS, NEIGHBOURS, OutlineCost
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.types import Video
 
@@ -35,10 +35,8 @@ LONGEST = 32
 """Pixels along the longer side of the images that are compared: a displacement of a few of the body's cells is seen."""
 VIEWS = 4
 """Views in which each frame is compared by images, at most."""
-OFFSETS = (-0.5, 0.5)
-"""Decades at which a modulus is tried, apart from the value identified: another minimum is about half a decade away."""
 ITERATIONS = 4
-NEIGHBOURS = 8
+NEAREST = 8
 """Coarse particles that a particle of the state follows, weighted by inverse distance: those of one cell."""
 
 
@@ -95,7 +93,7 @@ def _starts(model: Model, *residuals: Residual) -> list[np.ndarray]:
     """The best point for each method: of what was identified, and of moduli to either side of it."""
     moduli = [index for index, unknown in enumerate(model.unknowns) if isinstance(unknown.transform, Log10)]
     axes = np.eye(len(model.start))[moduli]
-    points = [model.start, *(model.start + offset * axis for axis in axes for offset in OFFSETS)]
+    points = [model.start, *(model.start + offset * axis for axis in axes for offset in NEIGHBOURS)]
     return [min(points, key=lambda free: _cost(residual, free)) for residual in residuals]
 
 
@@ -127,7 +125,7 @@ class _Images:
         self.image_cost = ImageCost(reduced(module.data), module.state, module.silhouette_weight)
         self.views = module.fixed_views(frames, VIEWS)
         tree = cKDTree(self.model.body.positions.numpy())
-        distance, self._near = tree.query(self.state.positions.numpy(), NEIGHBOURS)
+        distance, self._near = tree.query(self.state.positions.numpy(), NEAREST)
         weight = torch.from_numpy(1 / np.maximum(distance, 1e-2 * self.model.body.spacing)).float()
         self._weight = weight / weight.sum(1, keepdim=True)
         self._unit = 1.0

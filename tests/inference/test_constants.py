@@ -35,6 +35,7 @@ the time it takes, and the last digits.
 PRESENTATION = {
     "diagnosis/catalogue.py": {"PACKAGE"},
     "diagnosis/comparison.py": {"CONFIDENCE", "Learnt"},
+    "diagnosis/refitting.py": {"How"},
     "diagnosis/screening.py": {"FORCE", "SHAPE"},
 }
 """How much of a distribution an interval shows, and names."""
