@@ -87,9 +87,8 @@ class Competition:
 
     def _leader(self) -> Refit | None:
         """The best refit that is decisively better than none. A fault of a held-out camera is fitted to other data."""
-        same = [again for again in self.refits if again.name not in self.screening.outside]
-        decisive = [again for again in same if again.log_bayes_factor > DECISIVE]
-        return min(decisive, key=lambda again: again.cost, default=None)
+        same = (again for again in self.refits if again.name not in self.screening.outside)
+        return min((one for one in same if one.log_bayes_factor > DECISIVE), key=lambda one: one.cost, default=None)
 
     def _attempt(self, candidate: Candidate, how: How = "thoroughly") -> None:
         """Fit one, also from where the best so far ended, or the incumbent."""

@@ -184,11 +184,10 @@ class _Diagnosis:
                 if chosen is None or chosen.name in gone or look.name in found.indistinguishable:
                     first = next(done for done in rounds if done.accepted and done.accepted.name == look.name)
                     first.indistinguishable = list(dict.fromkeys([look.name, *found.indistinguishable]))
+                    first.second = found
                     continue
-                known, effect = chosen.known, found.candidate(chosen.name).effect
-                told = prefixed(self.progress, f"round {len(rounds) + 2}, ")
-                after = [*rounds, found]
-                compared = self._round((*others, effect), known, told, found.again, look.name, after, compete=False)
+                after, new = [*rounds, found], found.candidate(chosen.name).effect
+                compared = self._round((*others, new), chosen.known, told, found.again, look.name, after, compete=False)
             except SimulationError:
                 continue
             found.removed = [look.name]

@@ -109,8 +109,8 @@ def propose(
     """
     if not problem.views:
         raise UserInputError("plan: it proposes recordings by cameras; the measured flights of a diagnosis have none")
-    last_open([found])
-    believed = [_believed(problem, found, name) for name in found.indistinguishable[:MOST_HYPOTHESES]]
+    names, found = last_open([found]).indistinguishable[:MOST_HYPOTHESES], found.second or found
+    believed = [_believed(problem, found, name) for name in names]
     first = believed[0].part
     quiet = _Noise.of(problem, found)
     proposals = []

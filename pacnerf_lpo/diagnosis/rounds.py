@@ -50,6 +50,7 @@ class Round:
     widened: whether hypotheses to which no straight line leads were fitted, too.
     beside, incumbent: name of the earlier effect in whose place they compete beside the others, it among them, and the
         values of the model with it [SI]; empty in rounds that add one.
+    second: the round in which the accepted effect has won again beside later ones; None: there was none.
     """
 
     effects: tuple[Effect, ...]
@@ -77,6 +78,7 @@ class Round:
     widened: bool = False
     beside: str = ""
     incumbent: dict[str, float] = field(default_factory=dict)
+    second: Round | None = None
 
     @property
     def better(self) -> dict[str, float] | None:

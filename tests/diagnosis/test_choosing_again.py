@@ -50,6 +50,9 @@ def test_an_effect_that_wins_again_stays(tmp_path, monkeypatch, small_threads):
     found._choose_again(without_each(found.problem, before[-1]))
     assert found.rounds == before and accepted_names(before) == ["UniformForce", "GroundFriction"]
     assert before[0].indistinguishable == ["UniformForce"]
+    again = before[0].second
+    assert again is not None and again.accepted is not None and again.accepted.name == "UniformForce"
+    assert before[1].second is None, "the last one was chosen beside all others"
 
 
 def test_what_was_fitted_before_the_best_is_fitted_once_more_from_where_that_ended(
