@@ -65,6 +65,7 @@ def undecided(problem: KnownShape, small_threads: None) -> SimpleNamespace:
         comparison=comparison,
         refits=refits,
         indistinguishable=list(fitted),
+        second=None,
         candidate=lambda name: Candidate(name, candidates[name]),
     )
 
