@@ -21,11 +21,7 @@ from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import Progress, check_jobs, prefixed
-from pacnerf_lpo.inference.decision import (
-    best,
-    indistinguishable,
-    log_odds,
-)
+from pacnerf_lpo.inference.decision import best, indistinguishable, log_odds
 from pacnerf_lpo.mpm.effects.base import Effect
 
 Step = Literal["compare", "localise", "screen", "refit"]
