@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification import body as bodies
 from pacnerf_lpo.identification.body import Body
@@ -355,8 +356,15 @@ class StateProblem(BodyProblem):
 
     @cached_property
     def spacing(self) -> float:
-        """Node spacing at which the body has the wanted number of particles [m]."""
+        """Node spacing at which the body has the wanted number of particles [m]. Raises UserInputError where the
+        reconstruction is solid nowhere.
+        """
         fine = self._sampling(self.state.spacing, 0).body(self.surface_offset)
+        if not len(fine.positions):
+            raise UserInputError(
+                f"{self.data.video.source}: the reconstruction is a haze that is solid nowhere; train the static phase "
+                "longer, or see in its images what it took for the body"
+            )
         return 2 * (fine.volume / self.particles) ** (1 / 3)
 
     @cached_property

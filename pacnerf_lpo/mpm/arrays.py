@@ -292,12 +292,16 @@ def reach(call: ti.template()):
 
 @ti.func
 def total(field: ti.template(), s: ti.template(), i, o, atomic: ti.template()):
-    """Sum over the slices of the four numbers of node ``o``, in plane ``i``, cleared for the next substep."""
+    """Sum over the slices of the four numbers of node ``o``, in plane ``i``, cleared for the next substep; where sums
+    are atomic, they lie as :mod:`~pacnerf_lpo.mpm.transfer_single` puts them.
+    """
     zero = ti.Vector.zero(float, 4)
     q = zero
     if ti.static(atomic):
-        q = field[o]
-        field[o] = zero
+        for c in ti.static(range(4)):
+            place = c * s.dims.nodes + o
+            q[c] = field[place // 4][place % 4]
+            field[place // 4][place % 4] = 0.0
     else:
         for r in range(s.call.slices):
             if s.call.spans[6 * r] <= i <= s.call.spans[6 * r + 3] + 2:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.mpm import kernels
+from pacnerf_lpo.mpm import kernels, schedule_cuda
 from pacnerf_lpo.mpm.arrays import ALIVE, CAUSES, MASS, NOT_YET, START, Bench, Numbers, V, packed, unpacked
 from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
@@ -75,9 +75,10 @@ class Engine:
         return 1 if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
 
     def launches(self) -> list[tuple[int, int]]:
-        """First and last pass of each launch of a frame; on CUDA, threads meet at the end of a launch only."""
+        """First and last pass of each launch of a frame, the last excluded."""
         passes = self.substeps + 1
-        return [(n, n + 1) for n in range(passes)] if self.cuda else [(0, passes)]
+        each = schedule_cuda.PASSES if self.cuda else passes
+        return [(n, min(n + each, passes)) for n in range(0, passes, each)]
 
     def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
         """Forward and adjoint kernel for so many particles."""

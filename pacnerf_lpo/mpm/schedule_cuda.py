@@ -1,4 +1,4 @@
-"""The passes on CUDA: a thread per particle, then a thread per node; sums are atomic. One pass per launch."""
+"""The passes on CUDA: a thread per particle, then a thread per node; sums are atomic. Threads meet at the end of a loop."""
 
 from pacnerf_lpo.mpm.arrays import Group, Setting
 from pacnerf_lpo.mpm.lanes import LANES
@@ -7,28 +7,64 @@ from pacnerf_lpo.mpm.substep import add_to_slice, adjoint_group, forward_group
 from pacnerf_lpo.mpm.taichi_calls import ti
 
 BLOCK = 128
+THREADS = 1 << 18
+"""As many as the largest GPU of today has at once. A loop over a number that is known when it is compiled saves the
+launch of one thread that reads its length; particles and nodes beyond it take turns.
+"""
+PASSES = 4
+"""In a launch: with fewer than 50,000 particles a launch takes the processor longer than a pass takes the GPU."""
 
 
 @ti.func
 def passes(
     arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
 ):
-    """Particles, then grid; ``back``: their adjoint. The last pass begins nothing, the first completes nothing."""
+    """Particles, then grid; ``back``: their adjoint, the last pass first. The last pass of a frame begins nothing, the
+    first completes nothing.
+    """
+    for turn in ti.static(range(PASSES)):
+        particle_pass(arrays, call, laws, back, turn)
+        grid_pass(arrays, call, laws, back, turn)
+
+
+@ti.func
+def pass_of(call: ti.template(), back: ti.template(), turn: ti.template()):
+    """Which pass of the frame it is; one outside of ``first`` to ``last`` is none."""
+    return call.last - 1 - turn if ti.static(back) else call.first + turn
+
+
+@ti.func
+def particle_pass(
+    arrays: ti.template(), call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()
+):
     ti.loop_config(block_dim=BLOCK)
-    for p in range(call.dims[0] * LANES):
-        s = Setting.of(call, laws, call.first)
-        if ti.static(back):
-            adjoint_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES), 0)
-        else:
-            forward_group(arrays.at(call, call.first), s, 0, Group(p // LANES, p % LANES))
-    nodes = call.dims[1] * call.dims[2] * call.dims[3]
-    for o in range((call.first != (0 if ti.static(back) else call.substeps)) * nodes):
-        s = Setting.of(call, laws, call.first)
-        a = arrays.at(call, call.first)
-        i, j, k = o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row
-        if ti.static(back):
-            mine = grid_update_adjoint(a, s, i, j, k, True)
-            for c in ti.static(range(len(laws.names))):
-                add_to_slice(a.of_coefficients, 0, c, mine[c], True)
-        else:
-            grid_update(a, s, i, j, k, True)
+    for thread in range(THREADS):
+        substep, p = pass_of(call, back, turn), thread
+        while p < call.dims[0] * LANES and call.first <= substep < call.last:
+            s = Setting.of(call, laws, substep)
+            if ti.static(back):
+                adjoint_group(arrays.at(call, substep), s, 0, Group(p // LANES, p % LANES), 0)
+            else:
+                forward_group(arrays.at(call, substep), s, 0, Group(p // LANES, p % LANES))
+            p += THREADS
+
+
+@ti.func
+def grid_pass(
+    arrays: ti.template(), call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()
+):
+    ti.loop_config(block_dim=BLOCK)
+    for thread in range(THREADS):
+        substep, o = pass_of(call, back, turn), thread
+        idle = substep == (0 if ti.static(back) else call.substeps)
+        while o < call.dims[1] * call.dims[2] * call.dims[3] and call.first <= substep < call.last and not idle:
+            s = Setting.of(call, laws, substep)
+            a = arrays.at(call, substep)
+            i, j, k = o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row
+            if ti.static(back):
+                mine = grid_update_adjoint(a, s, i, j, k, True)
+                for c in ti.static(range(len(laws.names))):
+                    add_to_slice(a.of_coefficients, 0, c, mine[c], True)
+            else:
+                grid_update(a, s, i, j, k, True)
+            o += THREADS

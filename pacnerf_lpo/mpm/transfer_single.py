@@ -24,7 +24,9 @@ def _given(numbers: ti.template()):
 
 @ti.func
 def scatter(field: ti.template(), here: ti.template(), s: ti.template(), numbers: ti.template()):
-    """Add w (q + i qi + j qj + k qk) to every node of a stencil."""
+    """Add w (q + i qi + j qj + k qk) to every node of a stencil. The first numbers of all nodes lie side by side, then
+    the second, and so on: neighbouring threads add to neighbouring addresses.
+    """
     q, qi, qj, qk = _given(numbers)
     start, wx, wy = field.first + _start(here, s), ti.Vector(here.w[0]), ti.Vector(here.w[1])
     for i in range(3):
@@ -34,7 +36,8 @@ def scatter(field: ti.template(), here: ti.template(), s: ti.template(), numbers
             for k in ti.static(range(3)):
                 value = here.w[2][k] * (base + (float(k) * w) * qk)
                 for c in ti.static(range(4)):
-                    ti.atomic_add(field.array[start + i * s.dims.plane + j * s.dims.row + k][c], value[c])
+                    place = c * s.dims.nodes + start + i * s.dims.plane + j * s.dims.row + k
+                    ti.atomic_add(field.array[place // 4][place % 4], value[c])
 
 
 def gather(field: Any, here: Any, s: Any) -> list[Any]:

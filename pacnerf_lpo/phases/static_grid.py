@@ -22,6 +22,9 @@ from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import ParticleState, Rays
 
+LOGGED_EVERY = 10
+"""Steps: writing a dozen curves takes longer than a step on a GPU, and there are thousands of them."""
+
 
 class StaticGridModule(AbstractPhase):
     """Static voxel optimisation of PAC-NeRF (Li et al., ICLR 2023) with the options of the LPO supplement, appendix A.
@@ -149,9 +152,10 @@ class StaticGridModule(AbstractPhase):
         """The loss, after logging every term, every weight and the voxel size."""
         loss = torch.stack([weights[name] * term for name, term in terms.items()]).sum()
         self.last_psnr = psnr(terms["pixel"].item())
-        values: dict[str, Any] = {"loss": loss, "psnr": self.last_psnr, "spacing": self.field.dx, **terms}
-        values.update({f"{name}_weight": weights[name] for name in terms})
-        self.log_dict({f"static/{name}": value for name, value in values.items()})
+        if self.global_step % LOGGED_EVERY == 0:
+            values: dict[str, Any] = {"loss": loss, "psnr": self.last_psnr, "spacing": self.field.dx, **terms}
+            values.update({f"{name}_weight": weights[name] for name in terms})
+            self.log_dict({f"static/{name}": value for name, value in values.items()})
         return loss
 
     def weights_at(self, step: int) -> dict[str, float]:

@@ -12,6 +12,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.particles.transfer import particles_to_grid
+from pacnerf_lpo.phases import static_grid
 from pacnerf_lpo.phases.schedules import Constant, Doubling, DoublingThenHalving, TrainingLength
 from pacnerf_lpo.phases.static_grid import StaticGridModule
 from pacnerf_lpo.render.image import render_view
@@ -153,8 +154,9 @@ def test_resumed_run_gives_the_same_particles(tmp_path, stop):
     assert all(torch.equal(a, b) for a, b in zip(second.colour.parameters(), whole.colour.parameters(), strict=True))
 
 
-def test_logged_values(tmp_path):
-    """Every loss and schedule value is logged under static/."""
+def test_logged_values(tmp_path, monkeypatch):
+    """Every loss and schedule value is logged under static/, every so many steps."""
+    monkeypatch.setattr(static_grid, "LOGGED_EVERY", 3)
     data, logged = BallData(), {}
     options = {"view_invariant_weight": 0.1, "silhouette_weight": 0.2, "surface_schedule": DoublingThenHalving(3)}
     phase = static_phase(data, 12, [6], **options, grid_rate=1.0)
@@ -169,8 +171,9 @@ def test_logged_values(tmp_path):
     names = {"loss", "psnr", "spacing", *terms, *(f"{term}_weight" for term in terms)}
     assert {f"static/{name}" for name in names} <= set(logged[1])
     assert [logged[step]["static/surface_weight"] for step in (1, 4, 7)] == pytest.approx([1e-3, 2e-3, 2e-3])
-    assert [logged[step]["static/spacing"] for step in (6, 7)] == pytest.approx([0.16, 0.08])
-    last = logged[12]
+    assert [logged[step]["static/spacing"] for step in (4, 7)] == pytest.approx([0.16, 0.08])
+    assert logged[4] == logged[6] != logged[7]
+    last = logged[10]
     total = sum(last[f"static/{term}_weight"] * last[f"static/{term}"] for term in terms)
     assert last["static/loss"] == pytest.approx(total, rel=1e-5)
 
