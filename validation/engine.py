@@ -60,17 +60,17 @@ def block(particles: int) -> torch.Tensor:
     return positions + torch.tensor([0.0, 0.05, 0.0])
 
 
-def scene(name: str, particles: int, substeps: int, frames: int) -> Callable[[], torch.Tensor]:
+def scene(name: str, particles: int, substeps: int, frames: int, device: str = "cpu") -> Callable[[], torch.Tensor]:
     """A rollout of a block thrown down at 1 m/s, differentiable in its material parameters."""
     from pacnerf_lpo.mpm import materials
     from pacnerf_lpo.mpm.simulator import Simulator
 
-    positions = block(particles)
-    velocity = torch.tensor([0.0, -1.0, 0.0]).expand_as(positions)
-    ones = torch.ones(len(positions))
+    positions = block(particles).to(device)
+    velocity = torch.tensor([0.0, -1.0, 0.0], device=device).expand_as(positions)
+    ones = torch.ones(len(positions), device=device)
     material = getattr(materials, name)(**MATERIALS[name])
-    simulator = Simulator(material, dx=DX, substeps=substeps, frame_dt=substeps / RATE)
-    parameters = {key: torch.tensor(value, requires_grad=True) for key, value in material.guess.items()}
+    simulator = Simulator(material, dx=DX, substeps=substeps, frame_dt=substeps / RATE, device=device)
+    parameters = {key: torch.tensor(value, requires_grad=True, device=device) for key, value in material.guess.items()}
     return lambda: simulator(positions, velocity, 1000 * (DX / 2) ** 3 * ones, ones, parameters, frames)
 
 

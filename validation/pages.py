@@ -14,6 +14,7 @@ SUBJECTS = {
     "engine": "validation.engine",
     "explore": "validation.explore",
     "five_scenes": "validation.five_scenes",
+    "gpu": "validation.gpu",
     "hidden_effects": "validation.hidden_effects.score",
     "identification": "validation.identification",
     "init_alone": "validation.init_alone",

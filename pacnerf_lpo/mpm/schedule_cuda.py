@@ -1,4 +1,4 @@
-"""The passes on CUDA: a thread per particle, then a thread per node; sums are atomic. Threads meet at the end of a loop."""
+"""The passes on CUDA: a thread per particle, then a thread per node; sums are atomic. They meet after each loop."""
 
 from pacnerf_lpo.mpm.arrays import Group, Setting
 from pacnerf_lpo.mpm.lanes import LANES
