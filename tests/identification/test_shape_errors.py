@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.body import Body, surface
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.replicates import distorted
@@ -46,6 +49,14 @@ def radius(body: Body) -> float:
 
 def test_the_surface_of_a_ball_is_that_of_its_volume(ball):
     assert surface(ball.coarse_body) == pytest.approx(4 * np.pi * radius(ball.coarse_body) ** 2, rel=0.1)
+
+
+def test_a_reconstruction_that_is_solid_nowhere_is_said_to_be_one():
+    haze = Ball()
+    haze.state = haze.state.with_(density=haze.state.density.clamp(max=-30.0))
+    haze.data = SimpleNamespace(video=SimpleNamespace(source="videos/haze"))
+    with pytest.raises(UserInputError, match="videos/haze: .*solid nowhere; train the static phase longer"):
+        _ = haze.spacing
 
 
 def test_a_thinned_body_has_lost_a_layer(ball):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -59,31 +60,36 @@ def test_both_schedules_agree(model):
         torch.testing.assert_close(other, one, rtol=1e-9, atol=1e-11 * float(one.abs().max()))
 
 
+class Remembering:
+    """Taichi's program, which keeps the contexts that it launches."""
+
+    def __init__(self, program: Any):
+        self.program, self.held = program, []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.program, name)
+
+    def launch_kernel(self, kernel: Any, context: Any) -> None:
+        self.held.append(context)
+        self.program.launch_kernel(kernel, context)
+
+
 def test_arguments_that_a_launch_uses_up_are_set_again(monkeypatch):
     """As on CUDA: what holds the arguments serves one launch."""
-    expected, compiled, held = rolled_out("sliding"), Launcher._compile, []
+    expected, compiled = rolled_out("sliding"), Launcher._compile
 
     def compiled_for_one_launch(self: Launcher, arguments: list) -> None:
         compiled(self, arguments)
         self._used_once = True
 
+    runtime = taichi_calls.impl.get_runtime()
+    program = Remembering(runtime.prog)
     monkeypatch.setattr(Launcher, "_compile", compiled_for_one_launch)
-    launch = taichi_calls.impl.get_runtime().prog.launch_kernel
-
-    class Program:
-        def __getattr__(self, name: str):
-            return getattr(program, name)
-
-        def launch_kernel(self, kernel, context):
-            held.append(context)
-            launch(kernel, context)
-
-    program = taichi_calls.impl.get_runtime().prog
+    monkeypatch.setattr(runtime, "prog", program)
     kernels.build.cache_clear()
-    monkeypatch.setattr(taichi_calls.impl.get_runtime(), "prog", Program())
     found = rolled_out("sliding")
     kernels.build.cache_clear()
-    assert len(held) == len({id(context) for context in held}) > 3
+    assert len(program.held) == len({id(context) for context in program.held}) > 3
     for one, other in zip(expected, found, strict=True):
         torch.testing.assert_close(other, one, rtol=0, atol=0)
 
