@@ -55,7 +55,7 @@ def test_a_reconstruction_that_is_solid_nowhere_is_said_to_be_one():
     haze = Ball()
     haze.state = haze.state.with_(density=haze.state.density.clamp(max=-30.0))
     haze.data = SimpleNamespace(video=SimpleNamespace(source="videos/haze"))
-    with pytest.raises(UserInputError, match="videos/haze: .*solid nowhere; train the static phase longer"):
+    with pytest.raises(UserInputError, match=r"videos/haze: .*solid nowhere; train the static phase longer"):
         _ = haze.spacing
 
 
