@@ -20,17 +20,11 @@ def passes(
     arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
 ):
     """Particles, then grid; ``back``: their adjoint, the last pass first. The last pass of a frame begins nothing, the
-    first completes nothing.
+    first completes nothing. Of a launch of fewer passes the rest are empty.
     """
-    for turn in ti.static(range(PASSES)):
+    for turn in ti.static(range(PASSES - 1, -1, -1) if back else range(PASSES)):
         particle_pass(arrays, call, laws, back, turn)
         grid_pass(arrays, call, laws, back, turn)
-
-
-@ti.func
-def pass_of(call: ti.template(), back: ti.template(), turn: ti.template()):
-    """Which pass of the frame it is; one outside of ``first`` to ``last`` is none."""
-    return call.last - 1 - turn if ti.static(back) else call.first + turn
 
 
 @ti.func
@@ -39,13 +33,13 @@ def particle_pass(
 ):
     ti.loop_config(block_dim=BLOCK)
     for thread in range(THREADS):
-        substep, p = pass_of(call, back, turn), thread
-        while p < call.dims[0] * LANES and call.first <= substep < call.last:
-            s = Setting.of(call, laws, substep)
+        p, substep = thread, call.first + turn
+        while p < call.dims[0] * LANES and substep < call.last:
+            a, s = arrays.at(call, substep), Setting.of(call, laws, substep)
             if ti.static(back):
-                adjoint_group(arrays.at(call, substep), s, 0, Group(p // LANES, p % LANES), 0)
+                adjoint_group(a, s, 0, Group(p // LANES, p % LANES), 0)
             else:
-                forward_group(arrays.at(call, substep), s, 0, Group(p // LANES, p % LANES))
+                forward_group(a, s, 0, Group(p // LANES, p % LANES))
             p += THREADS
 
 
@@ -55,11 +49,10 @@ def grid_pass(
 ):
     ti.loop_config(block_dim=BLOCK)
     for thread in range(THREADS):
-        substep, o = pass_of(call, back, turn), thread
+        o, substep = thread, call.first + turn
         idle = substep == (0 if ti.static(back) else call.substeps)
-        while o < call.dims[1] * call.dims[2] * call.dims[3] and call.first <= substep < call.last and not idle:
-            s = Setting.of(call, laws, substep)
-            a = arrays.at(call, substep)
+        while o < call.dims[1] * call.dims[2] * call.dims[3] and substep < call.last and not idle:
+            a, s = arrays.at(call, substep), Setting.of(call, laws, substep)
             i, j, k = o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row
             if ti.static(back):
                 mine = grid_update_adjoint(a, s, i, j, k, True)

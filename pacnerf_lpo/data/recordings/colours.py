@@ -60,12 +60,19 @@ def log_of_background(
         image, plate: smoothed [0..1, (H, W, 3)]. noise: standard deviation of both together (H, W).
         brightest: how much lighter than the plate the background may be; more where the plate may show a shadow.
     """
-    variance, length = noise**2, np.linalg.norm(plate, axis=-1) + FINEST
-    shade = np.clip((image * plate).sum(-1) / length**2, 0.0, brightest)
-    tinged = variance + (TINGE * (1.0 - shade)) ** 2 * (plate**2).mean(-1)
-    lit = ((image - plate) ** 2).sum(-1) / (2.0 * variance) + 1.5 * np.log(2.0 * np.pi * variance)
-    shaded = ((image - plate * shade[..., None]) ** 2).sum(-1) / (2.0 * tinged) + np.log(2.0 * np.pi * tinged)
+    variance, square = noise**2, _dot(plate, plate)
+    length = np.sqrt(square) + FINEST
+    shade = np.clip(_dot(image, plate) / length**2, 0.0, brightest)
+    tinged = variance + (TINGE * (1.0 - shade)) ** 2 * (square / 3.0)
+    off, beside = image - plate, image - plate * shade[..., None]
+    lit = _dot(off, off) / (2.0 * variance) + 1.5 * np.log(2.0 * np.pi * variance)
+    shaded = _dot(beside, beside) / (2.0 * tinged) + np.log(2.0 * np.pi * tinged)
     return np.asarray(np.logaddexp(-lit, -shaded - np.log(brightest * length) - RARE))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Product of the colours of each pixel [(..., 3)]; twice as fast as a sum along so short an axis."""
+    return np.einsum("...c,...c->...", a, b)
 
 
 @dataclass(frozen=True)
