@@ -23,7 +23,7 @@ from pacnerf_lpo.scene.voxel_field import VoxelField
 from pacnerf_lpo.types import ParticleState, Rays
 
 LOGGED_EVERY = 10
-"""Steps: writing a dozen curves takes longer than a step on a GPU, and there are thousands of them."""
+"""Steps: writing a dozen curves takes half as long as a step on a GPU, and there are thousands of them."""
 
 
 class StaticGridModule(AbstractPhase):
