@@ -4,7 +4,8 @@
 
 Each FOLDER holds a video in PAC-NeRF's layout of a scene of configs/scenes (with its overlay of configs/shared, if
 there is one). Its phases take the settings of the paper, except that identification and correction end after a few
-iterations: an iteration is timed between two synchronisations, and multiplied by the paper's number of them.
+iterations: an iteration is timed from its beginning to that of the next, with its way back and the optimiser's step,
+and multiplied by the paper's number of them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
@@ -90,19 +92,17 @@ def timed_phases(scene: str, folder: Path, accelerator: str) -> dict[str, float]
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
     from pacnerf_lpo.phases.static_grid import StaticGridModule
 
-    seconds: dict[str, list[float]] = {name: [] for name in PHASES}
+    begins: dict[str, list[float]] = {name: [] for name in PHASES}
     particles: list[int] = []
 
     def timing(module: type, name: Callable[[int], str]) -> None:
         step = module.training_step  # type: ignore[attr-defined]
 
         def training_step(self, batch, *rest):
-            began = clock()
-            found = step(self, batch, *rest)
+            begins[name(int(batch))].append(clock())
             if hasattr(self, "state"):
                 particles.append(len(self.state.positions))
-            seconds[name(int(batch))].append(clock() - began)
-            return found
+            return step(self, batch, *rest)
 
         module.training_step = training_step  # type: ignore[attr-defined]
 
@@ -122,7 +122,7 @@ def timed_phases(scene: str, folder: Path, accelerator: str) -> dict[str, float]
         if program.main(["fit", *words]):
             raise SystemExit(f"the fit of {folder} failed")
         phases = json.loads((Path(run) / "manifest.json").read_text())["phases"]
-    found = {name: median(each) for name, each in seconds.items()}
+    found = {name: median(b - a for a, b in pairwise(each)) for name, each in begins.items()}
     velocity = sum(phase["seconds"] for phase in phases if phase["phase"] == "velocity")
     return {**found, "velocity": velocity, "particles": particles[-1]}
 
