@@ -19,10 +19,10 @@ particles than the default are no way to save time: with 2,500 and all effects, 
 density gradient is named in addition to the torus's drag. **Two things are named that are not there**: in the bird, in
 which nothing is hidden, a rotation of the only view in which the outlines turn by a degree against those of the model,
 and in the torus a density gradient (p = 0.007), beside the drag that is there. Since a camera's fault is as rare as few
-other cameras can say, the torus's cameras are believed, and its tube, reconstructed too thick, is taken for a body that
-is heavier on one side. Poisson's ratio comes out too large in all three: 0.35 [0.33, 0.36], 0.39 [0.33, 0.42] and 0.37
-[0.34, 0.39] for 0.3. The times are of processors that differ by a factor of two, the slow one for torus and bird; a
-second effect costs the torus another competition.
+other cameras can say, the torus's cameras are believed; what is called a gradient may be an error of the shape, as the
+faults of its cameras were before. Poisson's ratio comes out too large in all three: 0.35 [0.33, 0.36],
+0.39 [0.33, 0.42] and 0.37 [0.34, 0.39] for 0.3. The times are of processors that differ by a factor of two, the slow
+one for torus and bird; a second effect costs the torus another competition.
 """
 COMMANDS = """
 ```sh
