@@ -59,6 +59,12 @@ def device() -> torch.device:
     return torch.device(_started.get("kind", "cpu"))
 
 
+def free_memory(device: torch.device) -> int:
+    """Of a CUDA device [bytes]: what nobody holds, and what torch holds without a tensor in it."""
+    unused = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
+    return torch.cuda.mem_get_info(device)[0] + unused
+
+
 @contextlib.contextmanager
 def stoppable(unwanted: Callable[[], bool]) -> Iterator[None]:
     """Let rollouts of this thread raise ``Stopped`` at the next frame once ``unwanted`` says so."""

@@ -94,7 +94,7 @@ class Simulator:
         self._effect_values = {name: value for effect in moving for name, value in effect.guess.items()}
         threads, cuda = runtime.start(self._device.type), self._device.type == "cuda"
         if memory is None:
-            memory = torch.cuda.mem_get_info(self._device)[0] / 4 if cuda else 768e6
+            memory = runtime.free_memory(self._device) / 4 if cuda else 768e6
         self._engine = Engine(laws, dx, substeps, frame_dt, tuple(gravity), dtype, threads, cuda, memory)
 
     def __call__(
