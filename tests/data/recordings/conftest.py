@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from pacnerf_lpo.__main__ import main
-from tests.data.recordings.layouts import WRITERS
+from tests.data.recordings.layouts import WRITERS, opencv_plates
 from tests.data.recordings.studio import FPS, NAMES, World
 
 OPTIONS = {"spring_gaus_real": ["--fps", FPS], "spring_gaus_synthetic": ["--fps", FPS], "d_nerf": ["--fps", FPS]}
@@ -53,10 +53,12 @@ def written(tmp_path_factory):
     """The folder of a layout and its world, written once when first asked for, since that takes seconds."""
     folder = tmp_path_factory.mktemp("recordings")
 
+    writers = {**WRITERS, opencv_plates.__name__: opencv_plates}
+
     @functools.cache
     def make(name: str) -> tuple[Path, World]:
         (folder / name).mkdir()
-        return folder / name, WRITERS[name](folder / name)
+        return folder / name, writers[name](folder / name)
 
     return make
 

@@ -33,7 +33,7 @@ def spoil(write):
     """The shared OpenCV calibration after a change of its cameras."""
 
     def make(change) -> Path:
-        folder = write("opencv_shared")
+        folder = write("opencv_plates")
         path = folder / "calibration.json"
         cameras = json.loads(path.read_text())
         change(cameras)
@@ -66,7 +66,7 @@ def test_two_layouts(write, capsys):
 
 
 def test_another_format_than_there_is(write, capsys):
-    assert "transforms.json: missing" in refused(capsys, write("opencv_shared"), "--format", "nerfstudio")
+    assert "transforms.json: missing" in refused(capsys, write("opencv_plates"), "--format", "nerfstudio")
 
 
 def test_transposed_rotations(spoil, capsys):
@@ -116,7 +116,7 @@ def test_one_wrong_pose_is_named(spoil, capsys):
 
 
 def test_millimetres_taken_for_metres(write, capsys):
-    said = refused(capsys, write("opencv_shared"), "--unit", "m")
+    said = refused(capsys, write("opencv_plates"), "--unit", "m")
     in_metres, in_millimetres = (float(x) for x in re.findall(r"the body falls at (\S+)", said))
     assert "with 1 m per unit" in said and in_metres == pytest.approx(
         9.81e3, rel=5e-3
@@ -126,7 +126,7 @@ def test_millimetres_taken_for_metres(write, capsys):
 
 def test_upside_down(write, capsys):
     assert "falls against the stated up direction (0, 0, -1); give --up" in refused(
-        capsys, write("opencv_shared"), "--up=-z"
+        capsys, write("opencv_plates"), "--up=-z"
     )
 
 
@@ -190,7 +190,7 @@ def test_wrong_number_of_coefficients(spoil, capsys):
 
 
 def test_missing_and_damaged_videos(write, capsys):
-    folder = write("opencv_shared")
+    folder = write("opencv_plates")
     video = folder / "top.mp4"
     whole = video.read_bytes()
     video.write_bytes(whole[: len(whole) // 2])
@@ -200,7 +200,7 @@ def test_missing_and_damaged_videos(write, capsys):
 
 
 def test_a_single_view_and_an_unknown_camera(write, capsys):
-    folder = write("opencv_shared")
+    folder = write("opencv_plates")
     assert "there is no such camera" in refused(capsys, folder, "--leave_out", "attic")
     cameras = json.loads((folder / "calibration.json").read_text())
     write_json(folder / "calibration.json", {"left": cameras["left"]})
@@ -290,7 +290,7 @@ def test_a_folder_in_use_is_left_alone(write, capsys, tmp_path):
 
 def test_options_override(made, tmp_path):
     """Stated unit, axis, ground and frame rate are taken, and the scene file says so."""
-    source, scene = made("opencv_shared").source, tmp_path / "scene"
+    source, scene = made("opencv_plates").source, tmp_path / "scene"
     words = ["--unit", "mm", "--up", "z", "--ground", "800", "--leave_out", "top", "door", "--fps", "24"]
     assert main(["init", str(source), str(scene), *words]) == 0
     text = (scene / "scene.yaml").read_text()
@@ -299,4 +299,4 @@ def test_options_override(made, tmp_path):
     assert (
         "door" not in text and len({e["file_path"][9] for e in json.loads((scene / "all_data.json").read_text())}) == 4
     )
-    assert yaml.safe_load(text)["phases"] == made("opencv_shared").config["phases"]
+    assert yaml.safe_load(text)["phases"] == made("opencv_plates").config["phases"]

@@ -28,7 +28,7 @@ TINY = ("--config", str(SMOKE), "--phases.correction=null", *ELASTIC)
 @pytest.fixture
 def scene(made, tmp_path: Path, small_threads: None) -> Path:
     """A scene that init wrote, moved since then."""
-    return Path(shutil.copytree(made("opencv_shared").scene, tmp_path / "drop"))
+    return Path(shutil.copytree(made("opencv_plates").scene, tmp_path / "drop"))
 
 
 def fit(scene: Path, *words: str) -> int:
@@ -38,11 +38,11 @@ def fit(scene: Path, *words: str) -> int:
 def moved_from(scene: Path, made) -> None:
     """Let the scene be where its file says it is."""
     file = scene / "scene.yaml"
-    file.write_text(file.read_text().replace(str(made("opencv_shared").scene.resolve()), str(scene)))
+    file.write_text(file.read_text().replace(str(made("opencv_plates").scene.resolve()), str(scene)))
 
 
 def test_init_names_the_next_command(made, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["init", str(made("opencv_shared").source), str(tmp_path / "again")]) == 0
+    assert main(["init", str(made("opencv_plates").source), str(tmp_path / "again")]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"pacnerf-lpo fit {tmp_path / 'again'}"
 
 
@@ -102,14 +102,14 @@ def test_diagnose_fits_what_it_needs(scene: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_not_a_scene(made, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    source = made("opencv_shared").source
+    source = made("opencv_plates").source
     assert fit(source) == 2
     assert (
         f"no scene.yaml there; make a scene of a recording with `pacnerf-lpo init {source} " in capsys.readouterr().err
     )
     assert fit(tmp_path / "nowhere") == 2
     assert "nowhere: no such folder; make a scene" in capsys.readouterr().err
-    assert main(["evaluate", str(made("opencv_shared").scene)]) == 2
+    assert main(["evaluate", str(made("opencv_plates").scene)]) == 2
     assert "nothing is fitted there yet; first run `pacnerf-lpo fit" in capsys.readouterr().err
 
 

@@ -14,7 +14,7 @@ from pacnerf_lpo.data.recordings.findings import check_slope
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.scene_file import MARGIN
 from pacnerf_lpo.errors import UserInputError
-from tests.data.recordings.layouts import WRITERS, write_json
+from tests.data.recordings.layouts import opencv_plates, write_json
 from tests.data.recordings.studio import (
     CONTACT,
     FPS,
@@ -173,7 +173,7 @@ def test_the_file_says_who_stated_what(tmp_path):
     ):
         source = tmp_path / name / "studio"
         source.mkdir(parents=True)
-        WRITERS["opencv_shared"](source)
+        opencv_plates(source)
         scene, config = imported(source, *options)
         text = (scene / "scene.yaml").read_text()
         assert config["physics"]["rho"] == rho

@@ -143,14 +143,14 @@ CASES = {
         "opencv_shared", lambda f: (f / "calibration.json").write_text("{"), ("calibration.json: cannot be read",)
     ),
     "calibration is empty": Wrong("opencv_shared", lambda f: write_json(f / "calibration.json", {}), ("0 camera",)),
-    "calibration of another rig": Wrong("opencv_shared", calibrated(other_rig), ("do not belong to one body",)),
+    "calibration of another rig": Wrong("opencv_plates", calibrated(other_rig), ("do not belong to one body",)),
     "NaN in the calibration": Wrong("opencv_shared", every(t=lambda c: [np.nan, 0, 0]), ("NaN or infinity",)),
     "zero focal length": Wrong(
         "opencv_shared", every(K=lambda c: np.array(c["K"]) * [[0], [1], [1]]), ("positive fx and fy",)
     ),
-    "intrinsics in another order": Wrong("opencv_shared", every(K=swapped_intrinsics), ("intrinsics",)),
+    "intrinsics in another order": Wrong("opencv_plates", every(K=swapped_intrinsics), ("intrinsics",)),
     "focal length twice too long": Wrong(
-        "opencv_shared",
+        "opencv_plates",
         every(K=lambda c: np.array(c["K"]) * [[2, 1, 1], [1, 2, 1], [1, 1, 1]]),
         ("the body falls at", "focal lengths"),
         doubted=True,
@@ -158,17 +158,17 @@ CASES = {
     "distortion that folds the image": Wrong(
         "opencv_shared", every(dist=lambda c: [-8.0, 0, 0, 0, 0]), ("distortion coefficients", "order")
     ),
-    "distortion of absurd size": Wrong("opencv_shared", every(dist=lambda c: [40.0, 0, 0, 0, 0]), ("its lens",)),
+    "distortion of absurd size": Wrong("opencv_plates", every(dist=lambda c: [40.0, 0, 0, 0, 0]), ("its lens",)),
     "rotation vector in degrees": Wrong(
         "opencv_shared",
         every(R=lambda c: np.degrees(cv2.Rodrigues(np.array(c["R"]))[0].ravel())),
         ("rotation", "degrees"),
     ),
     "camera position for translation": Wrong(
-        "opencv_shared", every(t=position_for_translation), ("do not belong to one body",)
+        "opencv_plates", every(t=position_for_translation), ("do not belong to one body",)
     ),
     "translation in metres, else millimetres": Wrong(
-        "opencv_shared", calibrated(lambda c: c["top"].update(t=(np.array(c["top"]["t"]) / 1000).tolist())), ("top",)
+        "opencv_plates", calibrated(lambda c: c["top"].update(t=(np.array(c["top"]["t"]) / 1000).tolist())), ("top",)
     ),
     "a camera twice": Wrong(
         "opencv_shared", calibrated(lambda c: c["top"].update(R=c["left"]["R"], t=c["left"]["t"])), ("stands exactly",)
@@ -176,7 +176,7 @@ CASES = {
     "the same video twice": Wrong(
         "opencv_shared", lambda f: shutil.copy(f / "left.mp4", f / "top.mp4"), ("the same images",)
     ),
-    "all cameras in one place": Wrong("opencv_shared", calibrated(narrow), ("cameras show meets behind them",)),
+    "all cameras in one place": Wrong("opencv_plates", calibrated(narrow), ("cameras show meets behind them",)),
     "nerfstudio with OpenCV's axes": Wrong(
         "nerfstudio", transforms(lambda m: m * [[1, -1, -1, 1]]), ("behind", "OpenGL")
     ),
@@ -185,22 +185,22 @@ CASES = {
     "a frame without its image": Wrong(
         "nerfstudio", lambda f: next((f / "images" / "top").iterdir()).unlink(), ("the image is missing",)
     ),
-    "unit a thousand times too large": Wrong("opencv_shared", lambda f: None, ("m/s^2", "--unit"), ("--unit", "1")),
+    "unit a thousand times too large": Wrong("opencv_plates", lambda f: None, ("m/s^2", "--unit"), ("--unit", "1")),
     "unit a thousand times too small": Wrong("caliscope", lambda f: None, ("m/s^2", "--unit"), ("--unit", "mm")),
     "no unit": Wrong("opencv_shared", lambda f: None, ("--unit", "metres one unit is"), ("--unit", "feet")),
-    "another axis up": Wrong("opencv_shared", lambda f: None, ("up direction", "--up"), ("--up", "x")),
+    "another axis up": Wrong("opencv_plates", lambda f: None, ("up direction", "--up"), ("--up", "x")),
     "ground above the object": Wrong(
-        "opencv_shared", lambda f: None, ("ground", "--ground"), ("--ground", "2500", "--unit", "mm")
+        "opencv_plates", lambda f: None, ("ground", "--ground"), ("--ground", "2500", "--unit", "mm")
     ),
-    "ground far below": Wrong("opencv_shared", lambda f: None, ("ground", "--ground"), ("--ground", "-5000")),
+    "ground far below": Wrong("opencv_plates", lambda f: None, ("ground", "--ground"), ("--ground", "-5000")),
     "a normal of length zero": Wrong(
         "opencv_shared", lambda f: None, ("--ground_normal",), ("--ground_normal=[0,0,0]",)
     ),
-    "ground on end": Wrong("opencv_shared", lambda f: None, ("ground",), ("--ground_normal", "1", "-0.1", "0")),
+    "ground on end": Wrong("opencv_plates", lambda f: None, ("ground",), ("--ground_normal", "1", "-0.1", "0")),
     "no density": Wrong("opencv_shared", lambda f: None, ("--density 0", "kg/m^3"), ("--density", "0")),
     "negative gravity": Wrong("opencv_shared", lambda f: None, ("--gravity",), ("--gravity", "-9.81")),
     "gravity of the moon": Wrong(
-        "opencv_shared", lambda f: None, ("m/s^2", "--gravity"), ("--gravity", "1.62", "--unit", "mm")
+        "opencv_plates", lambda f: None, ("m/s^2", "--gravity"), ("--gravity", "1.62", "--unit", "mm")
     ),
     "fps 0": Wrong("opencv_shared", lambda f: None, ("--fps 0",), ("--fps", "0")),
     "fps five times too large": Wrong("phystwin", lambda f: None, ("--fps",), ("--fps", "120")),
