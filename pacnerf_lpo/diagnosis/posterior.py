@@ -26,9 +26,10 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
 
     A fit to the outlines that begins at what the phase identified, the scatter of simulated nulls on other grids, and
     errors of the reconstructed shape, which is fitted, too, where it is far from the body; kept step by step like those
-    of a diagnosis, and with the same data held out. It has more particles than the phase and weighs its data by their
-    errors. So where the phase was fitted to outlines, too, and is the result of the run, the values of this fit take
-    the place of those of the phase.
+    of a diagnosis, and with the same data held out. After a phase that was fitted to images it searches on a coarse
+    body first: their optimum may lie in another valley of the outlines. It has more particles than the phase and weighs
+    its data by their errors. So where the phase was fitted to outlines, too, and is the result of the run, the values
+    of this fit take the place of those of the phase.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -45,7 +46,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     effects = tuple(problem.physics.effects)
     options = {"replicates": REPLICATES, "seed": SEED, "particles": particles}
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
-    step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), False, progress)
+    step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), not run.by_outlines, progress)
     comparison = store.once("intervals", step)
     comparison = store.once("shapes", partial(with_other_shapes, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, comparison)
