@@ -112,6 +112,7 @@ def measured(name: str, work: Path) -> Record:
         "errors": {key: [phase["truth_errors"][key]["error"] for phase in identified] for key in names},
         "psnr": [phase["image_metrics"]["test"]["psnr"] for phase in [identified[0], *corrected]],
         "joint": {key: errors[key].error for key in names},
+        "determined": {key: joint[key]["determined"] for key in names},
         "inside": {key: joint[key]["low"] <= errors[key].true <= joint[key]["high"] for key in names},
     }
 
@@ -120,7 +121,13 @@ def page(results: Record) -> str:
     """The record as Markdown."""
     scenes = results["scenes"]
     courses = [
-        (scene, key, *course, one["joint"][key], "yes" if one["inside"][key] else "no")
+        (
+            scene,
+            key,
+            *course,
+            one["joint"][key],
+            ("yes" if one["inside"][key] else "no") + _open(one["determined"][key]),
+        )
         for scene, one in scenes.items()
         for key, course in one["errors"].items()
     ]
@@ -153,10 +160,14 @@ def page(results: Record) -> str:
         "",
         f"- Rounds: {_closer(courses, -3)}.",
         f"- Joint fit: {_closer(courses, -2)}.",
-        f"- Intervals of the joint fit hold {sum(row[-1] == 'yes' for row in courses)} of {len(courses)} true values.",
+        f"- Intervals of the joint fit hold {sum(row[-1].startswith('yes') for row in courses)} of {len(courses)} true values.",
         f"- PSNR rises with each round in {len(rising)} of {len(scenes)} scenes.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _open(determined: bool) -> str:
+    return "" if determined else ", not determined"
 
 
 def _closer(courses: Sequence[tuple], place: int) -> str:
