@@ -128,7 +128,7 @@ def page(results: Record) -> str:
             key,
             *course,
             one["joint"][key],
-            ("yes" if one["inside"][key] else "no") + _open(one["determined"][key]),
+            _held(one["inside"][key], one["determined"][key]),
         )
         for scene, one in scenes.items()
         for key, course in one["errors"].items()
