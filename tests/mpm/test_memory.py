@@ -64,7 +64,7 @@ def test_rollout_without_gradients_stores_no_states():
 
 
 def test_memory_that_torch_keeps_for_itself_is_free(monkeypatch):
-    """Its cache grows with every phase of a fit: counted as taken, the last one would compute many of its frames again."""
+    """Its cache grows with every phase of a fit: counted as taken, the last one would compute frames again."""
     found = {"mem_get_info": (40, 80), "memory_reserved": 35, "memory_allocated": 5}
     for name, value in found.items():
         monkeypatch.setattr(torch.cuda, name, lambda device, value=value: value)
