@@ -44,9 +44,10 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     if problem.stage.record.before is not None:
         return
     effects = tuple(problem.physics.effects)
-    options = {"replicates": REPLICATES, "seed": SEED, "particles": particles}
+    searched = not run.by_outlines
+    options = {"replicates": REPLICATES, "seed": SEED, "particles": particles, "searched": searched}
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
-    step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), not run.by_outlines, progress)
+    step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
     comparison = store.once("intervals", step)
     comparison = store.once("shapes", partial(with_other_shapes, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, comparison)
