@@ -126,3 +126,14 @@ def test_the_fit_of_the_intervals_takes_the_place_of_the_phase_once(diagnosed: P
     before = [path.read_bytes() for path in files]
     keep_intervals(Run(copied), lambda _: None, particles=500)
     assert [path.read_bytes() for path in files] == before
+
+
+def test_after_images_the_fit_of_the_intervals_searches_and_leaves_the_phase_as_it_was(diagnosed: Path, tmp_path: Path):
+    """What images say may lie in another valley of the outlines than the best one."""
+    copied, said = tmp_path / "run", list[str]()
+    shutil.copytree(diagnosed.parent, copied)
+    had = Run(copied).uncorrected.state
+    keep_intervals(Run(copied), said.append, particles=500)
+    stage = Run(copied).uncorrected
+    assert any("on a coarse body" in line for line in said)
+    assert stage.state.physics == had.physics and stage.record.before is None
