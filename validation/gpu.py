@@ -101,7 +101,7 @@ def timed_phases(scene: str, folder: Path, accelerator: str, whole: bool) -> Rec
     from pacnerf_lpo.phases.physics_id import PhysicsIDModule
     from pacnerf_lpo.phases.static_grid import StaticGridModule
 
-    warm_up, main, correction = (PHASES[name] if whole else FEW for name in ("warm-up", "main", "correction"))
+    counts = {name: PHASES[name] if whole else FEW for name in ("warm-up", "main", "correction")}
     begins: dict[str, list[float]] = {name: [] for name in PHASES}
     particles: list[int] = []
 
@@ -122,15 +122,15 @@ def timed_phases(scene: str, folder: Path, accelerator: str, whole: bool) -> Rec
     with (
         tempfile.TemporaryDirectory() as run,
         timed(StaticGridModule, lambda step: "static"),
-        timed(PhysicsIDModule, lambda step: "warm-up" if step < warm_up else "main"),
+        timed(PhysicsIDModule, lambda step: "warm-up" if step < counts["warm-up"] else "main"),
         timed(LPOModule, lambda step: "correction"),
     ):
         method, lpo = "phases.physics.init_args.method.init_args", "phases.correction.init_args"
         words = [f"--config={config}" for config in configs]
         words += [f"--data.root={folder}", f"--trainer.accelerator={accelerator}", f"--outer_loop.run_dir={run}"]
         words += ["--intervals=false", "--outer_loop.compare_methods=false", "--outer_loop.rounds=1"]
-        words += [f"--{method}.warm_up_iterations={warm_up}", f"--{method}.main_iterations={main}"]
-        words += [f"--{lpo}.iterations={correction}"]
+        words += [f"--{method}.warm_up_iterations={counts['warm-up']}", f"--{method}.main_iterations={counts['main']}"]
+        words += [f"--{lpo}.iterations={counts['correction']}"]
         words += [f"--truth={folder / 'truth.json'}"] if whole else []
         began = clock()
         with nullcontext() if whole else patch.object(fit, "finish"):
@@ -173,12 +173,12 @@ def page(results: Record) -> str:
         for name, sizes in results["engine"].items()
         for n, r in sizes.items()
     ]
-    lines += [table(["material", "particles", "forward", "recording", "backward"], rows), ""]
+    lines += [table(["material", "particles", "forward", "recording", "backward"], rows)]
     for n, r in results.get("before", {}).get("elastic", {}).items():
         now = results["engine"]["NeoHookean"][n]
         ratios = " and ".join(f"{now[key] / r[key]:.2f}" for key in ("forward", "backward"))
         lines.append(
-            f"- {int(n):,} elastic particles, beside {results['before']['commit']}: forward and backward are "
+            f"\n- {int(n):,} elastic particles, beside {results['before']['commit']}: forward and backward are "
             f"{ratios} times as fast."
         )
     lines += ["", "The videos and the GPU are others than the paper's: its seconds are a yardstick, no comparison."]

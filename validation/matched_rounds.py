@@ -1,6 +1,6 @@
 """Whether rounds of LPO better the parameters where the simulator of the data is that of the model.
 
-    python -m validation.matched_rounds --work runs/matched [SCENE ...]
+    python -m validation.matched_rounds --work runs/matched
 
 The paper makes its videos with the solver, the grid and the time step of its model. So do these scenes, one of each
 family of laws: `synthesize` drops a body (of other particles than the model has) and films it with camera noise, and
@@ -33,7 +33,7 @@ from pacnerf_lpo.mpm.materials import (
     Newtonian,
     ViscoplasticVonMises,
     VonMises,
-)  # fmt: skip
+)
 from validation.record import Record, keep, made, origin, table
 
 ROUNDS, VIEWS, FRAMES, PIXELS, RATE = 4, 11, 14, 128, 24.0
@@ -150,7 +150,7 @@ def page(results: Record) -> str:
         "",
         origin(results, "matched_rounds", "`python -m validation.matched_rounds --work runs/matched`"),
         "",
-        (__doc__ or "").partition("[SCENE ...]")[2].strip(),
+        (__doc__ or "").partition("runs/matched")[2].strip(),
         "",
         "Test views [dB]:",
         "",
@@ -187,12 +187,9 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--work", type=Path, required=True, help="folder for videos and runs")
-    parser.add_argument("scenes", nargs="*", choices=[*SCENES, []], help="by default all")
     options = parser.parse_args()
-    found: Record = {**made(), "scenes": {}}
-    for name in options.scenes or SCENES:
-        found["scenes"][name] = measured(name, options.work)
-        keep("matched_rounds", found, page)
+    found: Record = {**made(), "scenes": {name: measured(name, options.work) for name in SCENES}}
+    keep("matched_rounds", found, page)
     print(page(found))
 
 

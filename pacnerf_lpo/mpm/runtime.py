@@ -59,10 +59,10 @@ def device() -> torch.device:
     return torch.device(_started.get("kind", "cpu"))
 
 
-def free_memory(device: torch.device) -> int:
+def free_memory(gpu: torch.device) -> int:
     """Of a CUDA device [bytes]: what nobody holds, and what torch holds without a tensor in it."""
-    unused = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
-    return torch.cuda.mem_get_info(device)[0] + unused
+    unused = torch.cuda.memory_reserved(gpu) - torch.cuda.memory_allocated(gpu)
+    return torch.cuda.mem_get_info(gpu)[0] + unused
 
 
 @contextlib.contextmanager

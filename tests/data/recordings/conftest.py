@@ -53,12 +53,10 @@ def written(tmp_path_factory):
     """The folder of a layout and its world, written once when first asked for, since that takes seconds."""
     folder = tmp_path_factory.mktemp("recordings")
 
-    writers = {**WRITERS, opencv_plates.__name__: opencv_plates}
-
     @functools.cache
     def make(name: str) -> tuple[Path, World]:
         (folder / name).mkdir()
-        return folder / name, writers[name](folder / name)
+        return folder / name, {**WRITERS, opencv_plates.__name__: opencv_plates}[name](folder / name)
 
     return make
 
