@@ -139,9 +139,9 @@ class PhaseCLI(LightningCLI):
         self.config.resume = str(run_dir)
         write_atomically(path, self.dump().encode())
 
-    def run(self, doubt: Callable[..., None]) -> Path:
-        """Run all phases that are not done yet, with ``doubt`` after each, see :func:`pacnerf_lpo.commands.fit.doubt`;
-        returns the run directory.
+    def run(self, look_back: Callable[..., None]) -> Path:
+        """Run all phases that are not done yet, with ``look_back`` after each, see
+        :func:`pacnerf_lpo.commands.fit.look_back`; returns the run directory.
         """
         check_truth(self.config.truth)
         interval_particles(self.config.intervals)
@@ -166,10 +166,10 @@ class PhaseCLI(LightningCLI):
         with StopRequest() as stop:
             try:
                 self._decide_law()
-                self._look_back(doubt)
+                self._look_back(look_back)
                 while (step := loop.next_phase()) is not None:
                     self._run_phase(step, stop)
-                    self._look_back(doubt)
+                    self._look_back(look_back)
                     self._decide_law()
             except Interrupted:
                 loop.abandon("interrupted")
@@ -256,15 +256,19 @@ class PhaseCLI(LightningCLI):
             loop.state = found.copy(loop.manifest, self.physics.known(self.physics.guess))
             print(found, file=sys.stderr)
 
-    def _look_back(self, doubt: Callable[..., None]) -> None:
-        """Say what is doubtful about the last finished phase."""
-        record = self.outer_loop.last_done
+    def _look_back(self, look_back: Callable[..., None]) -> None:
+        """Say what is doubtful about the last finished phase, and before a correction or at the end fit intervals."""
+        loop: OuterLoop = self.outer_loop
+        record, following = loop.last_done, loop.next_phase()
         if record is not None:
             doing(f"looking back at {record.phase}")
-            template = self.phases.get(self.outer_loop.steps[record.index].template)
+            template = self.phases.get(loop.steps[record.index].template)
             if template is None:  # of laws that competed before
                 return
-            doubt(self.outer_loop.manifest, self.datamodule, self.physics, template, self.outer_loop.compare_methods)
+            settled = following is None or following.role == "correction"
+            particles = interval_particles(self.config.intervals) if settled else 0
+            look_back(loop.manifest, self.datamodule, self.physics, template, loop.compare_methods, particles)
+            loop.reread()
 
     def _choose_device(self) -> None:
         """Simulate and render where the trainer computes."""
@@ -300,7 +304,7 @@ def fit(
     args: Sequence[str],
     datamodule_class: type[pl.LightningDataModule],
     physics_class: type,
-    doubt: Callable[..., None],
+    look_back: Callable[..., None],
     finish: Callable[[Path, str | None], None],
     goes_on: bool = False,
 ) -> int:
@@ -314,7 +318,7 @@ def fit(
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)
     if goes_on:
         phases.go_on()
-    run_dir = phases.run(doubt)
+    run_dir = phases.run(look_back)
     again = f"repeat it with `{resume_command(run_dir)}`"
     try:
         doing("evaluating the run")

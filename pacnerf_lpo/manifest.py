@@ -47,7 +47,7 @@ class PhaseRecord:
     held_out_error: after a correction that some training images were held out of, the error in these.
     course: how the phase went, as its :meth:`AbstractPhase.course` says.
     methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
-    before: what the phase itself had identified [SI], where the fit that the intervals belong to took its place.
+    before: what the phase itself had identified [SI], where the weighted fit that gives intervals took its place.
     """
 
     index: int

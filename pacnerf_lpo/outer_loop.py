@@ -127,6 +127,13 @@ class OuterLoop(pl.Callback):
         self.manifest = Manifest.load(self.run_dir)
         law = law or any(record.phase == "law" for record in self.manifest.phases)
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
+        self.reread()
+
+    def reread(self) -> None:
+        """Take manifest and particle state from disk, where the last finished phase, or who looked back at it, left
+        them.
+        """
+        self.manifest = Manifest.load(self.run_dir)
         if self.last_done is not None:
             self.state = ParticleState.load(self.run_dir / self.last_done.state)
 

@@ -101,8 +101,8 @@ def arguments(run_dir, **phases: str) -> list[str]:
     return [*words, "--trainer.accelerator=cpu", "--outer_loop.rounds=1", "--trainer.log_every_n_steps=1"]
 
 
-def doubt(*_: object) -> None:
-    """The fake phases have no video to doubt."""
+def look_back(*_: object) -> None:
+    """The fake phases have no video to doubt or to fit again."""
 
 
 def finish(run_dir: Path, truth: str | None) -> None:
@@ -111,4 +111,4 @@ def finish(run_dir: Path, truth: str | None) -> None:
 
 def main(words: list[str]) -> int:
     """``pacnerf-lpo fit`` with the fake classes."""
-    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics, doubt, finish))
+    return __main__.guarded(lambda: cli.fit(words, FakeData, FakePhysics, look_back, finish))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -128,12 +129,17 @@ def test_the_fit_of_the_intervals_takes_the_place_of_the_phase_once(diagnosed: P
     assert [path.read_bytes() for path in files] == before
 
 
-def test_after_images_the_fit_of_the_intervals_searches_and_leaves_the_phase_as_it_was(diagnosed: Path, tmp_path: Path):
-    """What images say may lie in another valley of the outlines than the best one."""
+def test_after_images_the_fit_of_the_intervals_searches(diagnosed: Path, tmp_path: Path):
+    """What images say may lie in another valley of the outlines than the best one. What was corrected with it stays."""
     copied, said = tmp_path / "run", list[str]()
     shutil.copytree(diagnosed.parent, copied)
-    had = Run(copied).uncorrected.state
+    run = Run(copied)
+    had, corrected = run.uncorrected, run.manifest.done[-1]
+    path = f"states/{corrected.index + 1:02d}_r1_correction.pt"
+    had.state.with_(corrected=True).save(copied / path)
+    run.manifest.phases.append(replace(corrected, index=corrected.index + 1, phase="correction", state=path))
+    run.manifest.save()
     keep_intervals(Run(copied), said.append, particles=500)
     stage = Run(copied).uncorrected
     assert any("on a coarse body" in line for line in said)
-    assert stage.state.physics == had.physics and stage.record.before is None
+    assert stage.stem == had.stem and stage.state.physics == had.state.physics and stage.record.before is None

@@ -18,6 +18,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from pacnerf_lpo import manifest, outer_loop
 from pacnerf_lpo.callbacks.phase import PhaseCheckpoint
+from pacnerf_lpo.diagnosis.posterior import take_over
+from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.identification.problem import PARTICLES
+from pacnerf_lpo.manifest import Manifest
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
 from tests import fake_run
@@ -119,6 +123,33 @@ def test_each_phase_receives_what_the_last_one_gave(tmp_path: Path, monkeypatch:
         assert torch.equal(state.positions, saved.positions)
         restarts = number + 1 in (2, 4)  # the two identifications start from the initial guess
         assert state.physics == ({} if restarts else saved.physics)
+
+
+@pytest.mark.parametrize(("intervals", "particles"), [("true", PARTICLES), ("500", 500), ("false", 0)])
+def test_a_correction_begins_with_the_values_of_the_fit_that_intervals_come_from(
+    intervals: str, particles: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[tuple[str, int]] = []
+    received: list[ParticleState] = []
+    take = fake_run.FakePhase.import_state
+
+    def look_back(manifest: Manifest, *rest: Any) -> None:
+        asked.append((manifest.done[-1].phase, rest[-1]))
+        if asked[-1] == ("physics", particles) and particles:
+            run = Run(manifest.run_dir)
+            take_over(run, run.uncorrected, {"E": 7.0, "v_x": 1.0, "v_y": 2.0, "v_z": 3.0})
+
+    monkeypatch.setattr(fake_run, "look_back", look_back)
+    monkeypatch.setattr(
+        fake_run.FakePhase, "import_state", lambda phase, state: (received.append(state), take(phase, state))[1]
+    )
+    words = [*fake_run.arguments(tmp_path / "run"), f"--intervals={intervals}"]
+    assert fake_run.main(words) == 0
+    # not before the identification; the real one passes over a correction
+    assert asked == [("static", 0), ("velocity", 0), ("physics", particles), ("correction", particles)]
+    assert (Manifest.load(tmp_path / "run").done[2].before is not None) == bool(particles)
+    assert (received[-1].physics["E"] == 7.0) == bool(particles)
+    assert received[-1].velocity.tolist() == [[1.0, 2.0, 3.0] if particles else [0.0, 0.0, 0.0]]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ SUBJECTS = {
     "hidden_effects": "validation.hidden_effects.score",
     "identification": "validation.identification",
     "init_alone": "validation.init_alone",
-    "matched_rounds": "validation.matched_rounds",
+    "rounds": "validation.rounds",
     "mattes": "validation.mattes",
     "own_recording": "validation.own_recording",
     "random_hands": "validation.random_hands",

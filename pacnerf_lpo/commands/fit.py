@@ -27,7 +27,7 @@ def run(args: Sequence[str]) -> int:
     """Run the command; returns its exit status. Its first word may be a scene folder, and several are a study."""
     scenes = list(takewhile(lambda word: not word.startswith("-"), args))
     if not scenes:
-        return cli.fit(args, VideoData, Physics, doubt, finish)
+        return cli.fit(args, VideoData, Physics, look_back, finish)
     if len(scenes) > 1:
         from pacnerf_lpo.commands import study  # which fits each of them by this function
 
@@ -35,22 +35,28 @@ def run(args: Sequence[str]) -> int:
     words, remarks = stack(Path(args[0]), args[1:])
     for remark in remarks:
         print(remark)
-    return cli.fit(words, VideoData, Physics, doubt, finish, goes_on=True)
+    return cli.fit(words, VideoData, Physics, look_back, finish, goes_on=True)
 
 
-def doubt(manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool) -> None:
+def look_back(
+    manifest: Manifest, data: VideoData, physics: Physics, template: AbstractPhase, compare: bool, particles: int
+) -> None:
     """Say what is doubtful about the last finished phase of a run, which ``template`` has configured.
 
-    With ``compare``, images and outlines are compared after the identification of a body that was not corrected; the
-    manifest keeps what they say.
+    After the identification of a body that was not corrected, with ``compare``, images and outlines are compared, and
+    the manifest keeps what they say; with ``particles``, a weighted fit by so many gives intervals, and the phase takes
+    over its values.
     """
     record = manifest.done[-1]
     stage = Stage(record, manifest.run_dir)
-    if compare and record.methods is None and isinstance(template, PhysicsIDModule) and not stage.state.corrected:
+    identified = isinstance(template, PhysicsIDModule) and not stage.state.corrected
+    if compare and identified and record.methods is None:
         record.methods = _compared(stage, data, physics, template)
         manifest.save()
     for found in doubts_of_phase(data, physics, stage):
         print(found, file=sys.stderr)
+    if identified and particles:
+        _add_intervals(Run(manifest.run_dir), particles)
 
 
 def _compared(stage: Stage, data: VideoData, physics: Physics, template: PhysicsIDModule) -> dict:

@@ -8,7 +8,6 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
-from pacnerf_lpo.diagnosis.shapes import with_other_shapes
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -24,12 +23,11 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
     determine, and from which phase.
 
-    A fit to the outlines that begins at what the phase identified, the scatter of simulated nulls on other grids, and
-    errors of the reconstructed shape, which is fitted, too, where it is far from the body; kept step by step like those
-    of a diagnosis, and with the same data held out. After a phase that was fitted to images it searches on a coarse
-    body first: their optimum may lie in another valley of the outlines. It has more particles than the phase and weighs
-    its data by their errors. So where the phase was fitted to outlines, too, and is the result of the run, the values
-    of this fit take the place of those of the phase.
+    A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
+    grids and by errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data
+    held out. After a phase that was fitted to images it searches on a coarse body first: their optimum may lie in
+    another valley of the outlines. It has more particles than the phase, and does not have to believe in the
+    reconstructed shape. So its values take the place of those of the phase, as long as nothing was corrected with them.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -49,7 +47,6 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
     comparison = store.once("intervals", step)
-    comparison = store.once("shapes", partial(with_other_shapes, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, comparison)
     content = {
         "phase": problem.stage.stem,
@@ -61,7 +58,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
         "undetermined": undetermined,
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
-    if run.by_outlines and problem.stage.stem == run.last.stem:
+    if problem.stage.stem == run.stages[-1].stem:
         take_over(run, problem.stage, comparison.known)
 
 

@@ -143,16 +143,13 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
     if stresses:
         density = quantity(results["density_kg_m3"], "kg/m^3", 4)
         found.append(f"Moduli, stresses and viscosities are for a density of {density}, and are proportional to it.")
-    if "before" in last:
+    if fit := results.get("intervals"):
+        has = listed({name: one["value"] for name, one in fit["parameters"].items()}, units)
+        had = [phase["before"] for phase in phases_to_result(results) if "before" in phase]
         found.append(
-            "Identified values and intervals are those of one last fit with more particles, in which data count by "
-            f"their errors and the shape may change; before it the phase had {listed(last['before'], units)}."
-        )
-    elif fit := results.get("intervals"):
-        values = {name: one["value"] for name, one in fit["parameters"].items()}
-        found.append(
-            "Intervals are those of one last fit, to the outlines, in which data count by their errors and the shape "
-            f"may change; it has {listed(values, units)}."
+            "Intervals are those of a weighted fit of material and motion to the outlines: data count by their errors, "
+            f"and the shape may be wrong. It has {has}"
+            + (f", from which corrections go on; before it the phase had {listed(had[-1], units)}." if had else ".")
         )
     effects = ", ".join(results["effects"]) or "none"
     found.append(

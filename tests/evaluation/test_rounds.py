@@ -62,9 +62,11 @@ def test_a_run_without_an_identification_says_that_its_values_are_not_identified
 def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     methods = {"particles": 1500, "images": {"E": 9.8e4}, "outlines": {"E": 1.04e5}}
     last = phase("physics", 1, 20.0, 1e5, before={"E": 9e4}, methods=methods)
-    found = {**results((None,), None), "phases": [last], "result": "r1_physics"}
+    fit = {"level": 0.9, "parameters": {"E": {"value": 1.1e5, "low": 1e5, "high": 1.2e5, "determined": True}}}
+    found = {**results((None,), None), "phases": [last], "result": "r1_physics", "intervals": fit}
     density, before, acting, against = remarks(found)
-    assert "for a density of 1050 kg/m^3" in density and "the phase had E = 90 kPa" in before
+    assert "for a density of 1050 kg/m^3" in density
+    assert "has E = 110 kPa, from which corrections go on; before it the phase had E = 90 kPa" in before
     assert "E = 98 kPa by images alone, E = 104 kPa by outlines alone" in against
     assert "a ground of the kind Sticky, and as effects: LinearDrag." in acting
     assert all(sentence in markdown_table(found) for sentence in remarks(found))

@@ -164,7 +164,8 @@ def test_the_fit_of_the_intervals_is_the_result_and_what_the_phase_had_is_said(e
     assert (
         state.velocity.mean(0).tolist() == pytest.approx([known[name] for name in names]) and spread.abs().max() < 1e-5
     )
-    results = {**evaluate_run(copied), "result": stage.stem}
+    fit = {name: {"value": known[name], "low": 0.0, "high": 1.0, "determined": True} for name in known}
+    results = {**evaluate_run(copied), "result": stage.stem, "intervals": {"level": 0.9, "parameters": fit}}
     phase = result_phase(results)
     assert phase["before"] == had and phase["parameters"]["E"]["value"] == known["E"]
     said = f"before it the phase had E = {quantity(had['E'], 'Pa')}"
