@@ -21,8 +21,8 @@ OPTIONS = {
     "resume": "Go on with this run; takes no other option.",
     "preset": "Of fit SCENE: quick (minutes), cpu, paper, or auto: by the machine.",
     "out": "Of fit SCENE: the folder of the run; SCENE/run when not given.",
-    "intervals": "true: identification ends with a fit to the outlines, weighted by errors, which gives values and 90 "
-    "% intervals (minutes); a number: by so many particles; false: as published.",
+    "intervals": "true: identification ends with a fit to the outlines, weighted by errors: it gives values and 90 % "
+    "intervals (a minute or two); a number: by so many particles; false: as published.",
     "truth": "A truth.json to compare with at the end, or demo.",
     "print_config": "Print the configuration as it would be run, and do nothing else.",
 }

@@ -31,9 +31,8 @@ SOLID_DENSITY = 10.0
 PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
-INTERVAL_ROLLOUTS, LEAST_PARTICLES = 200, 300
-"""What intervals take: null replicates on finer grids, errors of shape and force, some fits, of the shape as well; and
-how small a body may be."""
+INTERVAL_ROLLOUTS, LEAST_PARTICLES = 100, 300
+"""What intervals take: null replicates on finer grids, errors of shape and force, some fits; how small a body may be."""
 
 
 def estimate(
@@ -51,7 +50,7 @@ def estimate(
     Args:
         todo: templates of the phases that are still to run, each as often as it will.
         static: template of the static phase, which says how large a voxel is.
-        intervals: particles of the body that they are found with at the end; 0: there are none.
+        intervals: particles of the body that they are found with; 0: there are none.
     """
     if not isinstance(static, StaticGridModule):
         return []
