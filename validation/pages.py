@@ -24,6 +24,7 @@ SUBJECTS = {
     "random_hands": "validation.random_hands",
     "real_measurements": "validation.real_measurements",
     "simulated_drops": "validation.simulated_drops",
+    "three_views": "validation.three_views",
 }
 """The module whose function ``page`` makes a subject's page of its record."""
 

@@ -18,7 +18,6 @@ fitted, too. A study that was stopped goes on.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,10 +25,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pacnerf_lpo import __main__ as program
 from pacnerf_lpo.commands import synthesize
 from pacnerf_lpo.data.shapes import Ball, Block, Shape, Torus
-from pacnerf_lpo.evaluation.parameter_errors import parameter_errors, read_truth
 from pacnerf_lpo.mpm.materials import (
     DruckerPrager,
     Material,
@@ -39,6 +36,7 @@ from pacnerf_lpo.mpm.materials import (
     VonMises,
 )
 from validation.record import Record, keep, made, origin, table
+from validation.three_views import fitted, in_words, path_traced, weighted
 
 ROUNDS, VIEWS, FRAMES, PIXELS, RATE = 4, 11, 14, 128, 24.0
 DX, SUBSTEP_RATE = 0.04, 1800.0
@@ -95,39 +93,24 @@ def matched(name: str, work: Path) -> tuple[list[str], Path]:
     return [*words, "--physics.fit_ground_height=false"], video / "truth.json"
 
 
-def path_traced(name: str, videos: Path) -> tuple[list[str], Path]:
-    """The same of a path-traced scene."""
-    return [f"--config=shared/{name}", f"--data.root={videos / name}"], videos / name / "truth.json"
-
-
-def fitted(name: str, run: Path, words: Sequence[str], truth: Path) -> Record:
-    """The results of four rounds on a scene; what is there already is not done again."""
-    begin = [f"--config={name}" for name in ("fit", f"scenes/{name}", "baselines/3v_dagger", "cpu", "cpu_coarse")]
-    begin += ["--config=corrections/lpo", *words, f"--outer_loop.rounds={ROUNDS}", "--outer_loop.compare_methods=false"]
-    begin += [f"--outer_loop.run_dir={run}", f"--truth={truth}"]
-    if not (run / "results.json").is_file():
-        goes_on = ["--resume", str(run)] if (run / "manifest.json").is_file() else begin
-        if program.main(["fit", *goes_on]):
-            raise SystemExit(f"the fit of {run} failed")
-    return json.loads((run / "results.json").read_text())
-
-
 def measured(name: str, run: Path, words: Sequence[str], truth: Path) -> Record:
     """Errors of a scene's parameters by images, by the weighted fit and after each round, whether its intervals hold
-    the true values, and image quality of the unseen views after each correction.
+    the true values, and image quality of the unseen views before and after each correction.
     """
-    results, answer = fitted(name, run, words, truth), read_truth(truth)
-    identified, psnr = course(results)
-    before = [phase["before"] for phase in results["phases"] if "before" in phase]
-    names = [key for key in results["free"] if key in identified]
-    by_images = parameter_errors({key: before[0][key] for key in names}, answer, answer.fluid)
-    intervals = results["intervals"]["parameters"]
+    results = four_rounds(name, run, words, truth)
+    errors, psnr = course(results)
+    found = weighted(results, truth)
     return {
-        "errors": {key: [by_images[key].error, *identified[key]] for key in names},
-        "determined": {key: intervals[key]["determined"] for key in names},
-        "inside": {key: intervals[key]["low"] <= by_images[key].true <= intervals[key]["high"] for key in names},
+        "errors": {key: [one["by_images"], *errors[key]] for key, one in found.items()},
+        "inside": {key: in_words(one) for key, one in found.items()},
         "psnr": psnr,
     }
+
+
+def four_rounds(name: str, run: Path, words: Sequence[str], truth: Path) -> Record:
+    """The results of a run with corrections."""
+    configs = (f"scenes/{name}", "baselines/3v_dagger", "cpu", "cpu_coarse", "corrections/lpo")
+    return fitted(run, configs, [*words, f"--outer_loop.rounds={ROUNDS}"], truth)
 
 
 def course(results: Record) -> tuple[dict[str, list[float]], list[float]]:
@@ -162,10 +145,7 @@ def page(results: Record) -> str:
 
 
 def _section(scenes: Record) -> list[str]:
-    rows = [
-        (*row, ("yes" if scenes[row[0]]["inside"][row[1]] else "no") + _doubt(scenes[row[0]]["determined"][row[1]]))
-        for row in _rows(scenes)
-    ]
+    rows = [(*row, scenes[row[0]]["inside"][row[1]]) for row in _rows(scenes)]
     held = sum(row[-1].startswith("yes") for row in rows)
     rising = sum(all(a < b for a, b in pairwise(one["psnr"])) for one in scenes.values())
     return [
@@ -183,10 +163,6 @@ def _section(scenes: Record) -> list[str]:
 
 def _rows(scenes: Record) -> list[tuple]:
     return [(scene, key, *errors) for scene, one in scenes.items() for key, errors in one["errors"].items()]
-
-
-def _doubt(determined: bool) -> str:
-    return "" if determined else ", not determined"
 
 
 def _psnr(first: str, scenes: Record) -> str:
@@ -220,7 +196,7 @@ def main() -> None:
     for name in SCENES:
         folder, (words, truth) = work / "matched" / name, matched(name, work)
         found["matched"][name] = measured(name, folder / "run", words, truth)
-        errors, psnr = course(fitted(name, folder / "published", [*words, "--intervals=false"], truth))
+        errors, psnr = course(four_rounds(name, folder / "published", [*words, "--intervals=false"], truth))
         found["published"][name] = {"errors": errors, "psnr": psnr}
         words, truth = path_traced(name, options.shared.resolve())
         found["path_traced"][name] = measured(name, work / "path_traced" / name, words, truth)

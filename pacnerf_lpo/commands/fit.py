@@ -49,9 +49,9 @@ def look_back(
     """
     record = manifest.done[-1]
     stage = Stage(record, manifest.run_dir)
-    identified = isinstance(template, PhysicsIDModule) and not stage.state.corrected
+    identified = template if isinstance(template, PhysicsIDModule) and not stage.state.corrected else None
     if compare and identified and record.methods is None:
-        record.methods = _compared(stage, data, physics, template)
+        record.methods = _compared(stage, data, physics, identified)
         manifest.save()
     for found in doubts_of_phase(data, physics, stage):
         print(found, file=sys.stderr)

@@ -56,6 +56,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
             for one in found
         },
         "undetermined": undetermined,
+        "seconds": store.seconds["intervals"],
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:

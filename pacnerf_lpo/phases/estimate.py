@@ -32,7 +32,7 @@ PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
 INTERVAL_ROLLOUTS, LEAST_PARTICLES = 100, 300
-"""What intervals take: null replicates on finer grids, errors of shape and force, some fits; how small a body may be."""
+"""What intervals take: null replicates on finer grids, errors of shape and force, fits; how small a body may be."""
 
 
 def estimate(
