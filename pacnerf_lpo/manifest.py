@@ -48,6 +48,7 @@ class PhaseRecord:
     course: how the phase went, as its :meth:`AbstractPhase.course` says.
     methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
     before: what the phase itself had identified [SI], where the weighted fit that gives intervals took its place.
+    within: 90 % intervals of that fit [SI]: later rounds, by images, stay inside them.
     """
 
     index: int
@@ -64,6 +65,7 @@ class PhaseRecord:
     course: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, Any] | None = None
     before: dict[str, float] | None = None
+    within: dict[str, tuple[float, float]] | None = None
 
     @property
     def findings(self) -> str:

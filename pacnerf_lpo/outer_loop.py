@@ -198,6 +198,9 @@ class OuterLoop(pl.Callback):
         if state is not None and role == "physics" and self.physics_start == "restart":
             state = state.with_(physics={})
         phase.searches = record.round <= 1 or self.physics_start == "restart"
+        if not phase.searches:
+            known = [done.within for done in self.manifest.done if done.within is not None]
+            phase.within = known[-1] if known else {}
         if role == "correction" and self.stop_when == "held_out":
             phase.held_out = held_out_images(phase.data)
         phase.import_state(state)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -131,25 +132,32 @@ def test_a_correction_begins_with_the_values_of_the_fit_that_intervals_come_from
 ):
     asked: list[tuple[str, int]] = []
     received: list[ParticleState] = []
+    bounded: list[Mapping] = []
     take = fake_run.FakePhase.import_state
+
+    def import_state(phase: fake_run.FakePhase, state: ParticleState) -> None:
+        received.append(state)
+        bounded.append(phase.within)
+        take(phase, state)
 
     def look_back(manifest: Manifest, *rest: Any) -> None:
         asked.append((manifest.done[-1].phase, rest[-1]))
         if asked[-1] == ("physics", particles) and particles:
             run = Run(manifest.run_dir)
-            take_over(run, run.uncorrected, {"E": 7.0, "v_x": 1.0, "v_y": 2.0, "v_z": 3.0})
+            known = {"E": 7.0, "v_x": 1.0, "v_y": 2.0, "v_z": 3.0}
+            take_over(run, run.uncorrected, known, {"E": (6.0, 8.0)})
 
     monkeypatch.setattr(fake_run, "look_back", look_back)
-    monkeypatch.setattr(
-        fake_run.FakePhase, "import_state", lambda phase, state: (received.append(state), take(phase, state))[1]
-    )
-    words = [*fake_run.arguments(tmp_path / "run"), f"--intervals={intervals}"]
+    monkeypatch.setattr(fake_run.FakePhase, "import_state", import_state)
+    words = [*fake_run.arguments(tmp_path / "run"), f"--intervals={intervals}", "--outer_loop.rounds=2"]
     assert fake_run.main(words) == 0
-    # not before the identification; the real one passes over a correction
-    assert asked == [("static", 0), ("velocity", 0), ("physics", particles), ("correction", particles)]
+    # not before the identification; the real one passes over corrections and what follows them
+    later = [("correction", 0), ("physics", particles), ("correction", particles)]
+    assert asked == [("static", 0), ("velocity", 0), ("physics", particles), *later]
     assert (Manifest.load(tmp_path / "run").done[2].before is not None) == bool(particles)
-    assert (received[-1].physics["E"] == 7.0) == bool(particles)
-    assert received[-1].velocity.tolist() == [[1.0, 2.0, 3.0] if particles else [0.0, 0.0, 0.0]]
+    assert (received[3].physics["E"] == 7.0) == bool(particles)
+    assert received[3].velocity.tolist() == [[1.0, 2.0, 3.0] if particles else [0.0, 0.0, 0.0]]
+    assert bounded == [{}, {}, {}, {}, {"E": [6.0, 8.0]} if particles else {}, {"E": [6.0, 8.0]} if particles else {}]
 
 
 @pytest.mark.slow

@@ -63,15 +63,19 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:
-        take_over(run, problem.stage, comparison.known)
+        within = {one.name: (one.low, one.high) for one in found if one.name in problem.stage.state.physics}
+        take_over(run, problem.stage, comparison.known, within)
 
 
-def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
+def take_over(
+    run: Run, stage: Stage, known: dict[str, float], within: dict[str, tuple[float, float]] | None = None
+) -> None:
     """Give the state of a phase other parameters and another velocity; the manifest keeps its own.
 
     Args:
         run, stage: the run, and the phase in it.
         known: parameters and velocity by name [SI]
+        within: intervals of parameters that later rounds have to stay in [SI]
     """
     state, names = stage.state, ("v_x", "v_y", "v_z")
     before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
@@ -80,5 +84,5 @@ def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
     content = io.BytesIO()
     state.with_(physics=physics, velocity=state.velocity + change).save(content)
     write_atomically(stage.state_path, content.getvalue())
-    stage.record.before = before
+    stage.record.before, stage.record.within = before, within
     run.manifest.save()

@@ -34,14 +34,20 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         parameters: tensors to optimise, read as one vector of K entries.
         limits: largest change of each entry in one step [(K,)].
         trial_loss: the cost at the parameters' current values.
+        bounds: between what each entry stays [(K,)]; one that begins outside moves back only.
         damping: relative damping to start with.
     """
 
     def __init__(
-        self, parameters: list[Tensor], limits: Tensor, trial_loss: Callable[[], float], damping: float = 1e-2
+        self,
+        parameters: list[Tensor],
+        limits: Tensor,
+        trial_loss: Callable[[], float],
+        bounds: tuple[Tensor | float, Tensor | float] = (-torch.inf, torch.inf),
+        damping: float = 1e-2,
     ):
         super().__init__(parameters, {"damping": damping, "last_step": 0.0, "last_gain": 0.0})
-        self.limits, self.trial_loss = limits, trial_loss
+        self.limits, self.trial_loss, self.bounds = limits, trial_loss, bounds
 
     @torch.no_grad()
     def step(self, closure: Callable[[], NormalEquations]) -> NormalEquations:  # type: ignore[override]
@@ -51,8 +57,10 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         group = self.param_groups[0]
         model = closure()
         start = torch.cat([parameter.detach().reshape(-1).double() for parameter in group["params"]])
+        low, high = ((bound - start).clamp(-self.limits, self.limits) for bound in self.bounds)
+        low, high = low.clamp_max(0.0), high.clamp_min(0.0)
         for _ in range(MAX_ATTEMPTS):
-            step = damped_step(model, group["damping"], -self.limits, self.limits)
+            step = damped_step(model, group["damping"], low, high)
             self._assign(start + step)
             trial = self.trial_loss()
             if trial < model.loss:

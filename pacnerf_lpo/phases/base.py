@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import pytorch_lightning as pl
@@ -26,6 +26,7 @@ class AbstractPhase(pl.LightningModule, ABC):
     held_out: frozenset[tuple[int, int]] = frozenset()  # view and frame of images it must not learn from
     long_steps: bool = False  # whether a checkpoint follows each step, and none is waited for when the run is to stop
     searches: bool = True  # whether an identification looks at the whole parameter space first
+    within: Mapping[str, Sequence[float]] = {}  # between which two values [SI] an identification leaves a parameter
 
     def attach(self, data: VideoData, physics: Physics) -> None:
         """Give the phase the video and the physical model of the run; called once, before :meth:`import_state`."""

@@ -130,6 +130,8 @@ class PaperAdam(IdentificationMethod):
         loss = module.loss(frames, module.one_view_per_frame(step, frames))
         module.manual_backward(loss)
         optimiser.step()
+        for free, low, high in zip(module.free.values(), *module.bounds, strict=False):
+            free.data.clamp_(low, high)
         return loss.item()
 
 
@@ -170,7 +172,7 @@ class DampedLeastSquares(IdentificationMethod):
 
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
-        return LevenbergMarquardt(module.unknowns, limits, lambda: self.trial_loss(module))
+        return LevenbergMarquardt(module.unknowns, limits, lambda: self.trial_loss(module), module.bounds)
 
     def span(self, module: PhysicsIDModule) -> dict[str, tuple[float, float]]:
         lattices = {name: self._lattice(module, name) for name in module.free} if self.searches else {}

@@ -83,6 +83,17 @@ class PhysicsIDModule(DynamicPhase):
         return material + ([VELOCITY_SCALE] * 3 if self.method.fits_velocity else [])
 
     @property
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Between what each entry of :attr:`unknowns` has to stay [(K,)]; the velocity may be anything."""
+        described, ends = self.physics.parameters, torch.full((len(self.scales), 2), torch.inf, dtype=torch.float64)
+        ends[:, 0] = -torch.inf
+        for index, name in enumerate(self.free):
+            if name in self.within:
+                of_parameter = [described[name].transform.to_free(end) for end in self.within[name]]
+                ends[index] = torch.tensor(of_parameter, dtype=torch.float64)
+        return ends[:, 0], ends[:, 1]
+
+    @property
     def warm_up_length(self) -> int:
         """Frames that the warm-up looks at."""
         return min(self.hit_frame + self.warm_up_frames, self.frame_count)

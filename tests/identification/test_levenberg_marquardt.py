@@ -38,6 +38,26 @@ def test_reaches_the_known_minimum(start):
     torch.testing.assert_close(problem.unknowns[0], torch.tensor([3.0, 1.5]).double(), rtol=1e-6, atol=1e-6)
 
 
+def test_an_entry_stays_inside_its_bounds_and_the_others_make_the_best_of_it():
+    problem = Decay(2.0, 1.0)
+    low, high = torch.tensor([[-torch.inf, 0.5], [torch.inf, 1.2]], dtype=torch.float64)
+    optimiser = LevenbergMarquardt(problem.unknowns, torch.tensor([5.0, 1.0]).double(), problem.loss, (low, high))
+    for _ in range(30):
+        optimiser.step(problem.model)
+        assert 0.5 <= problem.unknowns[0][1] <= 1.2 + 1e-12
+    assert problem.unknowns[0][1] == pytest.approx(1.2)
+    assert abs(float(problem.model().gradient[0])) < 1e-9
+
+
+def test_an_entry_that_begins_outside_its_bounds_moves_back_only():
+    unknown = torch.tensor([2.0, -2.0]).double()
+    optimiser = LevenbergMarquardt([unknown], torch.ones(2).double(), lambda: 0.0, (-1.0, 1.0))
+    optimiser.step(lambda: NormalEquations(1.0, torch.tensor([-1.0, 1.0]).double(), torch.eye(2).double()))
+    assert unknown.tolist() == [2.0, -2.0]
+    optimiser.step(lambda: NormalEquations(1.0, torch.tensor([1.0, -1.0]).double(), torch.eye(2).double()))
+    assert unknown.tolist() == pytest.approx([1.0, -1.0], abs=0.05)
+
+
 def test_no_step_exceeds_its_limit():
     model = NormalEquations(1.0, torch.tensor([-100.0, 1.0]).double(), torch.eye(2).double())
     limits = torch.tensor([0.5, 0.25]).double()

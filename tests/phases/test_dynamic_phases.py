@@ -113,6 +113,21 @@ def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
     torch.testing.assert_close(found.velocity[0], torch.tensor(VELOCITY), rtol=0, atol=0.05)
 
 
+@pytest.mark.parametrize(
+    "method",
+    [
+        GaussNewton(0, 2, scan_decades=0.0, pool=2),
+        PaperAdam({"E": 0.1, "nu": 0.0}, warm_up_iterations=0, main_iterations=2),
+    ],
+)
+def test_an_identification_stays_inside_the_intervals_that_it_is_given(data, state, method):
+    low, high = 0.8 * TRUTH["E"], 0.85 * TRUTH["E"]
+    phase = PhysicsIDModule(HIT, method, silhouette_weight=1.0)
+    phase.within = {"E": (low, high)}
+    found = run(phase, data, physics(), state.with_(physics={**state.physics, "E": low}))
+    assert found.physics["E"] == pytest.approx(high, rel=1e-4)
+
+
 def test_steps_that_failed_on_early_frames_do_not_shorten_those_on_all(monkeypatch):
     """The damping that no coarse step could pass is not carried into the main stage."""
     method, seen = GaussNewton(scan_decades=0.0), []
