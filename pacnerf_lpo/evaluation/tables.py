@@ -146,10 +146,13 @@ def remarks(results: Mapping[str, Any]) -> list[str]:
     if fit := results.get("intervals"):
         has = listed({name: one["value"] for name, one in fit["parameters"].items()}, units)
         had = [phase["before"] for phase in phases_to_result(results) if "before" in phase]
+        last_fit = [phase["stem"] for phase in phases_to_result(results) if phase["phase"] == "physics"][-1:]
+        own = bool(had) and last_fit == [fit["phase"]]
         found.append(
-            "Intervals are those of a weighted fit of material and motion to the outlines: data count by their errors, "
-            f"and the shape may be wrong. It has {has}"
-            + (f", from which corrections go on; before it the phase had {listed(had[-1], units)}." if had else ".")
+            f"{'Values and intervals' if own else 'Intervals'} are those of a weighted fit of material and motion to "
+            "the outlines: data count by their errors, and the shape may be wrong."
+            + ("" if own else f" It has {has}.")
+            + (f" Before it the phase had {listed(had[-1], units)}." if had else "")
         )
     effects = ", ".join(results["effects"]) or "none"
     found.append(

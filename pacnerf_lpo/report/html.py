@@ -76,12 +76,17 @@ def is_evaluated(run: Run) -> bool:
 
 
 def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names of the identified parameters, and their values with units; without the ground's height beside others."""
+    """Names of the identified parameters, and their values with units, ? where the recording does not determine it;
+    without the ground's height beside others.
+    """
     if tables.value_head(results) != tables.IDENTIFIED:
         return []
     found = tables.result_phase(results)["parameters"]
     names = [name for name in results["free"] if name != GROUND_HEIGHT.name] or results["free"]
-    return [(name, quantity(found[name]["value"], found[name]["unit"])) for name in names]
+    intervals = results.get("intervals", {}).get("parameters", {})
+    known = [intervals.get(name, {}).get("determined", True) for name in names]
+    shown = [quantity(found[name]["value"], found[name]["unit"]) for name in names]
+    return [(name, text if one else "?") for name, text, one in zip(names, shown, known, strict=True)]
 
 
 def parameter_table(results: Mapping[str, Any]) -> str:

@@ -62,11 +62,17 @@ def test_a_run_without_an_identification_says_that_its_values_are_not_identified
 def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     methods = {"particles": 1500, "images": {"E": 9.8e4}, "outlines": {"E": 1.04e5}}
     last = phase("physics", 1, 20.0, 1e5, before={"E": 9e4}, methods=methods)
-    fit = {"level": 0.9, "parameters": {"E": {"value": 1.1e5, "low": 1e5, "high": 1.2e5, "determined": True}}}
+    own = {"value": 1.1e5, "low": 1e5, "high": 1.2e5, "determined": True}
+    fit = {"phase": "r1_physics", "level": 0.9, "parameters": {"E": own}}
     found = {**results((None,), None), "phases": [last], "result": "r1_physics", "intervals": fit}
     density, before, acting, against = remarks(found)
     assert "for a density of 1050 kg/m^3" in density
-    assert "has E = 110 kPa, from which corrections go on; before it the phase had E = 90 kPa" in before
+    assert before.startswith("Values and intervals are") and before.endswith("Before it the phase had E = 90 kPa.")
+    later = {**found, "phases": [last, phase("physics", 2, 20.0, 1.15e5)], "result": "r2_physics"}
+    assert "It has E = 110 kPa. Before it the phase had E = 90 kPa." in remarks(later)[1]
+    assert found_values(found) == [("E", "100 kPa")]
+    own["determined"] = False
+    assert found_values(found) == [("E", "?")]
     assert "E = 98 kPa by images alone, E = 104 kPa by outlines alone" in against
     assert "a ground of the kind Sticky, and as effects: LinearDrag." in acting
     assert all(sentence in markdown_table(found) for sentence in remarks(found))

@@ -165,8 +165,12 @@ def test_the_fit_of_the_intervals_is_the_result_and_what_the_phase_had_is_said(e
         state.velocity.mean(0).tolist() == pytest.approx([known[name] for name in names]) and spread.abs().max() < 1e-5
     )
     fit = {name: {"value": known[name], "low": 0.0, "high": 1.0, "determined": True} for name in known}
-    results = {**evaluate_run(copied), "result": stage.stem, "intervals": {"level": 0.9, "parameters": fit}}
+    results = {
+        **evaluate_run(copied),
+        "result": stage.stem,
+        "intervals": {"phase": stage.stem, "level": 0.9, "parameters": fit},
+    }
     phase = result_phase(results)
     assert phase["before"] == had and phase["parameters"]["E"]["value"] == known["E"]
-    said = f"before it the phase had E = {quantity(had['E'], 'Pa')}"
+    said = f"Before it the phase had E = {quantity(had['E'], 'Pa')}"
     assert said in markdown_table(results) and said in parameter_table(results)
