@@ -219,6 +219,14 @@ def test_an_identification_that_rose_or_left_its_best():
     assert names(found) == ["cost_rose"] and "after 0.002 in iteration 2 of 3" in found[0].what
 
 
+def test_how_an_identification_went_does_not_matter_once_the_weighted_fit_took_its_place():
+    rose = identification(costs=[0.002, 0.0021, 0.004])
+    for before, expected in ((None, ["cost_rose"]), ({"E": 9e4}, [])):
+        one = stage("physics", ball_state(), **rose)
+        one.record.before = before
+        assert names(doubts_of_phase(ball_data(), model(), one)) == expected
+
+
 def test_chance_in_the_choice_of_views_is_no_rise():
     """Adam draws a view for each frame: a hundred noisy costs without a trend rise by chance alone."""
     rng, physics = np.random.default_rng(0), model()

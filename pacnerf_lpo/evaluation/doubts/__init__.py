@@ -14,7 +14,7 @@ __all__ = ["Doubt", "doubts_of_phase", "doubts_of_run"]
 
 
 def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator[Doubt]:
-    """The doubts that a finished phase of a run raises, by its state and its course."""
+    """The doubts that a finished phase of a run raises, by its state, and by its course where that led there."""
     state, course = stage.state, stage.record.course
     if stage.record.phase == "static":
         yield from recording.doubts_about_views(data)
@@ -27,7 +27,8 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
             yield from recording.doubts_about_contact(fall, hit_frame)
     elif stage.record.phase == "physics":
         yield from identification.doubts_about_parameters(physics, state, course.get("searched", {}))
-        yield from identification.doubts_about_identification(course, physics)
+        if stage.record.before is None:
+            yield from identification.doubts_about_identification(course, physics)
         yield from identification.doubts_about_methods(stage.record.methods, physics)
 
 

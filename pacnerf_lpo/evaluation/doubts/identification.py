@@ -87,7 +87,7 @@ def doubts_about_parameters(
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[Doubt]:
-    """What the identification had lies outside the interval, which belongs to a fit of its own.
+    """What the identification had lies outside the interval of the weighted fit that followed it.
 
     Args:
         physics: the model.
@@ -104,10 +104,11 @@ def doubts_about_intervals(
                 "outside_interval",
                 f"physics, {name}",
                 f"the identification had {parameter.label} = {parameter.show(value)}, outside of the interval of the "
-                f"fit with more particles, {parameter.show(low)} to {parameter.show(high)}",
-                "the error of a coarse grid, or of a wrong shape or ground, is larger than the interval says",
-                "trust no digit in which the two differ; state the ground where it is known (init --ground), repeat at "
-                "a finer resolution (--preset cpu, or a smaller phases.static.init_args.base_spacing)",
+                f"weighted fit after it, {parameter.show(low)} to {parameter.show(high)}",
+                "shading pulled the colours, or the identification ended in another minimum than the best; or the "
+                "error of a coarse grid, of the shape or of the ground is larger than the interval says",
+                "believe the weighted fit where the mattes are good; state the ground where it is known (init "
+                "--ground), and repeat at a finer resolution (a smaller phases.static.init_args.base_spacing)",
             )
 
 
