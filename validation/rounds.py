@@ -11,8 +11,8 @@ parameters of a round are identified before its correction.
 body (of other particles than the model has) and films it with camera noise; as in the paper the model knows the ground.
 *Path-traced* scenes come from other simulators. All are **development figures**: these scenes had shown that the
 weighted fit must search the whole parameter space first (begun at the values by images, it had cream's yield stress a
-thousand times too small), that it is right where images are not, and that it must not bend the shape where the data
-do not ask for it. A study that was stopped goes on.
+thousand times too small), that it is right where images are not, that it must not bend the shape, and that later
+rounds, by images, must stay inside its intervals. A study that was stopped goes on.
 """
 
 from __future__ import annotations

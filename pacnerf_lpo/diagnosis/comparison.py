@@ -1,7 +1,7 @@
 """Fit the model as it is, and learn what its residual may be where nothing is missing."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,8 +59,6 @@ class Comparison:
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
-    sigma: how far the surface of the body may be from the true one [m], where that was needed.
-    shape: by how much of each error the shape was changed, in standard deviations [(M,)]; none where it was not fitted.
     """
 
     names: tuple[str, ...]
@@ -78,8 +76,6 @@ class Comparison:
     force: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
-    sigma: float = 0.0
-    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def at(

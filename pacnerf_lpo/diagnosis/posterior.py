@@ -8,7 +8,6 @@ import torch
 
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
-from pacnerf_lpo.diagnosis.shapes import with_other_shapes
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -27,9 +26,8 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
     grids and by errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data
     held out. After a phase that was fitted to images it searches on a coarse body first: their optimum may lie in
-    another valley of the outlines. The shape is fitted, too, where its errors as straight lines do not explain the
-    data. It has more particles than the phase, and does not have to believe in the reconstructed shape. So its values
-    take the place of those of the phase, as long as nothing was corrected with them.
+    another valley of the outlines. It has more particles than the phase, and does not have to believe in the
+    reconstructed shape. So its values take the place of those of the phase, as long as nothing was corrected with them.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -49,7 +47,6 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
     comparison = store.once("intervals", step)
-    comparison = store.once("shapes", partial(with_other_shapes, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, comparison)
     content = {
         "phase": problem.stage.stem,
@@ -59,7 +56,8 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
             for one in found
         },
         "undetermined": undetermined,
-        "seconds": sum(store.seconds.values()),
+        "p_value": comparison.checks(problem)[0].p_value,
+        "seconds": store.seconds["intervals"],
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import ClassVar
@@ -198,11 +197,6 @@ class Problem(ABC):
         """
         return np.zeros(self.sensor.shape)
 
-    errors: ShapeModes | None = None
-    """Errors by which the shape was changed; None: it is as it was given."""
-    assumed: np.ndarray | float = 0.0
-    """What that changed of the residual [(V + R, F, 11)], as it counts as an error all the same."""
-
     def wrong_bodies(self, sigma: float) -> list[Body]:
         """The coarse body with one more error of its shape each, of one standard deviation, where its surface may be so
         far from the true one [m]; the body itself where an error leaves nothing of it. None where the shape is known.
@@ -272,15 +266,14 @@ class Problem(ABC):
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
         """Measured minus predicted [pixels; brightness 1; (V + R, F, 11)]; NaN where not usable."""
-        return np.where(self.usable, self.relative(self.measured - predicted) + self.assumed, np.nan)
+        return np.where(self.usable, self.relative(self.measured - predicted), np.nan)
 
     def residual_of(self, model: Model, mask: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Residual of a model at free coordinates, in the entries of a mask [(D,)]; 0 where the model loses sight."""
         usable, measured, compared = self.usable, self.measured, self.relative  # not self: other processes get a copy
-        assumed = self.assumed
 
         def residual(free: np.ndarray) -> np.ndarray:
-            return np.where(usable, np.nan_to_num(compared(measured - model.predict(free)) + assumed), 0.0)[mask]
+            return np.where(usable, np.nan_to_num(compared(measured - model.predict(free))), 0.0)[mask]
 
         return residual
 
@@ -385,49 +378,23 @@ class StateProblem(BodyProblem):
         return low
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """The body, thinned until it is as large as it looks at frame 0, and changed where its shape was."""
-        return self._shaped(self._sampling(spacing, seed), self.errors, self._numbers)
-
-    def shape_modes(self, sigma: float) -> ShapeModes:
-        """Errors of its shape, where the surface may be so far from the true one [m]."""
-        return self.errors or ShapeModes(self.coarse_body, sigma)
+        """The body, thinned until it is as large as it looks at frame 0."""
+        return self._sampling(spacing, seed).body(self.surface_offset)
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        modes, coarse = self.shape_modes(sigma), self._sampling(COARSER * self.spacing, 0)
-        there = self._numbers if len(self._numbers) else np.zeros(modes.count)
-        found = [self._shaped(coarse, modes, there + more) for more in np.eye(modes.count)]
+        modes, coarse = ShapeModes(self.coarse_body, sigma), self._sampling(COARSER * self.spacing, 0)
+        found = []
+        for numbers in np.eye(modes.count):
+
+            def offset(points: Tensor, numbers: np.ndarray = numbers) -> Tensor:
+                return self.surface_offset + modes.depth(points, numbers) / self.depth_per_offset
+
+            found.append(modes.moved(coarse.body(offset), numbers))
         return [body if len(body.positions) else self.coarse_body for body in found]
-
-    def reshaped(self, sigma: float, numbers: np.ndarray, changes: np.ndarray | None = None) -> "StateProblem":
-        """The problem with another shape: the reconstructed one, changed by so much of each error.
-
-        Args:
-            sigma: as for :meth:`shape_modes`.
-            numbers: standard deviations of each error [(M,)]
-            changes: of the residual by each [(V + R, F, 11, M)], so that the residual stays one of the shape as it
-                was, which noise with such errors expects; None: the residual is that of the new shape.
-        """
-        found = copy(self)
-        found.errors, found._numbers = self.shape_modes(sigma), numbers
-        found.assumed = 0.0 if changes is None else np.nan_to_num(changes) @ numbers
-        for name in ("body", "coarse_body"):
-            vars(found).pop(name, None)
-        return found
-
-    _numbers = np.zeros(0)
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:
         return lru_cache(KEPT)(partial(bodies.Sampling, self.state))
-
-    def _shaped(self, sampling: bodies.Sampling, modes: ShapeModes | None, numbers: np.ndarray) -> Body:
-        if modes is None:
-            return sampling.body(self.surface_offset)
-
-        def offset(points: Tensor) -> Tensor:
-            return self.surface_offset + modes.depth(points, numbers) / self.depth_per_offset
-
-        return modes.moved(sampling.body(offset), numbers)
 
     @cached_property
     def depth_per_offset(self) -> float:

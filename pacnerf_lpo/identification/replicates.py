@@ -121,10 +121,8 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
         reference: summaries that the model predicts [(V, F, 11)]
 
     Returns:
-        What the problem says where no camera shows the body; what was found before where its shape was changed.
+        What the problem says where no camera shows the body.
     """
-    if problem.errors is not None:
-        return problem.errors.sigma
     least = problem.least_shape_error
     if not problem.views:
         return least

@@ -199,10 +199,16 @@ def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float
 def test_an_interval_that_leaves_out_what_the_identification_had(
     low: float, high: float, determined: bool, expected: list[str]
 ):
-    intervals = {"E": {"value": 1.07e5, "low": low, "high": high, "determined": determined}}
-    found = list(doubts_about_intervals(model(), {"E": 1e5, "nu": 0.3}, intervals))
+    parameters = {"E": {"value": 1.07e5, "low": low, "high": high, "determined": determined}}
+    found = list(doubts_about_intervals(model(), {"E": 1e5, "nu": 0.3}, {"parameters": parameters}))
     assert names(found) == expected
     assert all("1e+05 Pa" in one.what and "1.05e+05 Pa" in one.what for one in found)
+
+
+def test_intervals_of_a_fit_that_leaves_more_than_noise_are_doubted():
+    for p_value, expected in ((0.2, []), (0.001, ["not_noise"])):
+        fit = {"p_value": p_value, "parameters": {}}
+        assert names(doubts_about_intervals(model(), {"E": 1e5}, fit)) == expected
 
 
 def test_a_value_far_from_the_guess_where_nothing_was_searched():

@@ -54,7 +54,7 @@ def doubts_of_run(
     for stage in stages:
         if intervals is not None and stage.stem == intervals["phase"]:
             had = stage.record.before or stage.state.physics
-            found += identification.doubts_about_intervals(physics, had, intervals["parameters"])
+            found += identification.doubts_about_intervals(physics, had, intervals)
     seen = [phase for phase in results["phases"] if "images" in phase and phase["stem"] in {s.stem for s in stages}]
     moving = [phase for phase in seen if phase["phase"] != "static"]
     return [*found, *doubts_about_images(results, (moving or seen)[-1])] if seen else found

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
+from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.parameters import Log10, Parameter, Saturated
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
 from pacnerf_lpo.types import ParticleState
@@ -85,17 +86,27 @@ def doubts_about_parameters(
 
 
 def doubts_about_intervals(
-    physics: Physics, identified: Mapping[str, float], intervals: Mapping[str, Mapping[str, Any]]
+    physics: Physics, identified: Mapping[str, float], fit: Mapping[str, Any]
 ) -> Iterator[Doubt]:
-    """What the identification had lies outside the interval of the weighted fit that followed it.
+    """What the weighted fit leaves is no noise, or what the identification before it had lies outside its interval.
 
     Args:
         physics: the model.
         identified: value that the identification had of each parameter [SI].
-        intervals: ``low`` and ``high`` of those that were estimated [SI], and whether each is ``determined``, by name.
+        fit: ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were estimated [SI], and
+            whether each is ``determined``, by name.
     """
+    if fit.get("p_value", 1.0) < LEVEL:
+        yield Doubt(
+            "not_noise",
+            "physics",
+            f"the weighted fit leaves more of the outlines than its errors explain (p = {fit['p_value']:.2g})",
+            "the shape was reconstructed wrongly, the ground lies elsewhere, or law or effects are not the right ones",
+            "do not rely on the intervals; use more views or a finer resolution, and let `pacnerf-lpo diagnose` name "
+            "what is missing",
+        )
     for name in physics.free_names:
-        parameter, interval = physics.parameters[name], intervals.get(name)
+        parameter, interval = physics.parameters[name], fit["parameters"].get(name)
         if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
         low, high, value = interval["low"], interval["high"], identified[name]
