@@ -1,6 +1,6 @@
 """Whether rounds of LPO better the parameters, as published and after the weighted fit.
 
-    python -m validation.rounds --work runs/rounds --shared ../shared/data
+    python -m validation.rounds --work runs/rounds [--shared ../shared/data]
 
 Five bodies, one of each family of laws, from three views (3v-dagger at the reduced resolution of cpu and cpu_coarse),
 identified by images as published (*3v†*, from the guess of the scene's configuration), and then by the weighted fit to
@@ -46,6 +46,7 @@ SPEED, GRAVITY = 1.0, 9.8
 WORSE = 0.1
 """No error may grow by more, as a decimal logarithm, of Poisson's ratio, or in radians."""
 SUPERSCRIPTS = ("", "²", "³", "⁴")
+COMMAND, OPTION = "python -m validation.rounds --work runs/rounds", " --shared ../shared/data"
 LATER = [f"round {index}" for index in range(2, ROUNDS + 1)]
 
 
@@ -127,9 +128,9 @@ def page(results: Record) -> str:
     lines = [
         "# Rounds of correction and identification",
         "",
-        origin(results, "rounds", "`python -m validation.rounds --work runs/rounds --shared ../shared/data`"),
+        origin(results, "rounds", f"`{COMMAND}{OPTION if 'path_traced' in results else ''}`"),
         "",
-        (__doc__ or "").partition("shared/data\n")[2].strip(),
+        (__doc__ or "").partition("shared/data]\n")[2].strip(),
         "",
         "Errors are of decimal logarithms, of Poisson's ratio as they are, of the friction angle in radians; PSNR is",
         "that of unseen views.",
@@ -189,17 +190,18 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--work", type=Path, required=True, help="folder for videos and runs")
-    parser.add_argument("--shared", type=Path, required=True, help="folder of the path-traced videos")
+    parser.add_argument("--shared", type=Path, help="folder of the path-traced videos; else without them")
     options = parser.parse_args()
     work, found = options.work.resolve(), Record(made())
-    found |= {"matched": {}, "path_traced": {}, "published": {}}
+    found |= {"matched": {}, "published": {}} | ({"path_traced": {}} if options.shared else {})
     for name in SCENES:
         folder, (words, truth) = work / "matched" / name, matched(name, work)
         found["matched"][name] = measured(name, folder / "run", words, truth)
         errors, psnr = course(four_rounds(name, folder / "published", [*words, "--intervals=false"], truth))
         found["published"][name] = {"errors": errors, "psnr": psnr}
-        words, truth = path_traced(name, options.shared.resolve())
-        found["path_traced"][name] = measured(name, work / "path_traced" / name, words, truth)
+        if options.shared:
+            words, truth = path_traced(name, options.shared.resolve())
+            found["path_traced"][name] = measured(name, work / "path_traced" / name, words, truth)
     keep("rounds", found, page)
     print(page(found))
 
