@@ -81,12 +81,14 @@ class VelocityModule(DynamicPhase):
         """
         halvings = self.physics.halvings
         try:
+            if not self.velocity.isfinite().all():
+                raise SimulationError(0, 0, "the velocity that is tried is no number")
             trajectory = self.rollout(self.velocity, self._values, self.frames)
         except SimulationError:
             if self._highest is None:
                 raise
             self.physics.halvings = halvings
-            return 0.0 * self.velocity.sum() + UNSTABLE * self._highest
+            return 0.0 * self.velocity.nan_to_num(0.0, 0.0, 0.0).sum() + UNSTABLE * self._highest
         views = self.fixed_views(self.frames, self.views_per_frame)
         seen, observer = self.watch(trajectory, self.velocity, self._values)
         loss = self.image_cost.loss(seen, self.state.density, self.state.features, views, observer=observer)
@@ -100,7 +102,15 @@ class VelocityModule(DynamicPhase):
             self._stop_if_at_rest()
 
     def on_train_batch_end(self, *_) -> None:
-        """Log the velocity and stop when it no longer moves."""
+        """Log the velocity and stop when it no longer moves. Where gradients that hardly differ have led a line search
+        to no number, the next step begins without their history where this one began.
+        """
+        if not self.velocity.isfinite().all():
+            with torch.no_grad():
+                self.velocity.copy_(self.before)
+            self.trainer.optimizers[0].state.clear()
+            self.last_step = FIRST_STEP
+            return
         for axis, value in zip("xyz", self.velocity.detach(), strict=True):
             self.log(f"velocity/v_{axis} [m|s]", value)
         self._stop_if_at_rest()

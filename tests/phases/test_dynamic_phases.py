@@ -105,6 +105,24 @@ def test_velocity_search_turns_back_from_unstable_motions(data, state, monkeypat
 
 
 @pytest.mark.slow
+def test_velocity_search_goes_on_where_a_line_search_ends_at_no_number(data, state, monkeypatch):
+    phase = VelocityModule(HIT, max_iterations=24, guess=(0.0, -0.8, 0.0), silhouette_weight=1.0)
+    step, spoilt = phase.training_step, []
+
+    def training_step(*arguments):
+        loss = step(*arguments)
+        if len(spoilt) < 2 and arguments[0] == 1:
+            spoilt.append(loss.isfinite().item())
+            return loss * torch.nan
+        return loss
+
+    monkeypatch.setattr(phase, "training_step", training_step)
+    found = run(phase, data, physics(), state.with_(velocity=torch.zeros_like(state.velocity), physics={}))
+    assert spoilt == [True, True]
+    torch.testing.assert_close(found.velocity[0], torch.tensor(VELOCITY), rtol=0, atol=0.05)
+
+
+@pytest.mark.slow
 def test_gauss_newton_recovers_the_stiffness_from_a_hundredth(data, state):
     method = GaussNewton(coarse_iterations=2, iterations=6, scan_decades=2.0, coarse_pool=2, pool=1)
     phase = PhysicsIDModule(HIT, method, silhouette_weight=1.0)
