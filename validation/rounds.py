@@ -119,7 +119,7 @@ def course(results: Record) -> tuple[dict[str, list[float]], list[float]]:
     identified = [phase for phase in results["phases"] if phase["phase"] == "physics"]
     corrected = [phase for phase in results["phases"] if phase["phase"] == "correction"]
     found = [phase["truth_errors"] for phase in identified]
-    errors = {key: [errors[key]["error"] for errors in found] for key in found[0]}
+    errors = {key: [errors[key]["error"] for errors in found] for key in results["free"] if key in found[0]}
     return errors, [phase["image_metrics"]["test"]["psnr"] for phase in (identified[0], *corrected)]
 
 
