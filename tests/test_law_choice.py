@@ -51,7 +51,7 @@ def fit(run_dir: Path, *more: str) -> int:
 
 
 def main(words: list[str]) -> int:
-    return __main__.guarded(lambda: cli.fit(words, fake_run.FakeData, Physics, fake_run.doubt, fake_run.finish))
+    return __main__.guarded(lambda: cli.fit(words, fake_run.FakeData, Physics, fake_run.look_back, fake_run.finish))
 
 
 def test_laws_compete_between_the_velocity_and_the_first_identification():
