@@ -16,6 +16,8 @@ from pacnerf_lpo.errors import UserInputError
 
 FORMAT = 1
 FILE_NAME = "manifest.json"
+INTERVALS_FILE = "intervals.json"
+"""Of the weighted fit that follows an identification."""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -48,7 +50,6 @@ class PhaseRecord:
     course: how the phase went, as its :meth:`AbstractPhase.course` says.
     methods: what :func:`pacnerf_lpo.phases.method_comparison.compare_methods` found after an identification.
     before: what the phase itself had identified [SI], where the weighted fit that gives intervals took its place.
-    within: 90 % intervals of that fit [SI]: later rounds, by images, stay inside them.
     """
 
     index: int
@@ -65,7 +66,6 @@ class PhaseRecord:
     course: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, Any] | None = None
     before: dict[str, float] | None = None
-    within: dict[str, tuple[float, float]] | None = None
 
     @property
     def findings(self) -> str:
@@ -100,6 +100,15 @@ class Manifest:
         errors = self.held_out_errors
         stopped = (done for done in range(1, len(errors)) if not errors[done] < errors[done - 1])
         return next(stopped, len(errors) or None)
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """90 % intervals [SI] of the weighted fit whose values a phase has taken over; none where there was none."""
+        path = self.run_dir / INTERVALS_FILE
+        if all(record.before is None for record in self.done) or not path.is_file():
+            return {}
+        found = json.loads(path.read_text())["parameters"]
+        return {name: (one["low"], one["high"]) for name, one in found.items()}
 
     def begin_with(self, source: Path, records: Sequence[PhaseRecord]) -> None:
         """Begin with copies of finished phases of another run, their states and checkpoints; writes no manifest."""

@@ -64,7 +64,7 @@ class OuterLoop(pl.Callback):
         run_dir: folder of the run; must be empty or absent when a run starts.
         rounds: R of Algorithm 1, repetitions of identification and correction.
         physics_start: ``warm``: each identification goes on from the parameters of the last one, without another
-            search; ``restart``: from the initial guess.
+            search, and inside the intervals of the weighted fit, if there was one; ``restart``: from the initial guess.
         carry: what goes into the next round. ``particles``: the corrected ones; ``refit_grid``: the static phase runs
             again, with the frame-0 images of the corrected particles in the training views as targets in addition to
             the measured ones, and particles are sampled from its grid.
@@ -124,10 +124,9 @@ class OuterLoop(pl.Callback):
 
     def resume(self, correction: bool, law: bool = False) -> None:
         """Go on with an earlier run: after its last finished phase. With ``law``, laws compete, or they did before."""
-        self.manifest = Manifest.load(self.run_dir)
+        self.reread()
         law = law or any(record.phase == "law" for record in self.manifest.phases)
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
-        self.reread()
 
     def reread(self) -> None:
         """Take manifest and particle state from disk, where the last finished phase, or who looked back at it, left
@@ -199,8 +198,7 @@ class OuterLoop(pl.Callback):
             state = state.with_(physics={})
         phase.searches = record.round <= 1 or self.physics_start == "restart"
         if not phase.searches:
-            known = [done.within for done in self.manifest.done if done.within is not None]
-            phase.within = known[-1] if known else {}
+            phase.within = self.manifest.intervals
         if role == "correction" and self.stop_when == "held_out":
             phase.held_out = held_out_images(phase.data)
         phase.import_state(state)

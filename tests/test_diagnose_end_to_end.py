@@ -17,8 +17,8 @@ from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.commands import diagnose
 from pacnerf_lpo.diagnosis.catalogue import read_candidates
 from pacnerf_lpo.diagnosis.posterior import keep_intervals
-from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.manifest import INTERVALS_FILE
 from pacnerf_lpo.mpm.materials import NeoHookean
 
 pytestmark = pytest.mark.end_to_end

@@ -22,7 +22,7 @@ from pacnerf_lpo.callbacks.phase import PhaseCheckpoint
 from pacnerf_lpo.diagnosis.posterior import take_over
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.problem import PARTICLES
-from pacnerf_lpo.manifest import Manifest
+from pacnerf_lpo.manifest import INTERVALS_FILE, Manifest
 from pacnerf_lpo.outer_loop import OuterLoop, algorithm_1
 from pacnerf_lpo.types import ParticleState
 from tests import fake_run
@@ -144,8 +144,8 @@ def test_a_correction_begins_with_the_values_of_the_fit_that_intervals_come_from
         asked.append((manifest.done[-1].phase, rest[-1]))
         if asked[-1] == ("physics", particles) and particles:
             run = Run(manifest.run_dir)
-            known = {"E": 7.0, "v_x": 1.0, "v_y": 2.0, "v_z": 3.0}
-            take_over(run, run.uncorrected, known, {"E": (6.0, 8.0)})
+            (run.run_dir / INTERVALS_FILE).write_text('{"parameters": {"E": {"low": 6.0, "high": 8.0}}}')
+            take_over(run, run.uncorrected, {"E": 7.0, "v_x": 1.0, "v_y": 2.0, "v_z": 3.0})
 
     monkeypatch.setattr(fake_run, "look_back", look_back)
     monkeypatch.setattr(fake_run.FakePhase, "import_state", import_state)
@@ -157,7 +157,8 @@ def test_a_correction_begins_with_the_values_of_the_fit_that_intervals_come_from
     assert (Manifest.load(tmp_path / "run").done[2].before is not None) == bool(particles)
     assert (received[3].physics["E"] == 7.0) == bool(particles)
     assert received[3].velocity.tolist() == [[1.0, 2.0, 3.0] if particles else [0.0, 0.0, 0.0]]
-    assert bounded == [{}, {}, {}, {}, {"E": [6.0, 8.0]} if particles else {}, {"E": [6.0, 8.0]} if particles else {}]
+    inside = {"E": (6.0, 8.0)} if particles else {}
+    assert bounded == [{}, {}, {}, {}, inside, inside]
 
 
 @pytest.mark.slow

@@ -9,11 +9,10 @@ import torch
 from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
-from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.manifest import INTERVALS_FILE, write_atomically
 
 REPLICATES, SEED = 8, 1
 """As few simulated nulls as a diagnosis can do with; Student's t makes the intervals as much wider."""
@@ -61,19 +60,15 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:
-        within = {one.name: (one.low, one.high) for one in found if one.name in problem.stage.state.physics}
-        take_over(run, problem.stage, comparison.known, within)
+        take_over(run, problem.stage, comparison.known)
 
 
-def take_over(
-    run: Run, stage: Stage, known: dict[str, float], within: dict[str, tuple[float, float]] | None = None
-) -> None:
+def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
     """Give the state of a phase other parameters and another velocity; the manifest keeps its own.
 
     Args:
         run, stage: the run, and the phase in it.
         known: parameters and velocity by name [SI]
-        within: intervals of parameters that later rounds have to stay in [SI]
     """
     state, names = stage.state, ("v_x", "v_y", "v_z")
     before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
@@ -82,5 +77,5 @@ def take_over(
     content = io.BytesIO()
     state.with_(physics=physics, velocity=state.velocity + change).save(content)
     write_atomically(stage.state_path, content.getvalue())
-    stage.record.before, stage.record.within = before, within
+    stage.record.before = before
     run.manifest.save()

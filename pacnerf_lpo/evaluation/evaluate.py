@@ -19,11 +19,9 @@ from pacnerf_lpo.evaluation.parameter_errors import Truth, parameter_errors, rea
 from pacnerf_lpo.evaluation.prediction import contact_of, render_stage
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 from pacnerf_lpo.evaluation.tables import result_phase
-from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.manifest import INTERVALS_FILE, write_atomically
 
 RESULTS_FILE = "results.json"
-INTERVALS_FILE = "intervals.json"
-"""Of what was identified, where it was asked for."""
 DEMO_TRUTH = "demo"
 
 

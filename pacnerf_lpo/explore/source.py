@@ -12,9 +12,8 @@ from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.settings import FILE, Settings
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.manifest import FILE_NAME
+from pacnerf_lpo.manifest import FILE_NAME, INTERVALS_FILE
 from pacnerf_lpo.scene_folder import run_directory
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from markupsafe import Markup
 
 from pacnerf_lpo.evaluation import tables
-from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, RESULTS_FILE, evaluate_run
+from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
-from pacnerf_lpo.manifest import write_atomically
+from pacnerf_lpo.manifest import INTERVALS_FILE, write_atomically
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.quantities import duration, quantity, symbol
 from pacnerf_lpo.report.page import page, parts

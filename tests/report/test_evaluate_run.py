@@ -13,10 +13,11 @@ import torch
 
 from pacnerf_lpo.diagnosis.posterior import take_over
 from pacnerf_lpo.errors import SimulationError, UserInputError
-from pacnerf_lpo.evaluation.evaluate import INTERVALS_FILE, evaluate_run, intersection_over_union
+from pacnerf_lpo.evaluation.evaluate import evaluate_run, intersection_over_union
 from pacnerf_lpo.evaluation.prediction import predict
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.evaluation.tables import markdown_table, result_phase
+from pacnerf_lpo.manifest import INTERVALS_FILE
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.quantities import quantity
 from pacnerf_lpo.report.html import is_evaluated, parameter_table
