@@ -138,13 +138,23 @@ def coarse_search(
     progress(f"base fit from {len(starts)} starts on a coarse body; {touched}")
     refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, within=COMPETING)
     sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), within=COMPETITIVE)
-    search = multistart([replace(refitted, within=None), sampled, refitted], starts, watch)
+    # The first frames lead a bad guess to the right valley, and away from it a good one, which their errors outvote.
+    first_stages = [replace(refitted, rows=way, within=None) for way in (rows, rows[-1:])]
+    walked, direct = (multistart([stage], starts, watch) for stage in first_stages)
+    begun = sorted([*walked.fits, *direct.fits], key=lambda one: one.cost_of(rows[-1]))
+    elsewhere = multistart([sampled], begun or starts, watch)
+    ended = multistart([refitted], [*direct.fits, *elsewhere.fits] or starts, watch)
+    search = _as_one(walked, direct, elsewhere, ended)
     if coefficients and search.fits and level_of(search.fits, len(mean)) ** 2 > EXPLAINED:
         progress("base fit: nothing explains the video yet; searching the effects' coefficients, too")
         sampled = replace(sampled, keep=MOST_OPTIMA, spans=wider, samples=JOINT_SAMPLES)
-        more = multistart([sampled, refitted], search.fits, watch)
-        search = Search(more.fits, search.rollouts + more.rollouts, search.unstable + more.unstable)
+        search = _as_one(search, multistart([sampled, refitted], search.fits, watch))
     return replace(search, rollouts=search.rollouts + looked)
+
+
+def _as_one(*parts: Search) -> Search:
+    """What searches after each other have found, and what they took."""
+    return Search(parts[-1].fits, sum(part.rollouts for part in parts), sum(part.unstable for part in parts))
 
 
 def refined(
