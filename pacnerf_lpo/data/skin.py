@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 NEIGHBOURS = 12
 FINER = 2
 """Points are drawn so much closer together than particles are simulated."""
-OUTLINE, COVER = 0.3, 1.0
-"""Radii of discs in distances between the points. The union of the first ones is as large as the body (a ball of 0.2 m
-within a millimetre, at 5 and at 10 mm); that of the others, which hide what is inside, is too large by 0.5 to 0.7."""
+OUTLINE, COVER = 0.4, 1.0
+"""Radii of discs in distances between the points. The union of the first ones is as large as the body (1 % of its area,
+2 % of a thin tube's); that of the others, which hide what is inside, is too large by 0.5 to 0.7 distances."""
 TINY = 1e-6
 
 

@@ -97,15 +97,15 @@ def density_at_edges(density: FieldGrid, lines: Lines) -> float:
 
 
 def signed_distance(density: FieldGrid, level: float) -> FieldGrid | None:
-    """Distance to where a raw density falls below a level, positive where it is above, smoothed [m]; None if it never
-    is.
+    """Distance to where a raw density falls below a level, positive where it is above, smoothed unless nothing is left
+    of a thin body [m]; None if it never is.
     """
     inside = density.density.numpy() > level
     if not inside.any():
         return None
-    distance = ndimage.distance_transform_edt(inside) - ndimage.distance_transform_edt(~inside)
-    smooth = ndimage.gaussian_filter(distance * density.dx, SMOOTH * FINER)
-    return _field(torch.from_numpy(smooth), density.lower, density.dx)
+    distance = _signed(inside) * density.dx
+    smooth = ndimage.gaussian_filter(distance, SMOOTH * FINER)
+    return _field(torch.from_numpy(smooth if (smooth > 0).any() else distance), density.lower, density.dx)
 
 
 def seen_by(lines: Lines, surface: FieldGrid) -> FieldGrid:
@@ -135,6 +135,11 @@ def seen_by(lines: Lines, surface: FieldGrid) -> FieldGrid:
     return found
 
 
+def _signed(inside: np.ndarray) -> np.ndarray:
+    """Distance of every element from the nearest one of the other kind, negative outside [elements]."""
+    return ndimage.distance_transform_edt(inside) - ndimage.distance_transform_edt(~inside)
+
+
 def _field(values: Tensor, lower: Tensor, dx: float) -> FieldGrid:
     return FieldGrid(values.float(), values.new_zeros(*values.shape, 0).float(), lower, dx)
 
@@ -144,6 +149,5 @@ def _inside(matte: np.ndarray) -> Tensor:
     fine = ndimage.zoom(matte, SUPERSAMPLING, order=1, mode="nearest", grid_mode=True) > 0.5
     if fine.all() or not fine.any():
         return torch.full((matte.size,), torch.inf)
-    distance = ndimage.distance_transform_edt(fine) - ndimage.distance_transform_edt(~fine)
-    blocks = distance.reshape(len(matte), SUPERSAMPLING, -1, SUPERSAMPLING) / SUPERSAMPLING
+    blocks = _signed(fine).reshape(len(matte), SUPERSAMPLING, -1, SUPERSAMPLING) / SUPERSAMPLING
     return torch.from_numpy(blocks.mean((1, 3))).float().flatten()

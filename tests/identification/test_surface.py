@@ -112,3 +112,10 @@ def test_lines_are_near_the_edge_and_not_behind_an_occluder(data):
     hidden[1, : SIZE // 2] = False
     other = SimpleNamespace(video=SimpleNamespace(**{**vars(data.video), "valid": hidden}), first_rays=data.first_rays)
     assert 0.4 < len(Lines.of(other, [1]).inside) / len(lines.inside) < 0.6
+
+
+def test_a_body_thinner_than_a_voxel_is_still_there():
+    state = state_of(torch.zeros(3), RADIUS)
+    sheet = state.with_(density=(VOXEL / 4 - state.positions[:, 1].abs()) * SLOPE)
+    found = signed_distance(density_of(sheet), -5.0)
+    assert found is not None and float(found.density.max()) > 0
