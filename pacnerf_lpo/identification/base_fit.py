@@ -91,8 +91,8 @@ def base_fit(
     """Fit material, velocity and effects to the fitted views and frames, with priors, beginning from a guess.
 
     Fits on a coarse body take in more and more frames, from ``known`` and from points that differ in the moduli and
-    promise another minimum; the best of them go on with the problem's own body. Where nothing is difficult that takes
-    some fifty rollouts.
+    promise another minimum, and one takes in all frames at once, from ``known``; the best of them go on with the
+    problem's own body. Where nothing is difficult that takes some sixty rollouts.
 
     Args:
         problem: measurements, and the user's guess, around which the priors lie.

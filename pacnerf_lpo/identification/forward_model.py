@@ -194,8 +194,7 @@ class Model(ABC):
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the
-        ground stays within a cell: half of it for the layer in which a grid feels the ground, and as much for an
-        underside that no camera sees.
+        ground stays within half a cell: it stands for the layer in which a grid feels the ground.
         """
         ends = [
             [parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds]
@@ -203,7 +202,7 @@ class Model(ABC):
         ]
         low, high = np.array(ends).T
         if GROUND_HEIGHT.name in self.names:
-            index, reach = self.names.index(GROUND_HEIGHT.name), self.body.spacing
+            index, reach = self.names.index(GROUND_HEIGHT.name), self.body.spacing / 2
             low[index], high[index] = self.physics.ground_height - reach, self.physics.ground_height + reach
         for effect in self.physics.effects:
             for name, null in effect.null.items() if effect.one_sided else ():

@@ -89,8 +89,7 @@ def film(state: ParticleState, trajectory: torch.Tensor, true_poses: torch.Tenso
         source="block",
     )
     rays_of = believed.__getitem__
-    rays = {"rays": rays_of, "first_rays": rays_of}
-    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], **rays, tracked_points=None, point_clouds=None)
+    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=rays_of, tracked_points=None, point_clouds=None)
 
 
 def physics(**guess: float) -> Physics:
