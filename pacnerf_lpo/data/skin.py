@@ -7,8 +7,9 @@ NEIGHBOURS = 12
 FINER = 2
 """Points are drawn so much closer together than particles are simulated."""
 OUTLINE, COVER = 0.4, 1.0
-"""Radii of discs in distances between the points. The union of the first ones is as large as the body (1 % of its area,
-2 % of a thin tube's); that of the others, which hide what is inside, is too large by 0.5 to 0.7 distances."""
+"""Radii of discs in distances between the points. The union of the first ones is as large as the body, its area within
+1.5 %, 3 % for a tube four particles thick; that of the others, which hide what is inside, is too large by 0.5 to 0.7
+distances."""
 TINY = 1e-6
 
 
