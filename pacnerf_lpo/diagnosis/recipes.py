@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
-from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, BodyModel, Model, with_effects
 from pacnerf_lpo.identification.problem import Part
 from pacnerf_lpo.mpm.effects import Effect, InitialSpin, Magnus
@@ -95,7 +94,7 @@ class Proposed:
         up = torch.tensor([0.0, self.lifted, 0.0], dtype=body.positions.dtype)
         rate = problem.physics.frame_rate * self.recipe.faster
         physics = with_effects(problem.physics, [*shared, *turns], body.spacing, problem.voxel, rate)
-        return BodyModel(Body(body.positions + up, body.fraction, body.spacing), physics, self.video, known)
+        return BodyModel(replace(body, positions=body.positions + up), physics, self.video, known)
 
     def _turning(self, effect: Effect) -> Effect:
         """An effect as it is in this recording, if it was given the spin that was measured in the old one."""

@@ -199,8 +199,8 @@ class _Fits:
         """
         best, cost, rollouts = None, np.inf, 0
         for number, start in enumerate(begun):
-            if np.isfinite(cost) and min(cost, best_cost) <= self.size:
-                break  # no more than noise is left, by this or by another effect: another optimum is not needed
+            if cost <= self.size:
+                break  # no more than noise is left: another optimum is not needed
             first = None if number < measured else _begun(self.objective, self.model, self.comparison, start, self.own)
             tried = fit_or_none(
                 self.objective,

@@ -91,8 +91,8 @@ def base_fit(
     """Fit material, velocity and effects to the fitted views and frames, with priors, beginning from a guess.
 
     Fits on a coarse body take in more and more frames, from ``known`` and from points that differ in the moduli and
-    promise another minimum; the best of them go on with the problem's own body. Where nothing is difficult that takes
-    some fifty rollouts.
+    promise another minimum, and one takes in all frames at once, from ``known``; the best of them go on with the
+    problem's own body. Where nothing is difficult that takes some sixty rollouts.
 
     Args:
         problem: measurements, and the user's guess, around which the priors lie.
@@ -133,18 +133,27 @@ def coarse_search(
     moduli = [p.name for p in coarse.unknowns if p.name in free and isinstance(p.transform, Log10)]
     coefficients = [name for effect in effects for name in effect.parameters]
     spans, wider = (_spans(coarse, names, mean, deviation) for names in (moduli, [*free, *coefficients]))
-    first = rows[-min(len(rows), 3)], None
+    first = None, rows[-min(len(rows), 3)]
     touched = f"contact in frame {contact} of {frames}" if contact < coarse.shape[1] else "no contact seen"
     progress(f"base fit from {len(starts)} starts on a coarse body; {touched}")
     refitted = Stage(*settings, rows, MOST_OPTIMA, SEARCH_ITERATIONS, within=COMPETING)
     sampled = Stage(*settings, first, spans=spans, samples=min(SAMPLES * len(moduli), most_samples), within=COMPETITIVE)
-    search = multistart([replace(refitted, within=None), sampled, refitted], starts, watch)
+    # The first frames lead a bad guess to the right valley, and away from it a good one, which their errors outvote.
+    walked = multistart([replace(refitted, within=None)], starts, watch)
+    begun = multistart([replace(refitted, rows=rows[-1:], within=None)], [*walked.fits, *starts], watch)
+    elsewhere = multistart([sampled], begun.fits or starts, watch)
+    ended = multistart([refitted], [*begun.fits, *elsewhere.fits] or starts, watch)
+    search = _as_one(walked, begun, elsewhere, ended)
     if coefficients and search.fits and level_of(search.fits, len(mean)) ** 2 > EXPLAINED:
         progress("base fit: nothing explains the video yet; searching the effects' coefficients, too")
         sampled = replace(sampled, keep=MOST_OPTIMA, spans=wider, samples=JOINT_SAMPLES)
-        more = multistart([sampled, refitted], search.fits, watch)
-        search = Search(more.fits, search.rollouts + more.rollouts, search.unstable + more.unstable)
+        search = _as_one(search, multistart([sampled, refitted], search.fits, watch))
     return replace(search, rollouts=search.rollouts + looked)
+
+
+def _as_one(*parts: Search) -> Search:
+    """What searches after each other have found, and what they took."""
+    return Search(parts[-1].fits, sum(part.rollouts for part in parts), sum(part.unstable for part in parts))
 
 
 def refined(

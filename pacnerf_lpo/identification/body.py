@@ -1,15 +1,15 @@
-"""The body of a run, resampled for a diagnosis: other spacing, other particles, the same occupied volume."""
+"""The body of a run, resampled for a diagnosis: other spacing, other particles, the same surface."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
 
+from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.particles.sampling import interpolate
-from pacnerf_lpo.particles.transfer import particles_to_grid
-from pacnerf_lpo.scene.activation import solid_fraction
-from pacnerf_lpo.types import ParticleState
+from pacnerf_lpo.types import FieldGrid
 
 SUBSAMPLES = 3
 LEAST_FRACTION = 0.02
@@ -23,11 +23,18 @@ class Body:
     positions: [m, (N, 3)]
     fraction: how much of a full particle (spacing/2)^3 is occupied [0..1, (N,)]
     spacing: node spacing of the grid they move on [m]
+    discs: what it is drawn as.
     """
 
     positions: Tensor
     fraction: Tensor
     spacing: float
+    discs: Discs
+
+    @staticmethod
+    def full(positions: Tensor, spacing: float) -> "Body":
+        """Full particles [m, (N, 3)] of a body whose surface is not known."""
+        return Body(positions, torch.ones_like(positions[:, 0]), spacing, Discs.unknown(positions, spacing / 2))
 
     @property
     def volume(self) -> float:
@@ -36,55 +43,41 @@ class Body:
 
 
 class Sampling:
-    """The density of a state in the cells of a lattice of spacing/2.
+    """The cells of a lattice of spacing/2 near the surface of a body and inside.
 
     Args:
-        state: particles of a run.
+        surface: distance to it, positive inside [m].
         spacing: node spacing to move on [m].
         seed: shifts the lattice, so that two seeds give two samplings of the same body.
     """
 
     @torch.no_grad()
-    def __init__(self, state: ParticleState, spacing: float, seed: int = 0):
-        self.state, self.spacing = state, spacing
-        grid = particles_to_grid(
-            state.positions, state.density, state.features.new_zeros(len(state.density), 0), state.spacing
-        )
-        half = spacing / 2
+    def __init__(self, surface: FieldGrid, spacing: float, seed: int = 0):
+        self.surface, self.spacing, half = surface, spacing, spacing / 2
         shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
-        low, high = state.positions.amin(0) - half, state.positions.amax(0) + half
-        counts = ((high - low) / half).ceil().long() + 1
-        corners = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + low - shift
+        counts = (surface.dx * torch.tensor(surface.density.shape) / half).ceil().long() + 1
+        cells = torch.cartesian_prod(*(torch.arange(int(count)) for count in counts)) * half + surface.lower - shift
+        near = torch.cat([interpolate(surface, part + half / 2)[0] for part in cells.split(CHUNK)]) > -spacing
         inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
-        self._points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
+        self._points = cells[near][:, None] + torch.cartesian_prod(inner, inner, inner)
         flat = self._points.reshape(-1, 3)
-        self._density = torch.cat([interpolate(grid, part)[0] for part in flat.split(CHUNK)])
+        self._distance = torch.cat([interpolate(surface, part)[0] for part in flat.split(CHUNK)])
 
     @torch.no_grad()
-    def body(self, surface_offset: float | Callable[[Tensor], Tensor] = 0.0) -> Body:
+    def body(self, depth: Callable[[Tensor], Tensor] | None = None) -> Body:
         """One particle in each cell that is occupied, at the centre of what is.
 
         Args:
-            surface_offset: raw density above that of the visible surface at which the body begins; thins it. A number,
-                or a function of places [m, (M, 3)], (M,).
+            depth: how far the surface moves inwards [m] at some places [m, (M, 3)], (M,); None: it stays.
         """
-        thinning = surface_offset(self._points.reshape(-1, 3)) if callable(surface_offset) else surface_offset
-        density = self._density - thinning
-        solid = solid_fraction(density, self.state.spacing, self.state.base_spacing).reshape(len(self._points), -1)
+        distance = self._distance if depth is None else self._distance - depth(self._points.reshape(-1, 3))
+        solid = (distance / (self.spacing / 2 / SUBSAMPLES) + 0.5).clamp(0, 1).reshape(len(self._points), -1)
         kept = solid.mean(1) > LEAST_FRACTION
         solid, points = solid[kept], self._points[kept]
         centre = (points * solid[..., None]).sum(1) / solid.sum(1, keepdim=True)
-        return Body(centre, solid.mean(1), self.spacing)
+        discs = Discs.within(partial(self._below, depth), centre, self.spacing / 2)
+        return Body(centre, solid.mean(1), self.spacing, discs)
 
-
-def surface(body: Body) -> float:
-    """Area of the surface [m^2], by the faces at which the occupancy of neighbouring cells differs: those across one
-    axis show the projection along it, which is half of the area on average over all orientations.
-    """
-    half = body.spacing / 2
-    cells = ((body.positions - body.positions.amin(0)) / half + 1e-6).long() + 1
-    occupancy = torch.zeros(*(cells.amax(0) + 2).tolist(), dtype=body.fraction.dtype)
-    occupancy.index_put_(tuple(cells.T), body.fraction, accumulate=True)
-    occupancy = occupancy.clamp_max(1.0)
-    faces = sum(float(occupancy.diff(dim=axis).abs().sum()) for axis in range(3))
-    return faces / 1.5 * half**2
+    def _below(self, depth: Callable[[Tensor], Tensor] | None, points: Tensor) -> Tensor:
+        distance = interpolate(self.surface, points)[0]
+        return distance if depth is None else distance - depth(points)

@@ -12,7 +12,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
 from pacnerf_lpo.identification.silhouette_moments import KINDS, silhouette_moments
-from pacnerf_lpo.identification.splatting import splat
+from pacnerf_lpo.identification.splatting import radii, splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
@@ -65,11 +65,11 @@ class Model(ABC):
     Attributes:
         frames: only the first so many are simulated, in the rest everything stands still; None: all.
         motion: unknowns of the initial motion.
-        opacity: factor on the optical depth of the particles.
+        footprint: factor on the radius of the discs that particles are drawn as.
     """
 
     frames: int | None = None
-    opacity: float = 1.0
+    footprint: float = 1.0
     motion: tuple[Parameter, ...] = VELOCITY
 
     def __init__(
@@ -151,13 +151,14 @@ class Model(ABC):
         size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
         observer = Observer(cameras_of((), self.video)) if free is None else self.observer(free)
         moving = path if len(path) == 1 else observer.seen(path, self.velocity(free), self.video.times)
-        seen = []
+        seen, discs = [], self.body.discs
         for view in range(self.shape[0]) if views is None else views:
             view_id = self.video.view_ids[view]
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
-            pixels, depth = self.project(points, view, observer)
-            apart = self.video.intrinsics[view, 0, 0] * (self.body.spacing / 2) / depth.clamp_min(1e-3).mean(1)
-            seen.append(splat(pixels + MARGIN, self.opacity * self.body.fraction, size, apart))
+            pixels, depth = self.project(points[:, discs.ends].mean(2), view, observer)
+            scale = torch.where(depth > 0, self.video.intrinsics[view, 0, 0] / depth, 0.0)  # pixels per metre
+            radius = self.footprint * radii(scale * discs.depth, scale * (self.body.spacing / 2))
+            seen.append(splat(pixels + MARGIN, radius, size))
         return torch.stack(seen)
 
     def project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:

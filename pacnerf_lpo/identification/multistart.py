@@ -134,6 +134,7 @@ def _fitted(stage: Stage, tried: Sequence[Start], watch: Watch) -> list[Fit | No
     for start in watch(tried, len(tried)):
         if isinstance(start, Fit) and start.of == stage.residual and start.jacobian is not None:
             found.append(replace(start, rollouts=0))
+            lowest[-1] = min(start.cost_of(stage.rows[-1]), lowest[-1])
         else:
             found.append(_through(stage, start, lowest))
     return found

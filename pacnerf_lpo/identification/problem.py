@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from pacnerf_lpo.data.video_module import VideoData
 from pacnerf_lpo.errors import UserInputError
@@ -26,22 +25,22 @@ from pacnerf_lpo.identification.silhouette_moments import (
     silhouette_moments,
 )
 from pacnerf_lpo.identification.split import Split
+from pacnerf_lpo.identification.surface import Lines, density_at_edges, density_of, seen_by, signed_distance
 from pacnerf_lpo.inference.layout import AT_REST, Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
-from pacnerf_lpo.types import ParticleState, Video
+from pacnerf_lpo.scene.activation import surface_density
+from pacnerf_lpo.types import FieldGrid, ParticleState, Video
 
 PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 COARSER = 1.4
 """Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and small
 smooth changes of force and shape move it as they move the finer one."""
-LARGEST_OFFSET = 80.0
-OFFSET_STEP = 2.0
-"""Change of the surface offset by which its effect is measured."""
-BISECTIONS = 9
+LEAST_OFFSET = -4.0
+"""Of the raw density at the surface from that of the visible one: below that there is only haze."""
 KEPT = 4
-"""Samplings of the body, which fits of its shape ask for again and again."""
+"""Samplings of the body."""
 LEAST_SHADING = 0.01
 LEAST_SHAPE_ERROR = 0.15
 """Of a reconstructed surface, in voxels of the run: what lies between two voxels is interpolated."""
@@ -352,56 +351,53 @@ class StateProblem(BodyProblem):
         """Node spacing at which the body has the wanted number of particles [m]. Raises UserInputError where the
         reconstruction is solid nowhere.
         """
-        fine = self._sampling(self.state.spacing, 0).body(self.surface_offset)
-        if not len(fine.positions):
-            raise UserInputError(
-                f"{self.data.video.source}: the reconstruction is a haze that is solid nowhere; train the static phase "
-                "longer, or see in its images what it took for the body"
-            )
-        return 2 * (fine.volume / self.particles) ** (1 / 3)
+        return 2 * (self._sampling(self.state.spacing, 0).body().volume / self.particles) ** (1 / 3)
+
+    @cached_property
+    def lines(self) -> Lines:
+        """Of sight near the edges of the mattes of frame 0, in the fitted views that see all of the body."""
+        whole = self.split.views & np.isfinite(self.measured[: self.views, 0, 0])
+        return Lines.of(self.data, np.nonzero(whole)[0].tolist())
 
     @cached_property
     def surface_offset(self) -> float:
         """Raw density above that of the visible surface at which the body begins: that of the state, or found by the
-        areas of the outlines at frame 0 in the fitted views.
+        outlines at frame 0.
         """
         if self.state.surface_offset is not None:
             return self.state.surface_offset
-        low, high = -4.0, LARGEST_OFFSET
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            body = self._sampling(self.state.spacing, 0).body(middle)
-            if len(body.positions) and self._oversize(body) > 0:
-                low = middle
-            else:
-                high = middle
-        return low
+        if not len(self.lines.inside):
+            return LEAST_OFFSET
+        return max(density_at_edges(self._density, self.lines) - surface_density(*self.state.spacings), LEAST_OFFSET)
+
+    @cached_property
+    def _density(self) -> FieldGrid:
+        return density_of(self.state)
+
+    @cached_property
+    def surface(self) -> FieldGrid:
+        """Distance to the surface of the body, positive inside [m]. Raises UserInputError where it has no inside."""
+        found = signed_distance(self._density, surface_density(*self.state.spacings) + self.surface_offset)
+        if found is None:
+            raise UserInputError(
+                f"{self.data.video.source}: the reconstruction is a haze that is solid nowhere; train the static phase "
+                "longer, or see in its images what it took for the body"
+            )
+        return seen_by(self.lines, found)
 
     def sample(self, spacing: float, seed: int) -> Body:
-        """The body, thinned until it is as large as it looks at frame 0."""
-        return self._sampling(spacing, seed).body(self.surface_offset)
+        """The body, as large as it looks at frame 0 on every side."""
+        return self._sampling(spacing, seed).body()
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
         modes, coarse = ShapeModes(self.coarse_body, sigma), self._sampling(COARSER * self.spacing, 0)
-        found = []
-        for numbers in np.eye(modes.count):
-
-            def offset(points: Tensor, numbers: np.ndarray = numbers) -> Tensor:
-                return self.surface_offset + modes.depth(points, numbers) / self.depth_per_offset
-
-            found.append(modes.moved(coarse.body(offset), numbers))
+        ways = [(numbers, partial(modes.depth, numbers=numbers)) for numbers in np.eye(modes.count)]
+        found = [modes.moved(coarse.body(depth), numbers) for numbers, depth in ways]
         return [body if len(body.positions) else self.coarse_body for body in found]
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:
-        return lru_cache(KEPT)(partial(bodies.Sampling, self.state))
-
-    @cached_property
-    def depth_per_offset(self) -> float:
-        """How far the surface moves inwards for one unit of the surface offset [m]."""
-        coarse = self._sampling(COARSER * self.spacing, 0)
-        whole, thinner = (coarse.body(self.surface_offset + step) for step in (0.0, OFFSET_STEP))
-        return (whole.volume - thinner.volume) / (OFFSET_STEP * bodies.surface(whole))
+        return lru_cache(KEPT)(partial(bodies.Sampling, self.surface))
 
     @cached_property
     def first_guess(self) -> dict[str, float]:
@@ -409,12 +405,6 @@ class StateProblem(BodyProblem):
         velocity = self.state.velocity.mean(0).tolist()
         known = {**self.physics.guess, **self.state.physics}
         return {**known, **dict(zip(("v_x", "v_y", "v_z"), velocity, strict=True))}
-
-    def _oversize(self, body: Body) -> float:
-        size = KINDS.index("size")
-        differences = (self.at_rest(body)[:, size] - self.measured[: self.views, 0, size])[self.split.views]
-        seen = differences[np.isfinite(differences)]
-        return float(np.median(seen)) if len(seen) else -np.inf
 
     def _measured_brightness(self) -> np.ndarray:
         """Logarithm of mean brightness relative to that of the reconstruction at frame 0 [(V, F)]."""

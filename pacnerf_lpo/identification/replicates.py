@@ -1,6 +1,7 @@
 """Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -174,12 +175,14 @@ def distorted(body: Body, sigma: float, random: np.random.Generator, reference: 
     moved = (field(body.positions) - there.mean(0)) * (sigma / size)
     denser = 1 + DENSITY_ERROR * ((body.positions - centre) / extent @ lean)
     fraction = (body.fraction * denser).clamp_min(0.1 * body.fraction.min())
-    return Body(body.positions + moved, fraction, body.spacing)
+    return replace(body, positions=body.positions + moved, fraction=fraction)
 
 
 def shaken(body: Body, random: np.random.Generator) -> Body:
     """The same body by full particles at random places: a cell has one as probably as it is occupied."""
     kept = torch.from_numpy(random.random(len(body.fraction))) < body.fraction
-    size = body.fraction[kept, None] ** (1 / 3) * (body.spacing / 2)
-    moved = torch.tensor(random.uniform(-0.5, 0.5, (len(size), 3)), dtype=body.positions.dtype)
-    return Body(body.positions[kept] + size * moved, torch.ones_like(body.fraction[kept]), body.spacing)
+    size = body.fraction[:, None] ** (1 / 3) * (body.spacing / 2)
+    steps = size * torch.tensor(random.uniform(-0.5, 0.5, (len(size), 3)), dtype=body.positions.dtype)
+    positions = (body.positions + steps)[kept]
+    discs = body.discs.moved(steps, kept, positions, body.spacing / 2)
+    return Body(positions, torch.ones_like(body.fraction[kept]), body.spacing, discs)

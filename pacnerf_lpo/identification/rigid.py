@@ -239,7 +239,7 @@ class RigidProblem(Problem):
     def sample(self, spacing: float, seed: int) -> Body:
         """Particles around the centre; the same for every spacing and seed."""
         particles = fill(self.flight.shape, 2 * self.spacing, torch.Generator().manual_seed(0)).double()
-        return Body(particles - particles.mean(0), torch.ones(len(particles), dtype=torch.float64), self.spacing)
+        return Body.full(particles - particles.mean(0), self.spacing)
 
     @cached_property
     def coarse_body(self) -> Body:

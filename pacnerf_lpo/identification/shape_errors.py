@@ -15,8 +15,8 @@ from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.replicates import distortion
 
-OPAQUE = 3.3
-"""Optical depth of opaque particles relative to the model's: with it one layer of them covers nine tenths, not half."""
+LARGER = 1.5
+"""Radius of the discs of a spray relative to the model's, in which particles next to each other leave no gap."""
 
 
 def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Progress = lambda _: None) -> np.ndarray:
@@ -41,14 +41,13 @@ def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Pro
 
 def discretisation_errors(problem: Problem, model: Model, free: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """Changes of the residual of each recording [(R, F, 11, 3 or 2 for each)] when its body is coarser, and, where
-    cameras show it, when its particles are opaque, and the bias of a wrong shape; none of a body that is rigid.
+    cameras show it, when its particles are larger, and the bias of a wrong shape; none of a body that is rigid.
 
     The error of a method of order p at node spacing h is C h^p, and the step to 1.4 h changes it by (1.4^p - 1) C h^p:
     the whole error for p = 2, two fifths of it for p = 1. Replicates, with 0.6 h to 0.9 h, show a quarter and more.
 
-    A surface is half transparent in the model, and where it is does not matter while the body is thick, as residuals
-    are relative to frame 0. A sheet or a spray thinner than the spacing is opaque in a matte, and hardly there in the
-    model.
+    How large a particle is drawn does not matter while the body stays whole, as residuals are relative to frame 0. The
+    outline of what was inside and comes to the surface, and of a spray, depends on it.
 
     Args:
         problem, model, free: as for :func:`shape_errors`.
@@ -65,7 +64,7 @@ def discretisation_errors(problem: Problem, model: Model, free: np.ndarray, bias
         others = [part.recording.coarse_model(part.effects, part.known)]
         if part.recording.views:
             others.append(part.model)
-            others[-1].opacity = OPAQUE
+            others[-1].footprint = LARGER
         own = problem.part_of(reference, number)
         seen = [part.recording.relative(other.predict(other.start) - own) for other in others]
         changes.append(np.stack([*seen, problem.part_of(bias, number)], axis=-1))

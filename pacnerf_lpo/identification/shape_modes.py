@@ -1,6 +1,6 @@
 """Smooth errors of a reconstructed body, as many standard deviations of each as one says."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 
@@ -54,9 +54,8 @@ class ShapeModes:
         smooth = fields.T @ torch.cat((matrix + matrix.T, bends.reshape(-1, 3))) / (STRAINS + BENDS) ** 0.5
         local = LOCAL * bumps(self.body, body.positions).T @ places.reshape(-1, 3)
         density = 1 + DENSITY_ERROR * leans @ torch.cat((fields[:3], fields[3:6].sum(0, keepdim=True)))
-        return Body(
-            body.positions + self.sigma * (smooth + local), body.fraction * density.clamp_min(0.1), body.spacing
-        )
+        moved = body.positions + self.sigma * (smooth + local)
+        return replace(body, positions=moved, fraction=body.fraction * density.clamp_min(0.1))
 
     def _parts(self, numbers: np.ndarray) -> tuple[Tensor, ...]:
         sizes = [STRAINS, BENDS, THINNINGS, self.count - STRAINS - BENDS - THINNINGS - LEANS, LEANS]

@@ -1,63 +1,76 @@
-"""Outlines of moving particles by splatting: thousands of times cheaper than rendering, as good for moments."""
+# mypy: disable-error-code="valid-type,index"
+"""Outlines of moving particles: the union of discs that reach to the surface of the body, thousands of times cheaper
+than rendering.
+
+A ball around a particle that just touches the surface is inside of the body, and all of them together fill it. So their
+outline is that of the body, whether it is thick or thin there: sums of footprints make a thick body too large and a
+thin one half transparent.
+"""
+
+import functools
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
-OPAQUE = 0.7
-"""Optical depth of one particle spacing of the body: the outline is half opaque near the surface of a thick body."""
-BLUR = 0.4
-"""Width of a particle's footprint in particle spacings."""
-REACH, MOST_REACH = 2.5, 24
-"""Where a footprint ends, in units of its width, and at most [pixels]."""
+from pacnerf_lpo.mpm.runtime import LAUNCHING, start
+from pacnerf_lpo.mpm.taichi_calls import Launcher, ti
+
+LEAST_DISC = 0.6
+"""Discs of particles deep inside are larger than half a particle spacing by so much, so that a pixel between them is
+opaque [pixels]."""
 
 
-def splat(pixels: Tensor, weights: Tensor, size: tuple[int, int], apart: Tensor) -> Tensor:
-    """Opacity of point sets: bilinear splats, blurred by the distance between the points, then 1 - exp(-depth).
+def radii(depth: Tensor, apart: Tensor) -> Tensor:
+    """Radius of the disc of each particle [pixels].
 
     Args:
-        pixels: image coordinates, pixel centres at +0.5 [(B, N, 2)], x then y
-        weights: share of a full particle [0..1, (N,)]
+        depth: how far it is from the surface at frame 0 [pixels, (...)]. What is deep inside may come to the surface
+            later, and is drawn as if it were half a spacing below it.
+        apart: distance between neighbouring particles [pixels, (...)]
+    """
+    return torch.minimum(depth, apart / 2 + LEAST_DISC).clamp_min(0.0)
+
+
+def splat(pixels: Tensor, radius: Tensor, size: tuple[int, int]) -> Tensor:
+    """Opacity of unions of discs, with an edge that is a pixel wide.
+
+    Args:
+        pixels: image coordinates of their centres, pixel centres at +0.5 [(B, N, 2)], x then y; nothing is drawn where
+            they are not finite.
+        radius: of each disc [pixels, (B, N)]; 0: it is not drawn.
         size: height and width of the image.
-        apart: distance between neighbouring particles, in pixels, for each of the B images [(B,)]
 
     Returns:
         [0..1, (B, H, W)]
     """
-    images, sigma = len(pixels), BLUR * apart
-    radius = int(torch.ceil(REACH * sigma.max()).clamp(1, MOST_REACH))
-    x, y = (pixels - 0.5).unbind(-1)
-    low_x, low_y = x.floor(), y.floor()
-    (left, right), (top, bottom) = _window(low_x, size[1], radius), _window(low_y, size[0], radius)
-    width, height = right - left + 4, bottom - top + 4  # what lies outside goes to two pixels around, which are cut off
-    column = (low_x - left).clamp(-2, width - 4).long() + 2
-    row = (low_y - top).clamp(-2, height - 4).long() + 2
-    first = ((torch.arange(images)[:, None] * height + row) * width + column).flatten()
-    part_x, part_y = x - low_x, y - low_y
-    depth = pixels.new_zeros(images * height * width)
-    for dx, share_x in ((0, (1 - part_x) * weights), (1, part_x * weights)):
-        for dy, share_y in ((0, 1 - part_y), (1, part_y)):
-            depth.index_add_(0, first + (dy * width + dx), (share_x * share_y).flatten())
-    depth = _blurred(depth.view(images, height, width)[:, 2:-2, 2:-2], sigma, radius)
-    opacity = -(-OPAQUE * depth * apart[:, None, None] ** 2).expm1()
-    return functional.pad(opacity, (left, size[1] - right, top, size[0] - bottom))
+    start()
+    images, count = radius.shape
+    inside = torch.full((images * size[0] * size[1],), -0.5)
+    points, reach = pixels.float().contiguous().flatten(), radius.float().contiguous().flatten()
+    with LAUNCHING:
+        draw = _launcher()
+        counts = {"count": images * count, "each": count, "rows": size[0], "columns": size[1]}
+        draw.bind(points=points, radius=reach, inside=inside, **counts)
+        draw()
+    return (inside.view(images, *size) + 0.5).clamp_max(1.0)
 
 
-def _window(along: Tensor, length: int, radius: int) -> tuple[int, int]:
-    """First and last column, or row, exclusive, of what points [pixels, (B, N)] draw into an image of so many; one
-    where they are out of sight.
-    """
-    seen = along.nan_to_num()
-    low, high = seen.amin().item() - radius, seen.amax().item() + 2 + radius
-    first = int(min(max(low, 0), length - 1))
-    return first, int(min(max(high, first + 1), length))
+@functools.cache
+def _launcher() -> Launcher:
+    Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
+    @ti.kernel
+    def draw(points: Reals, radius: Reals, inside: Reals, count: int, each: int, rows: int, columns: int):
+        for i in range(count):
+            x, y, reach = points[2 * i] - 0.5, points[2 * i + 1] - 0.5, radius[i] + 0.5
+            # also false where a number is not finite
+            if 0.5 < reach < 1e6 and -reach < x < columns - 1 + reach and -reach < y < rows - 1 + reach:
+                first = i // each * rows
+                left, right = ti.max(int(ti.ceil(x - reach)), 0), ti.min(int(ti.floor(x + reach)), columns - 1)
+                top, bottom = ti.max(int(ti.ceil(y - reach)), 0), ti.min(int(ti.floor(y + reach)), rows - 1)
+                for row in range(top, bottom + 1):
+                    for column in range(left, right + 1):
+                        deep = reach - 0.5 - ti.sqrt((column - x) ** 2 + (row - y) ** 2)
+                        ti.atomic_max(inside[(first + row) * columns + column], deep)
 
-def _blurred(images: Tensor, sigma: Tensor, radius: int) -> Tensor:
-    """Each image [(B, H, W)] blurred by a Gaussian of its own width [pixels, (B,)], up to a radius."""
-    steps = torch.arange(-radius, radius + 1, dtype=images.dtype)
-    kernel = torch.exp(-0.5 * (steps / sigma.clamp_min(1e-3)[:, None]) ** 2)
-    kernel = kernel / kernel.sum(1, keepdim=True)
-    stack, groups = images[None], len(images)
-    stack = functional.conv2d(stack, kernel[:, None, :, None], padding=(radius, 0), groups=groups)
-    return functional.conv2d(stack, kernel[:, None, None, :], padding=(0, radius), groups=groups)[0]
+    return Launcher(draw, "f32")

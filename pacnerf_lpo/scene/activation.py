@@ -35,8 +35,12 @@ def solid_fraction(density: Tensor, dx: float, base_dx: float) -> Tensor:
     is much shorter than unit length. This fraction is one half where 2.5 voxels of the material stop half the light:
     delta * 5 * softplus(sigma + b) = ln 2 with the delta of :func:`sample_length`.
     """
-    half_depth = math.log(2) / (5 * sample_length(dx, base_dx))
-    return (density + DENSITY_SHIFT - half_depth).sigmoid()
+    return (density - surface_density(dx, base_dx)).sigmoid()
+
+
+def surface_density(dx: float, base_dx: float) -> float:
+    """Raw density where the visible body ends, see :func:`solid_fraction`."""
+    return math.log(2) / (5 * sample_length(dx, base_dx)) - DENSITY_SHIFT
 
 
 def sample_length(dx: float, base_dx: float) -> float:

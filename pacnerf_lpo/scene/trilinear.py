@@ -69,6 +69,11 @@ def _corner_offsets(shape: Shape) -> list[int]:
     return [(x * shape[1] + y) * shape[2] + z for x, y, z in CORNERS]
 
 
+def corners(points: Stencil) -> Tensor:
+    """Numbers of the eight nodes around each point [(M, 8), int64], in the order of its weights."""
+    return _corner_nodes(points.cell, points.shape)
+
+
 def _corner_nodes(cell: Tensor, shape: Shape) -> Tensor:
     return cell[:, None] + torch.tensor(_corner_offsets(shape), device=cell.device)
 

@@ -21,6 +21,7 @@ from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise
@@ -32,7 +33,7 @@ from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import Video
 
-VIEWS, FRAMES, SIZE, SPACING, RADIUS = 4, 9, 32, 0.1, 0.18
+VIEWS, FRAMES, SIZE, SPACING, RADIUS = 4, 9, 64, 0.1, 0.18
 STEPS, RATE = 8, 24.0
 NOISE = 0.65
 """Of outlines, relative to what is presumed: edges of the benchmark's mattes err by 0.2 pixels and not by 0.3."""
@@ -85,8 +86,9 @@ class Falling(BodyProblem):
         axis = spacing / 2 * np.arange(-np.ceil(2 * RADIUS / spacing), np.ceil(2 * RADIUS / spacing) + 1)
         turn = Rotation.random(random_state=seed).as_matrix()  # a shift would be an error to one side
         points = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3) @ turn
-        inside = points[np.linalg.norm(points, axis=1) < RADIUS] + CENTRE
-        return Body(torch.tensor(inside, dtype=torch.float32), torch.ones(len(inside)), spacing)
+        inside = torch.tensor(points[np.linalg.norm(points, axis=1) < RADIUS], dtype=torch.float32)
+        discs = Discs.within(lambda points: RADIUS - points.norm(dim=1), inside, spacing / 2)
+        return Body(inside + torch.tensor(CENTRE, dtype=torch.float32), torch.ones(len(inside)), spacing, discs)
 
 
 def motion(model: BodyModel, free: np.ndarray) -> Tensor:

@@ -88,7 +88,7 @@ class Ball(BodyProblem):
 
     def sample(self, spacing: float, seed: int) -> Body:
         positions = torch.tensor(lattice(spacing, 0.1 * spacing * (seed % 3)), dtype=torch.float32)
-        return Body(positions, torch.ones(len(positions)), spacing)
+        return Body.full(positions, spacing)
 
 
 def points(tracks: TrackedPoints | None, measured_clouds: PointClouds | None) -> Points:

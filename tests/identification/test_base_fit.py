@@ -5,8 +5,16 @@ import pytest
 import torch
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.base_fit import base_fit, notes, priors
+from pacnerf_lpo.identification.base_fit import (
+    SEARCH_ITERATIONS,
+    Objective,
+    base_fit,
+    coarse_search,
+    notes,
+    priors,
+)
 from pacnerf_lpo.identification.forward_model import BodyModel
+from pacnerf_lpo.identification.least_squares import Effort, fit
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, YieldStress
 from pacnerf_lpo.mpm.materials.common import POISSON, YOUNG
 from pacnerf_lpo.mpm.simulator import Simulator
@@ -33,6 +41,19 @@ def test_it_finds_the_modulus_in_few_rollouts(scene):
     assert np.log10(found.known["E"] / true["E"]) == pytest.approx(0.0, abs=0.1)
     assert found.jacobian.shape == (len(found.residual), len(found.free))
     assert found.rollouts <= 100
+
+
+def test_errors_of_the_first_frames_do_not_lead_away_from_a_good_start(scene):
+    """The search ends no higher than a fit of all frames from its start, whatever the first frames say."""
+    problem, true = scene
+    measured = problem.measured.copy()
+    measured[:, 1:3, :10] += 2.0 * np.random.default_rng(2).standard_normal(measured[:, 1:3, :10].shape)
+    wrong = KnownShape("wrong", problem.setting, problem.video, measured)
+    known = {name: true.get(name, value) for name, value in wrong.first_guess.items()}
+    coarse = wrong.coarse_model((), known)
+    objective = Objective(wrong, coarse, *priors(wrong, coarse))
+    direct = fit(objective, coarse.start, coarse.scales, coarse.bounds, Effort(SEARCH_ITERATIONS, confirm=False))
+    assert coarse_search(wrong, (), known).fits[0].cost <= 1.001 * direct.cost
 
 
 def test_an_effect_without_a_gradient_at_its_null_starts_at_its_probes(scene):

@@ -8,6 +8,7 @@ import torch
 
 from pacnerf_lpo.identification import replicates
 from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import BodyModel
 from pacnerf_lpo.identification.problem import Part
 from pacnerf_lpo.identification.replicates import _typical_squares
@@ -51,7 +52,9 @@ def ball(spacing: float) -> Body:
     axis = torch.arange(-1.0, 1.0, spacing / 2)
     points = torch.cartesian_prod(axis, axis, axis)
     points = points[points.norm(dim=1) < 0.8]
-    return Body(points, torch.where(points.norm(dim=1) < 0.7, 1.0, 0.5), spacing)
+    away = points.norm(dim=1)
+    discs = Discs.within(lambda places: 0.8 - places.norm(dim=1), points, spacing / 2)
+    return Body(points, torch.where(away < 0.7, 1.0, 0.5), spacing, discs)
 
 
 def test_shaken_particles_are_a_sampling_of_the_same_body():

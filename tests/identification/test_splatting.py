@@ -1,11 +1,14 @@
-"""Summaries of outlines against shapes whose moments are known, and splatting against the projected disc."""
+"""Summaries of outlines against shapes whose moments are known, and unions of discs against projected bodies."""
 
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
+from pacnerf_lpo.identification.body import Sampling
 from pacnerf_lpo.identification.silhouette_moments import KINDS, TAIL, mean_brightness, sensor_noise, silhouette_moments
-from pacnerf_lpo.identification.splatting import splat
+from pacnerf_lpo.identification.splatting import radii, splat
+from pacnerf_lpo.types import FieldGrid
 
 
 def rectangle(left, right, top, bottom, size=(60, 80)):
@@ -81,20 +84,58 @@ def test_brightness_ignores_the_white_around():
     assert float(mean_brightness(image, opacity)) == pytest.approx(0.4, abs=1e-6)
 
 
-def test_a_splatted_ball_has_the_area_of_its_disc():
-    apart = 1.37  # not commensurate with the pixels
-    axis = torch.arange(-20, 21) * apart
-    points = torch.cartesian_prod(axis, axis, axis)
-    ball = points[points.norm(dim=1) < 22]
-    image = splat(ball[None, :, :2] + 32.3, torch.ones(len(ball)), (64, 64), torch.tensor([apart]))[0]
-    found = dict(zip(KINDS, silhouette_moments(image), strict=True))
-    assert found["x"] == pytest.approx(32.3, abs=0.05)
-    # particles stand half a spacing inside the surface and are blurred by as much
-    assert found["size"] == pytest.approx(np.sqrt(np.pi) * 22, abs=np.sqrt(np.pi) * 0.5 * apart)
+SPACING, SCALE = 0.02, 150.0
+"""Of particles [m], and pixels per metre."""
+TURN = torch.from_numpy(Rotation.from_rotvec([0.3, -0.5, 0.4]).as_matrix()).float()
 
 
-def test_points_outside_the_image_are_dropped():
-    pixels = torch.tensor([[[-30.0, 5.0], [500.0, 5.0], [5.0, 5.0]]])
-    image = splat(pixels, torch.ones(3), (16, 16), torch.tensor([1.0]))[0]
-    alone = splat(pixels[:, 2:], torch.ones(1), (16, 16), torch.tensor([1.0]))[0]
-    assert torch.equal(image, alone)
+def drawn(distance, views):
+    """Moments of a body, turned, as it is seen along each of its own axes; of it, its signed distance is known."""
+    axis = torch.arange(-0.34, 0.34, SPACING / 4)
+    values = distance(torch.cartesian_prod(axis, axis, axis) @ TURN).view(3 * (len(axis),))
+    surface = FieldGrid(values, torch.zeros(*values.shape, 0), axis[0].expand(3), SPACING / 4)
+    body = Sampling(surface, 2 * SPACING).body()
+    points = body.positions[body.discs.ends].mean(1) @ TURN
+    images = []
+    for along in range(views):
+        flat = SCALE * points[:, [i for i in range(3) if i != along]] + torch.tensor([48.3, 48.2])
+        radius = radii(SCALE * body.discs.depth, torch.tensor(SCALE * SPACING))
+        images.append(splat(flat[None], radius[None], (96, 96))[0])
+    return [dict(zip(KINDS, silhouette_moments(image), strict=True)) for image in images]
+
+
+def test_the_outline_of_a_ball_is_its_disc():
+    (found,) = drawn(lambda points: 0.2 - points.norm(dim=1), 1)
+    assert [found["x"], found["y"]] == pytest.approx([48.3, 48.2], abs=0.05)
+    assert found["size"] == pytest.approx(np.sqrt(np.pi) * 0.2 * SCALE, abs=0.15)
+
+
+@pytest.mark.parametrize("thickness", [0.4, 0.2, 0.1, 0.04])
+def test_outlines_are_as_large_as_a_plate_however_thick_it_is(thickness):
+    """Down to two particle spacings of three pixels each; seen face on and from two sides."""
+    half = torch.tensor([0.2, 0.15, thickness / 2])
+
+    def distance(points):
+        beyond = points.abs() - half
+        return -beyond.amax(1).clamp_max(0.0) - beyond.clamp_min(0.0).norm(dim=1)
+
+    seen = drawn(distance, 3)
+    sides = [(0.3, thickness), (0.4, thickness), (0.4, 0.3)]
+    for found, (width, height) in zip(seen, sides, strict=True):
+        across = found["size"] ** 2 / (SCALE * max(width, height))  # mean width in pixels of the shorter side
+        assert across == pytest.approx(SCALE * min(width, height), abs=0.1 * SCALE * SPACING)
+
+
+def test_what_is_out_of_sight_is_not_drawn():
+    pixels = torch.tensor([[[-30.0, 5.0], [500.0, 5.0], [5.0, 5.0], [torch.nan, 5.0], [9.0, 9.0]]])
+    radius = torch.tensor([[1.0, 2.0, 1.3, 1.0, 0.0]])
+    image = splat(pixels, radius, (16, 16))[0]
+    assert torch.equal(image, splat(pixels[:, 2:3], radius[:, 2:3], (16, 16))[0])
+    assert float(image.sum()) == pytest.approx(np.pi * 1.3**2, rel=0.1)
+
+
+def test_images_do_not_mix():
+    pixels = torch.tensor([[[4.0, 4.0]], [[11.0, 12.0]]])
+    both = splat(pixels, torch.full((2, 1), 2.0), (16, 16))
+    alone = [splat(one[None], torch.full((1, 1), 2.0), (16, 16))[0] for one in pixels]
+    assert torch.equal(both, torch.stack(alone))

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import torch
+from torch.nn.functional import avg_pool2d
 
 from pacnerf_lpo.data.cameras import pixel_rays
+from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.discs import Discs
+from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.ray_march import render_rays
+from pacnerf_lpo.scene.activation import surface_density
 from pacnerf_lpo.scene.colour import ColourNetwork
 from pacnerf_lpo.types import ParticleState, Video
 
 SIZE, FRAMES, DX = 24, 7, 0.08
 TRUTH = {"E": 3e4, "nu": 0.3, "ground_height": 0.0}
 VELOCITY = (0.0, -1.0, 0.0)
+SHARPER = 4
+"""Pixels of true outlines for each of the film's."""
 
 
 def block() -> ParticleState:
@@ -89,12 +97,44 @@ def film(state: ParticleState, trajectory: torch.Tensor, true_poses: torch.Tenso
         source="block",
     )
     rays_of = believed.__getitem__
-    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], rays=rays_of, tracked_points=None, point_clouds=None)
+    rays = {"rays": rays_of, "first_rays": rays_of}
+    return SimpleNamespace(video=video, train=[0, 1, 2], test=[], **rays, tracked_points=None, point_clouds=None)
 
 
 def physics(**guess: float) -> Physics:
     """An elastic block with another time step than the one it was filmed with."""
     return Physics(NeoHookean(**{"E": TRUTH["E"], "nu": TRUTH["nu"], **guess}), substep_rate=960.0)
+
+
+def solid_block(state: ParticleState) -> ParticleState:
+    """The block as a reconstruction of one that is solid up to its faces: its density rises evenly inwards from there,
+    and particles outside have no matter.
+    """
+    half, corner = state.spacing / 2, torch.tensor([0.2, 0.16, 0.2])
+    middle = (state.positions.amin(0) + state.positions.amax(0)) / 2
+    positions = torch.cartesian_prod(*[torch.arange(-n / 2 - 1.5, n / 2 + 2) * half for n in (10, 8, 10)]) + middle
+    torch.manual_seed(0)
+    return state.with_(
+        positions=positions,
+        velocity=state.velocity[:1].expand_as(positions).clone(),
+        density=600 * (corner - (positions - middle).abs()).amin(1),
+        features=torch.sin(positions @ torch.randn(3, 12) * 8),
+        surface_offset=-surface_density(*state.spacings),
+    )
+
+
+def outlined(data: SimpleNamespace, path: torch.Tensor, spacing: float) -> SimpleNamespace:
+    """The film with the outlines of a block of full particles [m, (F, N, 3)]; spacing of their nodes in metres."""
+    first, sharp = path[0], torch.tensor([SHARPER, SHARPER, 1.0])[:, None]
+    faces = torch.stack((first.amin(0) - spacing / 4, first.amax(0) + spacing / 4))
+    discs = Discs.within(lambda points: torch.minimum(points - faces[0], faces[1] - points).amin(1), first, spacing / 2)
+    body = Body(first, torch.ones(len(first)), spacing, discs)
+    blank = torch.zeros(1).expand(3, len(path), SHARPER * SIZE, SHARPER * SIZE)
+    video = replace(data.video, images=blank[..., None], silhouettes=blank, intrinsics=data.video.intrinsics * sharp)
+    model = BodyModel(body, Physics(NeoHookean()), video, {"v_x": 0.0, "v_y": 0.0, "v_z": 0.0})
+    seen = model.outlines(path)[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
+    data.video = replace(data.video, silhouettes=avg_pool2d(seen, SHARPER))
+    return data
 
 
 @pytest.fixture(scope="session")

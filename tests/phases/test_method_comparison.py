@@ -16,7 +16,7 @@ from pacnerf_lpo.phases import method_comparison
 from pacnerf_lpo.phases.identification_methods import GaussNewton
 from pacnerf_lpo.phases.method_comparison import compare_methods, reduced
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
-from tests.phases.conftest import FRAMES, TRUTH, film
+from tests.phases.conftest import FRAMES, TRUTH, film, outlined, solid_block
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_threads")]
 
@@ -24,10 +24,13 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_threads")]
 @pytest.fixture
 def module(state) -> PhysicsIDModule:
     """An identification that ended at twice the true stiffness, of a body that weighs what it shows."""
-    state = state.with_(density=torch.full_like(state.density, 60.0))  # no rim that weighs nothing
+    state = solid_block(state)
     law = NeoHookean(E=TRUTH["E"], nu=TRUTH["nu"], known=["nu"])
-    true, found = Physics(law, substep_rate=1920.0, mass_from="opacity"), PhysicsIDModule(3, GaussNewton())
-    found.attach(film(state, true.simulate(state, FRAMES)), Physics(law, substep_rate=960.0, mass_from="opacity"))
+    true, found = Physics(law, substep_rate=1920.0), PhysicsIDModule(3, GaussNewton())
+    path = true.simulate(state, FRAMES)
+    found.attach(
+        outlined(film(state, path), path[:, state.density > 0], state.spacing), Physics(law, substep_rate=960.0)
+    )
     found.import_state(state.with_(physics={**TRUTH, "E": 2 * TRUTH["E"]}))
     return found
 

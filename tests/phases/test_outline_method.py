@@ -15,7 +15,7 @@ from pacnerf_lpo.mpm.materials import NeoHookean, ViscoplasticVonMises
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import GaussNewton, OutlineGaussNewton, PhysicsIDModule
 from pacnerf_lpo.phases.outline_method import OutlineCost
-from tests.phases.conftest import FRAMES, TRUTH, film, physics
+from tests.phases.conftest import FRAMES, TRUTH, film, outlined, physics, solid_block
 from tests.phases.test_dynamic_phases import HIT, run
 
 
@@ -26,19 +26,15 @@ def method(**settings) -> OutlineGaussNewton:
 
 @pytest.fixture(scope="module")
 def solid(state):
-    """The block with the same density throughout, and its film: what outlines see is where the matter ends.
-
-    Each particle is eight for the film's simulation, on a grid of half the spacing.
-    """
-    full, half = state.with_(density=torch.full_like(state.density, 60.0)), state.spacing / 2
+    """A solid block and its film, for which each particle is eight, on a grid of half the spacing."""
+    full, half = solid_block(state), state.spacing / 2
     corners = torch.cartesian_prod(*[torch.tensor([-0.25, 0.25])] * 3) * half
-    eight = (full.positions[:, None] + corners).flatten(0, 1)
+    eight = (full.positions[full.density > 0][:, None] + corners).flatten(0, 1)
     fine = Physics(NeoHookean(), substep_rate=1920.0)
     truth = {name: torch.tensor(value) for name, value in TRUTH.items()}
-    velocity = full.velocity.repeat_interleave(8, 0)
     full_of_matter = torch.ones(len(eight))
-    path = fine.motion(eight, velocity, full_of_matter, full_of_matter, truth, half, FRAMES)
-    return full, film(full, path.unflatten(1, (-1, 8)).mean(2))
+    path = fine.motion(eight, full.velocity[:1].expand_as(eight), full_of_matter, full_of_matter, truth, half, FRAMES)
+    return full, outlined(film(full, full.positions.expand(FRAMES, -1, -1)), path, half)
 
 
 @pytest.mark.slow
@@ -103,9 +99,11 @@ def test_fits_on_finer_bodies_decide_between_valleys(solid):
 
     near, wrong = off_by(0.1), off_by(-1.5)
     assert near.cost > 1.1 * off_by(0.0).cost
-    for pair in ((near, wrong), (wrong, near)):
-        found = module.method._on_finer(module, pair)[0].free
-        assert found[index] == pytest.approx(math.log10(TRUTH["E"]), abs=0.05)
+    ended = [module.method._on_finer(module, pair)[0].free[index] for pair in ((near, wrong), (wrong, near))]
+    # three small views and voxels of 8 cm make the body 7 % too large, and it ends where a fit from the truth does
+    from_truth = module.method._on_finer(module, (off_by(0.0),))[0].free[index]
+    assert ended == pytest.approx([from_truth] * 2, abs=0.02)
+    assert ended == pytest.approx([math.log10(TRUTH["E"])] * 2, abs=0.08)
 
 
 @pytest.mark.slow

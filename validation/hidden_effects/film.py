@@ -11,17 +11,17 @@ from torch import Tensor
 from torch.nn import functional
 
 from pacnerf_lpo.identification.body import Body
+from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.particles.sampling import interpolate
 from validation.hidden_effects.setting import FRAME_RATE, Setting
 
 FASTER, FASTER_AT = 1.6, 0.75
 """Steps per second relative to those of the diagnosis' model, for a node spacing of so much of the model's."""
 SUPERSAMPLING = 2
-OPEN, SOLID = 0.25, 0.75
-"""Optical thickness ends more abruptly than in the model's own outlines: opacity from 0.25 to 0.75 becomes 0 to 1."""
 MATTE_NOISE = 0.4
 """Of the opacity of half-covered pixels: edges err by 0.2 pixels then, those of path-traced videos by 0.3."""
 BRIGHTNESS_NOISE, VIEW_SHADE = 0.004, 0.008
@@ -71,7 +71,9 @@ def film(
     generator = torch.Generator().manual_seed(int(random.integers(1 << 31)))
     spacing = finer * setting.spacing
     positions = setting.filled(spacing / 2, generator)
-    body = Body(positions, torch.ones(len(positions)), spacing)
+    full = torch.ones(len(positions))
+    discs = Discs.within(lambda points: interpolate(setting.surface, points)[0], positions, spacing / 2)
+    body = Body(positions, full, spacing, discs)
     model = BodyModel(body, physics, setting.video(factor=SUPERSAMPLING), true)
     path = model.path(model.start)
     views = [matte(model.outlines(path, model.start, [view])[0], random) for view in range(len(setting.cameras))]
@@ -84,7 +86,6 @@ def film(
 def matte(opacity: Tensor, random: np.random.Generator) -> Tensor:
     """What a matting makes of opacities of twice the size, with a margin: [0..1, (F, H, W)]."""
     inner = opacity[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
-    hard = ((inner - OPEN) / (SOLID - OPEN)).clamp(0.0, 1.0)
-    small = functional.avg_pool2d(hard, SUPERSAMPLING)
+    small = functional.avg_pool2d(inner, SUPERSAMPLING)
     noise = torch.from_numpy(random.standard_normal(small.shape)).to(small)
     return (small + 4 * MATTE_NOISE * small * (1 - small) * noise).clamp(0.0, 1.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pacnerf_lpo.identification.body import LEAST_FRACTION, SUBSAMPLES, Body
+from pacnerf_lpo.identification.body import Body, Sampling
 from pacnerf_lpo.identification.problem import BodyProblem, shading
 from pacnerf_lpo.identification.replicates import distorted
 from pacnerf_lpo.identification.silhouette_moments import sensor_noise, silhouette_moments
@@ -72,17 +72,7 @@ class KnownShape(BodyProblem):
         return self._undistorted(self.setting.spacing, 0)
 
     def _undistorted(self, spacing: float, seed: int) -> Body:
-        half = spacing / 2
-        shift = torch.rand(3, generator=torch.Generator().manual_seed(seed)) * half
-        reach, centre = self.setting.reach, torch.tensor(self.setting.centre, dtype=torch.float32)
-        axis = torch.arange(-reach - half, reach + half, half)
-        inner = (torch.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES * half
-        corners = torch.cartesian_prod(axis, axis, axis) - shift + centre
-        points = corners[:, None] + torch.cartesian_prod(inner, inner, inner)
-        solid = self.setting.inside(points.reshape(-1, 3)).float().reshape(len(points), -1)
-        kept = solid.mean(1) > LEAST_FRACTION
-        positions = (points * solid[..., None]).sum(1)[kept] / solid.sum(1)[kept, None]
-        return Body(positions, solid.mean(1)[kept], spacing)
+        return Sampling(self.setting.surface, spacing, seed).body()
 
 
 def physics_of(setting: Setting) -> Physics:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -14,10 +16,11 @@ from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.identification.split import held_views
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.materials.base import Material
-from pacnerf_lpo.types import Video
+from pacnerf_lpo.types import FieldGrid, Video
 
 FRAME_RATE, GRAVITY = 24.0, 9.8
 VOLUME_LATTICE = 40
+SURFACE_NODES = 8  # of its signed distance, for each of the model's
 LEAST_GAP = 0.08  # between body and ground at frame 0 [m]
 GUESSED_WITHIN = 0.3  # decades, of a modulus
 OTHERS = ("VonMises", "Newtonian")
@@ -96,6 +99,17 @@ class Setting:
     def inside(self, points: Tensor) -> Tensor:
         """Whether each point in the world [m, (N, 3)] is in the body at frame 0 [(N,), bool]."""
         return self.solid.contains((points - torch.tensor(self.centre, dtype=points.dtype)) @ self._turn.to(points))
+
+    @cached_property
+    def surface(self) -> FieldGrid:
+        """Distance to the surface of the body at frame 0, positive inside [m]."""
+        dx = self.spacing / SURFACE_NODES
+        axis = torch.arange(-self.reach - self.spacing, self.reach + self.spacing + dx, dx)
+        centre = torch.tensor(self.centre, dtype=torch.float32)
+        inside = self.inside(torch.cartesian_prod(axis, axis, axis) + centre).view(3 * (len(axis),)).numpy()
+        away = distance_transform_edt
+        depth = torch.from_numpy(np.where(inside, away(inside) - 0.5, 0.5 - away(~inside)) * dx).float()
+        return FieldGrid(depth, depth.new_zeros(*depth.shape, 0), centre + axis[0], dx)
 
     def filled(self, spacing: float, generator: torch.Generator) -> Tensor:
         """Points of the body at frame 0, one in each cell of a lattice [m, (N, 3)]; ``spacing`` in metres."""
