@@ -58,7 +58,7 @@ class Discs:
 
     def moved(self, steps: Tensor, kept: Tensor, positions: Tensor, apart: float) -> "Discs":
         """Of the same body after particles were moved at random and others left out; there are balls half way between
-        all neighbours, as deep as the two on average.
+        all neighbours, as deep as a cubic between the two is there.
 
         Args:
             steps, kept: of the particles [m, (N, 3)], and which of them are left [(N,), bool]

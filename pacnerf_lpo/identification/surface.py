@@ -109,7 +109,7 @@ def signed_distance(density: FieldGrid, level: float) -> FieldGrid | None:
     inside = density.density.numpy() > level
     if not inside.any():
         return None
-    distance = _signed(inside) * density.dx
+    distance = edge_distance(inside) * density.dx
     smooth = ndimage.gaussian_filter(distance, SMOOTH * FINER)
     return _field(torch.from_numpy(smooth if (smooth > 0).any() else distance), density.lower, density.dx)
 
@@ -141,12 +141,12 @@ def seen_by(lines: Lines, surface: FieldGrid) -> FieldGrid:
     return found
 
 
-def _signed(inside: np.ndarray) -> np.ndarray:
-    """Distance of every element from the edge, half way to the nearest one of the other kind, negative outside
-    [elements].
+def edge_distance(inside: np.ndarray) -> np.ndarray:
+    """Distance of every element of a mask [bool, (...)] from its edge, half way to the nearest one of the other kind,
+    negative outside [elements, (...)].
     """
-    distance = ndimage.distance_transform_edt
-    return np.where(inside, distance(inside) - 0.5, 0.5 - distance(~inside))
+    away = ndimage.distance_transform_edt
+    return np.where(inside, away(inside) - 0.5, 0.5 - away(~inside))
 
 
 def _field(values: Tensor, lower: Tensor, dx: float) -> FieldGrid:
@@ -158,5 +158,5 @@ def _inside(matte: np.ndarray) -> Tensor:
     fine = ndimage.zoom(matte, SUPERSAMPLING, order=1, mode="nearest", grid_mode=True) > 0.5
     if fine.all() or not fine.any():
         return torch.full((matte.size,), torch.inf)
-    blocks = _signed(fine).reshape(len(matte), SUPERSAMPLING, -1, SUPERSAMPLING) / SUPERSAMPLING
+    blocks = edge_distance(fine).reshape(len(matte), SUPERSAMPLING, -1, SUPERSAMPLING) / SUPERSAMPLING
     return torch.from_numpy(blocks.mean((1, 3))).float().flatten()

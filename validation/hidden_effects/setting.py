@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from pacnerf_lpo.data import shapes
 from pacnerf_lpo.data.synthetic import hemisphere_rig
 from pacnerf_lpo.identification.split import held_views
+from pacnerf_lpo.identification.surface import edge_distance
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.types import FieldGrid, Video
@@ -107,8 +107,7 @@ class Setting:
         axis = torch.arange(-self.reach - self.spacing, self.reach + self.spacing + dx, dx)
         centre = torch.tensor(self.centre, dtype=torch.float32)
         inside = self.inside(torch.cartesian_prod(axis, axis, axis) + centre).view(3 * (len(axis),)).numpy()
-        away = distance_transform_edt
-        depth = torch.from_numpy(np.where(inside, away(inside) - 0.5, 0.5 - away(~inside)) * dx).float()
+        depth = torch.from_numpy(edge_distance(inside) * dx).float()
         return FieldGrid(depth, depth.new_zeros(*depth.shape, 0), centre + axis[0], dx)
 
     def filled(self, spacing: float, generator: torch.Generator) -> Tensor:
