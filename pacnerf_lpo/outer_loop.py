@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 
 import pytorch_lightning as pl
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
 from pacnerf_lpo.phases.base import AbstractPhase

@@ -11,7 +11,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.cli import PhaseCLI
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.mpm.physics import Physics
 
 pytestmark = pytest.mark.slow
@@ -27,7 +27,7 @@ SHARED |= {"drag_torus": "torus", "null_bird": "bird", "slip_cat": "torus"}  # o
 def configured(*names: str, root: str = "some/folder") -> PhaseCLI:
     """The command line of ``fit`` with these configs, parsed, with everything made but nothing read."""
     files = [word for name in ("fit", *names) for word in ("--config", str(CONFIGS / f"{name}.yaml"))]
-    return PhaseCLI([*files, "--data.root", root], VideoData, Physics)
+    return PhaseCLI([*files, "--data.root", root], VideoModule, Physics)
 
 
 def flat(config: Any, prefix: str = "") -> dict[str, Any]:

@@ -22,7 +22,7 @@ import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names know
 from pacnerf_lpo.__main__ import COMMANDS, main
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.recordings import layouts
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.mpm.simulator import Simulator
@@ -130,7 +130,7 @@ def test_fits_parse(words: list[str], tmp_path: Path, monkeypatch: pytest.Monkey
     (tmp_path / "my_scene.yaml").write_text((ROOT / "configs/scenes/torus.yaml").read_text())
     (tmp_path / "rubber.yaml").write_text("physics: {material: {class_path: NeoHookean}}\n")
     monkeypatch.chdir(tmp_path)
-    assert set(PhaseCLI(words[1:], VideoData, Physics).phases) >= {"static", "velocity", "physics"}
+    assert set(PhaseCLI(words[1:], VideoModule, Physics).phases) >= {"static", "velocity", "physics"}
 
 
 @pytest.mark.parametrize("path", [*GUIDE, CONTRIBUTING, REAL], ids=lambda path: path.name)
@@ -263,7 +263,7 @@ def test_recipes_parse(recipes: Path, tmp_path: Path):
         overlays[-1].write_text(text)
         assert set(yaml.safe_load(text)) <= {"physics", "phases"}
     files = [ROOT / "configs" / name for name in ("fit.yaml", "demo.yaml")] + overlays
-    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoData, Physics)
+    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoModule, Physics)
     assert type(cli.physics.material).__name__ == "KelvinVoigt"
     assert [type(effect).__name__ for effect in cli.physics.effects] == ["Lorentz"]
     assert {"eta", "gyration"} <= set(cli.physics.free_names)

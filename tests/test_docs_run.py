@@ -16,7 +16,7 @@ import yaml
 
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.cli import PhaseCLI
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.explore import Session
 from pacnerf_lpo.mpm import materials
 from pacnerf_lpo.mpm.physics import Physics
@@ -94,7 +94,7 @@ def test_an_effect_of_ones_own_is_found_as_the_page_says(tmp_path: Path, monkeyp
     (fitted,) = (one for one in found["rounds"][-1]["parameters"] if one["name"] == "gyration")
     assert fitted["low"] < 0.8 < fitted["high"]  # the script's k; 90 % intervals, with its one seed
     words = [word for file in ("fit", "demo", "own.yaml") for word in ("--config", file)]
-    assert [type(one).__name__ for one in PhaseCLI(words, VideoData, Physics).physics.effects] == ["Magnetic"]
+    assert [type(one).__name__ for one in PhaseCLI(words, VideoModule, Physics).physics.effects] == ["Magnetic"]
 
 
 @pytest.mark.slow
@@ -113,10 +113,10 @@ def test_a_material_of_ones_own_works_as_the_page_says(
     (synthesized,), (made,) = (commands("docs/own_material.md", name) for name in ("synthesize", "init"))
     assert main([*synthesized, *TINY]) == 0 and main(made) == 0
     ((_, scene, *words),) = commands("docs/own_material.md", "fit")
-    physics = PhaseCLI(stack(Path(scene), words)[0], VideoData, Physics).physics
+    physics = PhaseCLI(stack(Path(scene), words)[0], VideoModule, Physics).physics
     assert type(physics.material).__name__ == "Stiffening" and {"E", "nu", "s"} <= set(physics.free_names)
     (tmp_path / "rubber.yaml").write_text(several)
-    material = PhaseCLI(stack(Path(scene), words)[0], VideoData, Physics).physics.material
+    material = PhaseCLI(stack(Path(scene), words)[0], VideoModule, Physics).physics.material
     assert [type(law).__name__ for law in material.guesses(1.0, 1.0)] == ["NeoHookean", "Stiffening"]
     assert material.guesses(1.0, 1.0)[1].guess == {"E": 1e5, "nu": 0.3, "s": 1.0}, "an impact changes nothing"
 
@@ -183,4 +183,4 @@ def test_the_lines_of_a_material_are_a_configuration(name: str, tmp_path: Path):
     assert set(yaml.safe_load(text)) == {"physics"}
     (tmp_path / "law.yaml").write_text(text)
     words = [word for file in ("fit", "demo", str(tmp_path / "law.yaml")) for word in ("--config", file)]
-    assert type(PhaseCLI(words, VideoData, Physics).physics.material).__name__ == name
+    assert type(PhaseCLI(words, VideoModule, Physics).physics.material).__name__ == name

@@ -17,7 +17,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.cli import PhaseCLI
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.diagnosis.catalogue import as_config, name_of, read_candidates
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.errors import UserInputError
@@ -47,7 +47,7 @@ def found_overlay(physics: Physics, effects: list[Effect], values: dict[str, flo
 
 def configured(*files: Path, options: tuple[str, ...] = ()) -> PhaseCLI:
     """``fit`` with these configs, parsed."""
-    return PhaseCLI([*(word for file in files for word in ("--config", str(file))), *options], VideoData, Physics)
+    return PhaseCLI([*(word for file in files for word in ("--config", str(file))), *options], VideoModule, Physics)
 
 
 @pytest.fixture(scope="module")

@@ -18,3 +18,10 @@ def test_a_hidden_import_of_a_higher_layer_is_refused(tmp_path: Path):
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 1, done.stderr
     assert "pacnerf_lpo.mpm is not allowed to import pacnerf_lpo.render" in done.stdout
+
+
+def test_what_reads_recordings_and_runs_starts_without_lightning():
+    names = ("init", "check", "diagnose", "explore", "export", "plan", "render", "synthesize", "report", "evaluate")
+    code = ";".join([*(f"import pacnerf_lpo.commands.{name}" for name in names), "import sys"])
+    code += ";sys.exit('pytorch_lightning' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0

@@ -12,7 +12,7 @@ from pacnerf_lpo import named_configs
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.commands import diagnose
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.named_configs import config_names, find_config, summary
@@ -31,7 +31,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def resolved(words: list[str]) -> str:
     """The complete configuration that ``fit`` makes of a command line."""
-    return PhaseCLI([*words, "--data.root", "nowhere"], VideoData, Physics).dump()
+    return PhaseCLI([*words, "--data.root", "nowhere"], VideoModule, Physics).dump()
 
 
 def test_every_file_has_a_name(elsewhere: Path):

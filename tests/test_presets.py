@@ -12,7 +12,7 @@ from PIL import Image
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.cli import PhaseCLI
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.presets import LEAST_GPU_MEMORY, PRESETS, stack
 
@@ -43,7 +43,7 @@ def scene(tmp_path: Path):
 
 
 def parsed(folder: Path, *words: str):
-    return PhaseCLI(stack(folder, words)[0], VideoData, Physics).config
+    return PhaseCLI(stack(folder, words)[0], VideoModule, Physics).config
 
 
 @pytest.mark.slow

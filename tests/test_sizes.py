@@ -27,7 +27,7 @@ MANY_ARGUMENTS = {
     "commands/diagnose.py:run": COMMAND,
     "commands/init.py:run": COMMAND,
     "commands/synthesize.py:run": COMMAND,
-    "data/video_module.py:VideoData.__init__": CONFIGURED,
+    "data/video_data.py:VideoData.__init__": CONFIGURED,
     "mpm/physics.py:Physics.__init__": CONFIGURED,
     "outer_loop.py:OuterLoop.__init__": CONFIGURED,
     "phases/static_grid.py:StaticGridModule.__init__": CONFIGURED,

@@ -15,7 +15,7 @@ from pytorch_lightning import Trainer
 
 import pacnerf_lpo.commands.fit  # noqa: F401  (makes the short class names known)
 from pacnerf_lpo.cli import NOT_CONFIGURABLE, PhaseCLI
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.diagnosis.catalogue import known_classes
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.ground import Ground
@@ -27,7 +27,7 @@ from pacnerf_lpo.phases.base import AbstractPhase
 PACKAGE = "pacnerf_lpo"
 SECTIONS: dict[str, tuple[type, str]] = {
     "data": (
-        VideoData,
+        VideoModule,
         "The recording: where it is, which views and frames count, and the box that holds the body.",
     ),
     "physics": (Physics, "The physical model: material, ground, effects, and how finely time is resolved."),
@@ -212,7 +212,7 @@ def _section(name: str) -> str:
 
 
 def _first_page() -> str:
-    parser = PhaseCLI(["--config", "fit", "--config", "demo"], VideoData, Physics).parser
+    parser = PhaseCLI(["--config", "fit", "--config", "demo"], VideoModule, Physics).parser
     alone = [one for one in parser._actions if re.fullmatch(r"\w+", one.dest) and one.help and one.dest not in SECTIONS]
     rows = [
         f'| <span id="top.{one.dest}">`{one.dest}`</span> | {(one.help or "").replace("%%", "%").split(" (type")[0]} |'

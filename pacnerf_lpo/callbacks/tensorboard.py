@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pytorch_lightning.loggers import TensorBoardLogger
-from torch import Tensor
 
-FOLDER = "tensorboard"
+from pacnerf_lpo.events import FOLDER, tagged
 
 
 class PhaseLogger(TensorBoardLogger):
@@ -24,12 +23,5 @@ class PhaseLogger(TensorBoardLogger):
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         """Log scalars at a step of the phase."""
-        tagged = {self._tag(name): value for name, value in metrics.items() if name != "epoch"}
-        super().log_metrics(tagged, self.first_step + (step or 0))
-
-    def log_image(self, name: str, image: Tensor, step: int) -> None:
-        """Log an image [0..1, (H, W, 3)] at a step of the phase."""
-        self.experiment.add_image(self._tag(name), image, self.first_step + step, dataformats="HWC")
-
-    def _tag(self, name: str) -> str:
-        return name if name.startswith(f"{self.phase}/") else f"{self.phase}/{name}"
+        named = {tagged(self.phase, name): value for name, value in metrics.items() if name != "epoch"}
+        super().log_metrics(named, self.first_step + (step or 0))

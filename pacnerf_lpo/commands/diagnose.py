@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.callbacks.stop_request import StopRequest
-from pacnerf_lpo.commands import fit
 from pacnerf_lpo.data.trajectories.scene import scenes_in
 from pacnerf_lpo.diagnosis.diagnose import Options, investigate, prepare
 from pacnerf_lpo.diagnosis.settings import Settings
@@ -119,6 +118,8 @@ def reconstructed(folder: str) -> str:
     run_dir = Path(folder) / RUN
     done = Manifest.load(run_dir).done if (run_dir / FILE_NAME).is_file() else []
     if all(record.phase != "velocity" for record in done):
+        from pacnerf_lpo.commands import fit  # here, for Lightning takes seconds to import
+
         print(f"{folder}: body and velocity first, as `pacnerf-lpo fit {folder} --outer_loop.rounds 0`", flush=True)
         fit.run([folder, "--outer_loop.rounds", "0"])
     return str(run_dir)

@@ -8,7 +8,8 @@ from itertools import takewhile
 from pathlib import Path
 
 from pacnerf_lpo import cli
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.evaluation.doubts import Doubt, doubts_of_phase
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -27,7 +28,7 @@ def run(args: Sequence[str]) -> int:
     """Run the command; returns its exit status. Its first word may be a scene folder, and several are a study."""
     scenes = list(takewhile(lambda word: not word.startswith("-"), args))
     if not scenes:
-        return cli.fit(args, VideoData, Physics, look_back, finish)
+        return cli.fit(args, VideoModule, Physics, look_back, finish)
     if len(scenes) > 1:
         from pacnerf_lpo.commands import study  # which fits each of them by this function
 
@@ -35,7 +36,7 @@ def run(args: Sequence[str]) -> int:
     words, remarks = stack(Path(args[0]), args[1:])
     for remark in remarks:
         print(remark)
-    return cli.fit(words, VideoData, Physics, look_back, finish, goes_on=True)
+    return cli.fit(words, VideoModule, Physics, look_back, finish, goes_on=True)
 
 
 def look_back(

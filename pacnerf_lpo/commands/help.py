@@ -15,7 +15,7 @@ import pacnerf_lpo
 from pacnerf_lpo.fit_options import DESCRIPTION, OPTIONS
 
 SECTIONS = {
-    "data": "data.video_module.VideoData",
+    "data": "data.video_data.VideoData",
     "physics": "mpm.physics.Physics",
     "outer_loop": "outer_loop.OuterLoop",
 }

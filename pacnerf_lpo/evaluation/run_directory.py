@@ -10,7 +10,7 @@ import yaml
 from jsonargparse import ArgumentParser
 
 import pacnerf_lpo.render.camera_faults  # noqa: F401  (short class names in YAML exist once their modules are imported)
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord
 from pacnerf_lpo.mpm.physics import Physics

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pacnerf_lpo.data.measurements import PointClouds, TrackedPoints
 from pacnerf_lpo.data.point_residuals import CLOUD_KINDS, attach, cloud_residuals, cloud_sigma, track_residuals
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 
 COLUMNS = len(KINDS) + 1

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.identification import body as bodies

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import lsqr
 from torch import Tensor
 from torch.nn.functional import interpolate as resized
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.identification.silhouette_moments import EDGE
 from pacnerf_lpo.particles.sampling import interpolate
 from pacnerf_lpo.particles.transfer import particles_to_grid

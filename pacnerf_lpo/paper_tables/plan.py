@@ -18,7 +18,7 @@ import yaml
 from pacnerf_lpo import __version__
 from pacnerf_lpo.cli import CONFIG_FILE, PhaseCLI, quieten_lightning
 from pacnerf_lpo.data.pac_nerf import data_digest
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
 from pacnerf_lpo.manifest import Manifest, write_atomically
@@ -119,7 +119,7 @@ def plan_runs(
             words.append("--outer_loop.stop_when=never")
         if cli is None:  # the parser is made once
             quieten_lightning()
-            cli = PhaseCLI(words, VideoData, Physics)
+            cli = PhaseCLI(words, VideoModule, Physics)
         else:
             cli.parse_arguments(cli.parser, words)
         config = yaml.safe_load(cli.dump())  # values that nobody set included

@@ -8,7 +8,7 @@ from typing import Any
 import pytorch_lightning as pl
 import torch
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState

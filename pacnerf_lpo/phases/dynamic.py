@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, psnr

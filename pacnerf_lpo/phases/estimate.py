@@ -9,7 +9,7 @@ from torch.nn.functional import mse_loss
 
 from pacnerf_lpo.data.cameras import hits_box
 from pacnerf_lpo.data.hull import hull_volume
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.problem import PARTICLES
 from pacnerf_lpo.mpm import runtime

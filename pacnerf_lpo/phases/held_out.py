@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import torch
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.render.clocks import cameras_of

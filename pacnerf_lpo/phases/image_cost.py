@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.particles.transfer import particles_to_grid
 from pacnerf_lpo.render.observation import AS_BELIEVED, Observer

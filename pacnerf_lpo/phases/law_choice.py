@@ -7,7 +7,7 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.laws import PARTICLES, Competition
 from pacnerf_lpo.identification.problem import COARSER, StateProblem

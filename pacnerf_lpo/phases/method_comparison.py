@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 from tqdm import tqdm
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import ROUGH_GAIN, Effort, Fit, Residual, fit
 from pacnerf_lpo.mpm.parameters import Log10

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.data import cameras
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.render.camera_faults.base import Observation
 from pacnerf_lpo.types import Rays, Video
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from tensorboard.backend.event_processing.event_accumulator import SCALARS, EventAccumulator
 
-from pacnerf_lpo.callbacks.tensorboard import FOLDER
 from pacnerf_lpo.evaluation.prediction import Prediction, StateRenderer, read_prediction, to_bytes, visible_particles
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.events import FOLDER
 from pacnerf_lpo.quantities import symbol
 from pacnerf_lpo.report.page import atlas, atlas_columns, base64_array, plain, quantised, size_within
 from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale, signed_residual

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.evaluation.prediction import predict
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
+from pacnerf_lpo.events import PhaseEvents
 from pacnerf_lpo.report.residual_colours import comparison_panel, residual_colours
 
 TITLE = "rendered | measured | residual (orange: model darker, blue: brighter)"
@@ -24,19 +24,18 @@ def log_evaluation(run: Run, results: Mapping[str, Any]) -> None:
     """Show what ``evaluate_run`` returned: image metrics, rendered and measured images, at the last step of a phase."""
     step = 0
     for stage, result in zip(run.stages, results["phases"], strict=True):
-        logger = PhaseLogger(run.run_dir, stage.record.phase, step)
+        with PhaseEvents(run.run_dir, stage.record.phase, step) as events:
+            for views, metrics in (result.get("image_metrics") or {}).items():
+                numbers = {f"{name} ({views} views)": value for name, value in (metrics or {}).items()}
+                events.add_metrics({k: v for k, v in numbers.items() if isinstance(v, float)}, stage.record.steps)
+            if "images" in result:
+                _add_comparisons(events, run, stage)
+            if stage is run.last:
+                events.add_custom_scalars(scalar_layout(results))
         step += stage.record.steps
-        for views, metrics in (result.get("image_metrics") or {}).items():
-            numbers = {f"{name} ({views} views)": value for name, value in (metrics or {}).items()}
-            logger.log_metrics({k: v for k, v in numbers.items() if isinstance(v, float)}, stage.record.steps)
-        if "images" in result:
-            _log_comparisons(logger, run, stage)
-        if stage is run.last:
-            logger.experiment.add_custom_scalars(scalar_layout(results))
-        logger.finalize("success")
 
 
-def _log_comparisons(logger: PhaseLogger, run: Run, stage: Stage) -> None:
+def _add_comparisons(events: PhaseEvents, run: Run, stage: Stage) -> None:
     """First, middle and last frame of the first training and the first test view: rendered, measured and residual."""
     video, images = run.data.video, predict(run, stage).images
     frames = sorted({0, images.shape[1] // 2, images.shape[1] - 1})
@@ -45,7 +44,7 @@ def _log_comparisons(logger: PhaseLogger, run: Run, stage: Stage) -> None:
             predicted = torch.from_numpy(images[view, frame].copy()).float() / 255
             tag = f"view {video.view_ids[view]}, frame {video.frame_ids[frame]}"
             panel = comparison_panel(predicted, video.images[view, frame])
-            logger.log_image(f"{tag}: {TITLE}", panel, stage.record.steps)
+            events.add_picture(f"{tag}: {TITLE}", panel, stage.record.steps)
 
 
 def scalar_layout(results: Mapping[str, Any]) -> dict[str, Any]:
@@ -72,21 +71,21 @@ def log_diagnosis(run_dir: Path) -> None:
     added effects), by frame (at the frame's index), and the view x frame map of the excess error before and after.
     """
     result = json.loads((run_dir / "diagnosis" / "diagnosis.json").read_text())
-    logger, unit = PhaseLogger(run_dir, "diagnosis", 0), result["unit"]
-    for number, stage in enumerate(result["stages"]):
-        whole = {f"error, {part} data [{unit}]": value for part, value in stage["error"].items()}
-        views = {
-            f"error by view/{view} [{unit}]": value
-            for view, value in zip(result["views"], stage["by_view"], strict=True)
-            if value is not None
-        }
-        logger.log_metrics(whole | views, number)
-        for frame, value in enumerate(stage["by_frame"]):
-            if value is not None:
-                logger.log_metrics({f"error by frame/{number} {stage['readable']} [{unit}]": value}, frame)
-    if result["views"]:
-        logger.log_image("excess error, view by frame (above: before, below: after)", excess_picture(result), 0)
-    logger.finalize("success")
+    unit = result["unit"]
+    with PhaseEvents(run_dir, "diagnosis") as events:
+        for number, stage in enumerate(result["stages"]):
+            whole = {f"error, {part} data [{unit}]": value for part, value in stage["error"].items()}
+            views = {
+                f"error by view/{view} [{unit}]": value
+                for view, value in zip(result["views"], stage["by_view"], strict=True)
+                if value is not None
+            }
+            events.add_metrics(whole | views, number)
+            for frame, value in enumerate(stage["by_frame"]):
+                if value is not None:
+                    events.add_metrics({f"error by frame/{number} {stage['readable']} [{unit}]": value}, frame)
+        if result["views"]:
+            events.add_picture("excess error, view by frame (above: before, below: after)", excess_picture(result), 0)
 
 
 def excess_picture(result: Mapping[str, Any]) -> Tensor:

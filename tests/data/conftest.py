@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.data.synthetic import Drawing, hemisphere_rig, write_scene
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 
 SIZE, VIEWS, FRAMES = 32, 4, 4
 CENTRE, RADIUS = np.array([0.0, 0.42, 0.0]), 0.2
@@ -54,5 +54,7 @@ def edit(scene: Path) -> Callable[[Callable[[dict[tuple[int, int], dict[str, Any
     return apply
 
 
-def load(root: Path, **options) -> VideoData:
-    return VideoData(str(root), **{**BOX, **options}).prepare()
+def load(root: Path, **options) -> VideoModule:
+    module = VideoModule(str(root), **{**BOX, **options})
+    module.prepare()
+    return module

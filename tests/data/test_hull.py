@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pacnerf_lpo.data.hull import CELLS, MARGIN, hull_box
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.types import Box
 

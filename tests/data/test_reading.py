@@ -9,7 +9,7 @@ from pacnerf_lpo.data.assets import demo_scene
 from pacnerf_lpo.data.cameras import hits_box, pixel_rays, project
 from pacnerf_lpo.data.images import area_average, on_white, white_silhouette
 from pacnerf_lpo.data.synthetic import hemisphere_rig
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.types import Box, Video
 from tests.data.conftest import CENTRE, RADIUS, SIZE, load
 

@@ -8,7 +8,7 @@ import torch
 import yaml
 
 from pacnerf_lpo.__main__ import main
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.diagnosis.store import FOLDER

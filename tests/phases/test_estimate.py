@@ -8,7 +8,7 @@ import re
 import pytest
 import torch
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics

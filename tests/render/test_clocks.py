@@ -8,7 +8,7 @@ import torch
 
 from pacnerf_lpo.data.cameras import pixel_rays, project
 from pacnerf_lpo.data.checks import check_offsets, check_velocity
-from pacnerf_lpo.data.video_module import at_start
+from pacnerf_lpo.data.video_data import at_start
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.render.camera_faults import TimeOffset
 from pacnerf_lpo.render.clocks import KnownOffset, cameras_of

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
 from pacnerf_lpo.data.cameras import project
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.manifest import Manifest, PhaseRecord
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.scene.colour import ColourNetwork

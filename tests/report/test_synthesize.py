@@ -10,7 +10,7 @@ import torch
 
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.shapes import Ball, Block, Torus, fill
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.evaluation.parameter_errors import read_truth
 
 OPTIONS = ["--dx", "0.08", "--substep_rate", "1200", "--frames", "4", "--views", "2", "--image_size", "64"]

@@ -13,8 +13,8 @@ import torch
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.events import PhaseEvents
 from pacnerf_lpo.report.residual_colours import NEGATIVE, comparison_panel
 from pacnerf_lpo.report.tensorboard_images import TITLE, log_evaluation, scalar_layout
 
@@ -26,10 +26,9 @@ def events_of(folder) -> EventAccumulator:
 
 
 def test_panel_is_logged_under_the_phase_at_the_run_s_step(tmp_path):
-    logger = PhaseLogger(tmp_path, "physics", first_step=100)
     panel = comparison_panel(torch.zeros(8, 10, 3), torch.ones(8, 10, 3))
-    logger.log_image(f"view 3: {TITLE}", panel, 7)
-    logger.finalize("success")
+    with PhaseEvents(tmp_path, "physics", first_step=100) as writer:
+        writer.add_picture(f"view 3: {TITLE}", panel, 7)
     events = events_of(tmp_path)
     (tag,) = events.Tags()["images"]
     assert tag.startswith("physics/view 3: rendered | measured | residual")

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.evaluation.doubts import identification, recording
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.evaluation.doubts.images import doubts_about_images

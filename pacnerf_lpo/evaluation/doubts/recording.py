@@ -10,7 +10,7 @@ from pacnerf_lpo.data.cameras import project
 from pacnerf_lpo.data.recordings.fall import fit_ballistic, lowest_point
 from pacnerf_lpo.data.recordings.findings import GROUND_ERROR, find_contact, find_ground, free_flight
 from pacnerf_lpo.data.recordings.tangents import Planes, bounds, outline_planes
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.types import ParticleState
 

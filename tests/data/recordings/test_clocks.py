@@ -13,7 +13,7 @@ from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.clocks import Sighting, find_clocks, resampled
 from pacnerf_lpo.data.recordings.shots import mend_dropouts
 from pacnerf_lpo.data.recordings.tangents import outline_points
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_data import VideoData
 from tests.data.recordings.layouts import write_json
 from tests.data.recordings.studio import (
     CONTACT,

@@ -10,7 +10,7 @@ from pacnerf_lpo.cli import PhaseCLI
 from pacnerf_lpo.data.pac_nerf import read_pac_nerf
 from pacnerf_lpo.data.recordings.layouts import LAYOUTS, read_recording
 from pacnerf_lpo.data.recordings.scene_file import MARGIN
-from pacnerf_lpo.data.video_module import VideoData
+from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.mpm.physics import Physics
 from tests.data.recordings.layouts import WRITERS
 from tests.data.recordings.studio import (
@@ -114,7 +114,7 @@ def test_the_scene_file_is_a_config_of_fit(made, order):
     files = [configs / "fit.yaml", configs / "cpu.yaml", scene]
     if order == "scene before cpu":
         files = [files[0], files[2], files[1]]
-    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoData, Physics)
+    cli = PhaseCLI([word for file in files for word in ("--config", str(file))], VideoModule, Physics)
     assert cli.phases["velocity"].frames == CONTACT and cli.physics.frame_rate == pytest.approx(24.0)
     data = cli.datamodule.prepare()
     assert len(data.train) == VIEWS and data.video.images.shape[1] == FRAMES
