@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
@@ -340,7 +341,7 @@ class StateProblem(BodyProblem):
         brightness = self._measured_brightness() if bright else np.zeros(outlines.shape[:2])
         brightness -= np.median(brightness, axis=0)
         measured = np.concatenate((outlines, brightness[..., None]), axis=-1)
-        sensor = np.concatenate((sensor_noise(outlines), shading(brightness)), axis=-1)
+        sensor = noise_of_video(data.video.silhouettes, brightness)
         points = Points.of(data, state.positions)
         super().__init__(scene, data.video, held, physics, state.spacing, measured, sensor, points)
         self.usable[: self.views, :, -1] &= bright
@@ -417,7 +418,14 @@ class StateProblem(BodyProblem):
         return (measured / believed[:, None]).clamp_min(1e-3).log().numpy().astype(float)
 
 
-def shading(brightness: np.ndarray) -> np.ndarray:
+def noise_of_video(silhouettes: Tensor, brightness: np.ndarray) -> np.ndarray:
+    """Standard deviation of the noise of moments and brightness [(V, F, 11)], from the outlines [(V, F, H, W)] and the
+    brightness [(V, F)] themselves.
+    """
+    return np.concatenate((sensor_noise(silhouettes), _shading(brightness)), axis=-1)
+
+
+def _shading(brightness: np.ndarray) -> np.ndarray:
     """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
     spread = 1.4826 * np.median(np.abs(brightness))
     return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))

@@ -49,25 +49,50 @@ def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
     return numbers
 
 
-def sensor_noise(moments: np.ndarray) -> np.ndarray:
-    """Standard deviation of moments [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE` pixels,
-    independently along the outline, of about 1.5 times the length of a circle's.
+def sensor_noise(opacity: Tensor) -> np.ndarray:
+    """Standard deviation of the moments of outlines [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE`
+    pixels, independently along the outline; NaN where :func:`silhouette_moments` is.
 
-    The numbers are those of a disc of radius R with an error e along its edge, such as the integral of x e over A for
-    its centroid, where x is R / sqrt(2) on average along the edge and R / 2 over the area.
+    An edge that errs by e along a length dl adds e dl of area there. So the variance of a moment is EDGE^2 times the
+    integral, along the outline, of the square of what a unit of area at the edge changes it by: (x - mean) / A for a
+    centroid, 1 / m where the outermost twentieth of the area is, and the outline is m pixels wide where that begins: a
+    wing's tip is less certain than the side of a ball.
+
+    Args:
+        opacity: of the object [0..1, (..., H, W)]
     """
-    size, across, down = moments[..., 2], moments[..., 3], moments[..., 4]
-    edge = EDGE * np.sqrt(1.5)  # for each pixel along a circle's outline
-    total = edge * np.sqrt(2 * np.sqrt(np.pi) * size)  # of the area, in square pixels
-    found = np.empty_like(moments)
-    for first, length in enumerate((across, down)):
-        found[..., first] = np.sqrt(2) * total * length / size**2
-        found[..., 3 + first] = np.sqrt(3 / 4) * total * length / size**2
-    found[..., 2] = total / (2 * size)
-    found[..., 5] = np.sqrt(1 / 2) * total * np.maximum(across, down) / size**2
-    # Where the tail ends moves by the error of its area, from 1.27 R of the edge, over the chord there, 1.19 R.
-    found[..., 6:] = 1.27 * edge / np.sqrt(size)[..., None]  # sqrt(1.27 R) / (1.19 R), R = size / sqrt(pi)
-    return found
+    images, moments = opacity.reshape(-1, *opacity.shape[-2:]), silhouette_moments(opacity)
+    along = torch.gradient(images, dim=(-2, -1))
+    lengths = torch.hypot(*along)
+    found = [
+        _moments_by_area(image.double().numpy(), edge.double().numpy(), own)
+        for image, edge, own in zip(images, lengths, moments.reshape(-1, len(KINDS)), strict=True)
+    ]
+    return EDGE * np.stack(found).reshape(moments.shape)
+
+
+def _moments_by_area(image: np.ndarray, edge: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Root of the integral along an outline of the squared change of each moment by a unit of area there (10,).
+
+    Args:
+        image: opacity [0..1, (H, W)]. edge: length of the outline in each pixel [(H, W)]. moments: of the image (10,).
+    """
+    if not np.isfinite(moments).all():
+        return np.full(len(KINDS), np.nan)
+    rows, columns = np.nonzero(edge)
+    x, y, size, across, down, skew, *ends = moments
+    right_of, below, area = columns + 0.5 - x, rows + 0.5 - y, size**2
+    wider, higher = ((d**2 - s**2) / (2 * s * area) for d, s in ((right_of, across), (below, down)))
+    total = across + down
+    tilted = (right_of * below / area - skew * total / area) / total - skew * (wider + higher) / total
+    changes = [right_of / area, below / area, np.full(len(rows), 1 / (2 * size)), wider, higher, tilted]
+    for end, place, axis, outwards in zip(
+        ends, (columns, columns, rows, rows), (0, 0, 1, 1), (1, -1, 1, -1), strict=True
+    ):
+        width = image.sum(axis)[min(int(end), image.shape[1 - axis] - 1)]
+        beyond = np.clip(outwards * (end - place) + (0.0 if outwards > 0 else 1.0), 0.0, 1.0)
+        changes.append((beyond - TAIL) / max(width, 1.0))
+    return np.sqrt(np.square(changes) @ edge[rows, columns])
 
 
 def mean_brightness(image: Tensor, opacity: Tensor) -> Tensor:

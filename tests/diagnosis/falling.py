@@ -23,8 +23,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import BodyModel
-from pacnerf_lpo.identification.problem import BodyProblem, shading
-from pacnerf_lpo.identification.silhouette_moments import sensor_noise
+from pacnerf_lpo.identification.problem import BodyProblem, noise_of_video
 from pacnerf_lpo.identification.smooth_force import SmoothForce
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
@@ -75,8 +74,9 @@ class Falling(BodyProblem):
         effects = [effect for effect in EFFECTS.values() if set(effect.parameters) & set(hidden)]
         values = {**TRUTH, **{n: v for e in effects for n, v in e.null.items()}, **hidden}
         true = self.model(effects, values, self.sample(0.8 * SPACING, seed=12345))
-        measured = true.observe(motion(true, true.start), true.start)
-        self.sensor = np.concatenate((sensor_noise(measured[..., :-1]), shading(measured[..., -1])), axis=-1)
+        path = motion(true, true.start)
+        measured = true.observe(path, true.start)
+        self.sensor = noise_of_video(true.outlines(path), measured[..., -1])
         noise = np.random.default_rng(seed).standard_normal(measured.shape)
         self.measured = measured + NOISE * self.sensor * noise
         self.usable = np.isfinite(self.measured) & np.isfinite(self.measured[:, :1])

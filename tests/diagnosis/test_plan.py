@@ -34,9 +34,7 @@ SAME, HIGHER = RECIPES[0], next(recipe for recipe in RECIPES if recipe.higher ==
 def problem() -> KnownShape:
     setting, true = draw_setting(np.random.default_rng(3), SIZE, "NeoHookean")
     setting = replace(setting, held_views=[2])
-    draft = KnownShape("draft", setting, setting.video(), np.ones((SIZE.views, SIZE.frames, 11)))
-    model = draft.model((), {**draft.physics.guess, **true})
-    return KnownShape("drop", setting, setting.video(), model.predict(model.start))
+    return KnownShape.simulated("drop", setting, true)
 
 
 @pytest.fixture

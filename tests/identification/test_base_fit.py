@@ -28,11 +28,7 @@ SMALL = Size(particles=60, views=3, held=1, frames=8, image_size=32)
 def scene():
     """An elastic body without an effect, as its own model sees it, and the true values [SI]."""
     setting, true = draw_setting(np.random.default_rng(5), SMALL, "NeoHookean")
-    blank = np.ones((SMALL.views, SMALL.frames, 11))
-    draft = KnownShape("draft", setting, setting.video(), blank)
-    values = {**physics_of(setting).guess, **true}
-    model = draft.model((), values)
-    return KnownShape("small", setting, setting.video(), model.predict(model.start)), values
+    return KnownShape.simulated("small", setting, true), {**physics_of(setting).guess, **true}
 
 
 def test_it_finds_the_modulus_in_few_rollouts(scene):
@@ -48,7 +44,7 @@ def test_errors_of_the_first_frames_do_not_lead_away_from_a_good_start(scene):
     problem, true = scene
     measured = problem.measured.copy()
     measured[:, 1:3, :10] += 2.0 * np.random.default_rng(2).standard_normal(measured[:, 1:3, :10].shape)
-    wrong = KnownShape("wrong", problem.setting, problem.video, measured)
+    wrong = KnownShape("wrong", problem.setting, problem.video, measured, problem.sensor)
     known = {name: true.get(name, value) for name, value in wrong.first_guess.items()}
     coarse = wrong.coarse_model((), known)
     objective = Objective(wrong, coarse, *priors(wrong, coarse))

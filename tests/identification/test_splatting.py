@@ -6,7 +6,14 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pacnerf_lpo.identification.body import Sampling
-from pacnerf_lpo.identification.silhouette_moments import KINDS, TAIL, mean_brightness, sensor_noise, silhouette_moments
+from pacnerf_lpo.identification.silhouette_moments import (
+    EDGE,
+    KINDS,
+    TAIL,
+    mean_brightness,
+    sensor_noise,
+    silhouette_moments,
+)
 from pacnerf_lpo.identification.splatting import radii, splat
 from pacnerf_lpo.types import FieldGrid
 
@@ -55,27 +62,40 @@ def test_a_margin_keeps_the_coordinates_of_the_camera():
     assert silhouette_moments(wider, margin=7) == pytest.approx(silhouette_moments(image), abs=1e-9)
 
 
-def test_sensor_noise_is_that_of_jittered_edges():
-    """The formula against summaries of squares whose four edges err independently by 0.3 pixels per pixel of edge."""
-    generator = torch.Generator().manual_seed(0)
-    drawn = []
-    for _ in range(400):
-        image = rectangle(20, 50, 15, 45)
-        jitter = 0.3 * torch.randn(4, 30, generator=generator)
-        image[15:45, 20] += jitter[0].clamp(-1, 0)
-        image[15:45, 19] += jitter[0].clamp(0, 1)
-        image[15:45, 49] += jitter[1].clamp(-1, 0)
-        image[15:45, 50] += jitter[1].clamp(0, 1)
-        image[15, 20:50] += jitter[2].clamp(-1, 0)
-        image[14, 20:50] += jitter[2].clamp(0, 1)
-        image[44, 20:50] += jitter[3].clamp(-1, 0)
-        image[45, 20:50] += jitter[3].clamp(0, 1)
-        drawn.append(silhouette_moments(image))
-    measured = np.std(drawn, 0)
-    predicted = sensor_noise(silhouette_moments(rectangle(20, 50, 15, 45)))
-    # an estimate of size: it assumes an outline of 1.5 times a circle's and no particular shape
-    for kind in ("x", "y", "size", "width", "height"):
-        assert 0.5 < predicted[KINDS.index(kind)] / measured[KINDS.index(kind)] < 2.0, kind
+def ball(x, y):
+    """Signed distance from a ball [pixels]."""
+    return torch.hypot(x - 40, y - 30) - 14
+
+
+def ball_with_a_wing(x, y):
+    """The same with a wing that ends, four pixels wide, far on the left, a little below."""
+    along = ((x - 12) / 28).clamp(0, 1)
+    return torch.minimum(ball(x, y), torch.hypot(x - 12 - 28 * along, y - 36 + 6 * along) - 2)
+
+
+def box(x, y):
+    return torch.maximum((x - 40.3).abs() - 15, (y - 30.3).abs() - 12)
+
+
+@pytest.mark.parametrize("distance", [ball, ball_with_a_wing, box])
+def test_sensor_noise_is_that_of_edges_that_err_by_themselves(distance):
+    """The edge errs by so little that hardly any pixel of it becomes full or empty."""
+    y, x = torch.meshgrid(torch.arange(60) + 0.5, torch.arange(80) + 0.5, indexing="ij")
+    errors = 0.03 * torch.randn(600, 60, 80, generator=torch.Generator().manual_seed(0))
+    measured = np.std(silhouette_moments((0.5 - distance(x, y) + errors).clamp(0, 1)), 0)
+    predicted = sensor_noise((0.5 - distance(x, y)).clamp(0, 1)) * 0.03 / EDGE
+    np.testing.assert_allclose(predicted / measured, 1.0, atol=0.12)
+
+
+def test_a_pointed_end_is_less_certain_than_a_round_one():
+    y, x = torch.meshgrid(torch.arange(60) + 0.5, torch.arange(80) + 0.5, indexing="ij")
+    found = dict(zip(KINDS, sensor_noise((0.5 - ball_with_a_wing(x, y)).clamp(0, 1)), strict=True))
+    assert found["left"] > 3 * found["right"]
+
+
+def test_an_outline_that_is_not_measured_has_no_noise():
+    images = torch.stack((rectangle(0, 20, 20, 32), rectangle(10, 40, 20, 32)))
+    assert np.isnan(sensor_noise(images)).all(-1).tolist() == [True, False]
 
 
 def test_brightness_ignores_the_white_around():

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from pacnerf_lpo.identification.body import Body, Sampling
-from pacnerf_lpo.identification.problem import BodyProblem, shading
+from pacnerf_lpo.identification.problem import BodyProblem, noise_of_video
 from pacnerf_lpo.identification.replicates import distorted
-from pacnerf_lpo.identification.silhouette_moments import sensor_noise, silhouette_moments
+from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.types import Video
@@ -29,14 +30,14 @@ class KnownShape(BodyProblem):
         setting: what is known.
         video: with the silhouettes.
         measured: summaries and brightness [(V, F, 11)]
+        sensor: standard deviation of their noise [(V, F, 11)]
     """
 
-    def __init__(self, scene: str, setting: Setting, video: Video, measured: np.ndarray):
+    def __init__(self, scene: str, setting: Setting, video: Video, measured: np.ndarray, sensor: np.ndarray):
         self.setting = setting
         views, frames = measured.shape[:2]
         held = np.isin(np.arange(views), setting.held_views)
         split = Split(~held, np.arange(frames) < frames - HELD_FRAMES)
-        sensor = np.concatenate((sensor_noise(measured[..., :-1]), shading(measured[..., -1])), axis=-1)
         super().__init__(scene, video, split, physics_of(setting), setting.spacing, measured, sensor)
 
     @classmethod
@@ -45,8 +46,24 @@ class KnownShape(BodyProblem):
         setting = Setting(**json.loads((folder / SETTING).read_text()))
         content = np.load(folder / VIDEO)
         silhouettes = torch.from_numpy(content["silhouettes"].astype(np.float32) / 255.0)
-        measured = np.concatenate((silhouette_moments(silhouettes), content["brightness"][..., None]), axis=-1)
-        return cls(folder.name, setting, setting.video(silhouettes), measured)
+        return cls.seen(folder.name, setting, silhouettes, content["brightness"])
+
+    @classmethod
+    def seen(cls, scene: str, setting: Setting, silhouettes: Tensor, brightness: np.ndarray) -> KnownShape:
+        """A scene as cameras see it: outlines [0..1, (V, F, H, W)] and logarithm of the mean brightness [(V, F)]."""
+        measured = np.concatenate((silhouette_moments(silhouettes), brightness[..., None]), axis=-1)
+        return cls(scene, setting, setting.video(silhouettes), measured, noise_of_video(silhouettes, brightness))
+
+    @classmethod
+    def simulated(cls, scene: str, setting: Setting, values: dict[str, float]) -> KnownShape:
+        """What the model itself shows of a setting at some values [SI], without noise, even beyond the images."""
+        video = setting.video()
+        blank = np.ones((*video.silhouettes.shape[:2], 11))
+        draft = cls(scene, setting, video, blank, blank)
+        model = draft.model((), {**draft.physics.guess, **values})
+        path = model.path(model.start)
+        measured = model.observe(path, model.start)
+        return cls(scene, setting, video, measured, noise_of_video(model.outlines(path), measured[..., -1]))
 
     @property
     def spacing(self) -> float:

@@ -64,7 +64,7 @@ class Ruler:
     def __init__(self, setting: Setting, true: dict[str, float], count: int):
         self.true = {**physics_of(setting).guess, **true}
         recorded = film(setting, self.true, (), np.random.default_rng(0), FAST.finer)
-        self.problem = problem = KnownShape("ruler", setting, setting.video(), recorded.summaries)
+        self.problem = problem = KnownShape.seen("ruler", setting, recorded.silhouettes, recorded.brightness)
         self.model = model = problem.model((), self.true)
         found, sensor, _ = replicates(problem, model, model.start, count, seed=0)
         self._sensitivities: dict[str, np.ndarray] = {}
