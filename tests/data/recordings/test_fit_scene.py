@@ -13,6 +13,7 @@ import yaml
 
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.commands import diagnose
+from pacnerf_lpo.commands import fit as fit_command
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.outer_loop import OuterLoop
@@ -90,13 +91,13 @@ def test_diagnose_fits_what_it_needs(scene: Path, monkeypatch: pytest.MonkeyPatc
         asked.append([runs, out])
         raise UserInputError("far enough")
 
-    real = diagnose.fit.run
+    real = fit_command.run
     monkeypatch.setattr(diagnose, "prepare", prepare)
-    monkeypatch.setattr(diagnose.fit, "run", lambda words: real([words[0], *TINY, *words[1:]]))
+    monkeypatch.setattr(fit_command, "run", lambda words: real([words[0], *TINY, *words[1:]]))
     assert main(["diagnose", str(scene)]) == 2
     assert asked == [[[str(scene / "run")], None]]
     assert [stage.stem for stage in Run(scene / "run").stages] == ["00_static", "01_velocity"]
-    monkeypatch.setattr(diagnose.fit, "run", None)  # it is there already
+    monkeypatch.setattr(fit_command, "run", None)  # it is there already
     assert main(["diagnose", str(scene), str(scene / "run"), "--out", str(scene)]) == 2
     assert asked[1] == [[str(scene / "run")] * 2, str(scene)]
 
