@@ -2,6 +2,8 @@
 
 import functools
 import json
+import os
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from filelock import FileLock
 
 from pacnerf_lpo.__main__ import main
 from tests.data.recordings.layouts import WRITERS, opencv_plates
@@ -26,7 +29,8 @@ class Made:
     def __init__(self, name: str, source: Path, world: World):
         self.source, self.world, self.scene = source, world, source.with_name(f"{name}_scene")
         words = ["init", self.source, self.scene, *OPTIONS.get(name, [])]
-        assert main([str(word) for word in words]) == 0
+        with FileLock(source.with_name(f"{name}_scene.lock")):
+            assert self.scene.exists() or main([str(word) for word in words]) == 0
         self.entries = json.loads((self.scene / "all_data.json").read_text())
         self.text = (self.scene / "scene.yaml").read_text()
         self.config = yaml.safe_load(self.text)
@@ -50,13 +54,19 @@ class Made:
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory):
-    """The folder of a layout and its world, written once when first asked for, since that takes seconds."""
-    folder = tmp_path_factory.mktemp("recordings")
+    """The folder of a layout and its world, written once when first asked for by any process of the session."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "recordings"
+    folder.mkdir(exist_ok=True)
 
     @functools.cache
     def make(name: str) -> tuple[Path, World]:
-        (folder / name).mkdir()
-        return folder / name, {**WRITERS, opencv_plates.__name__: opencv_plates}[name](folder / name)
+        place, kept = folder / name, folder / f"{name}.pickle"
+        with FileLock(folder / f"{name}.lock"):
+            if not kept.exists():
+                place.mkdir()
+                kept.write_bytes(pickle.dumps({**WRITERS, opencv_plates.__name__: opencv_plates}[name](place)))
+        return place, pickle.loads(kept.read_bytes())
 
     return make
 

@@ -21,10 +21,10 @@ def flight(
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> np.ndarray:
     """Positions [m, (F, 3)], y up: midpoint steps of a = g - k |v| v + S omega x v, at rest before the release [s]."""
-    g, omega = np.array([0.0, -9.81, 0.0]), np.array(spin)
+    g, aside = np.array([0.0, -9.81, 0.0]), magnus * np.cross(spin, np.eye(3)).T  # S omega x v = aside v
 
     def push(v: np.ndarray) -> np.ndarray:
-        return g - drag * np.linalg.norm(v) * v + magnus * np.cross(omega, v)
+        return g - drag * np.sqrt(v @ v) * v + aside @ v
 
     x, v, at, found = np.array(start), np.array(velocity), release, []
     for time in times:
