@@ -14,14 +14,14 @@ built while these were looked at; blind scenes are in [hidden effects](hidden_ef
 intervals.
 """
 LIMITS = """
-Gravity and quadratic drag move the outlines in nearly the same way as linear drag, but leave more of the error. **In the
-cat the cause is said to be unknown**, with ground friction as the nearest known one: friction removes 97 % of the
+Gravity and quadratic drag move the outlines in nearly the same way as linear drag, but leave more of the error. **In
+the cat the cause is said to be unknown**, with ground friction as the nearest known one: friction removes 97 % of the
 held-out error beyond noise, and what is left passes the check (p = 0.24), but an unknown smooth force still explains
 more of it than chance would. Its coefficients are those of the model with friction. A version before, whose outlines
-were less exact, named friction, 0.110 [0.084, 0.135]. Most of the cat's time goes into further effects that are fitted
-in vain beside that force. **Intervals of E are too narrow**: three of four miss, by 0.01 to 0.03 in log10. Poisson's
-ratio comes out too large in all: 0.354 [0.339, 0.368], 0.347 [0.319, 0.369], 0.418 [0.402, 0.429] and
-0.315 [0.305, 0.325] for 0.3. The times are of one process on a slow machine with another job beside it.
+were less exact, named friction, 0.110 [0.084, 0.135]. Most of the cat's time goes into further effects that are
+fitted in vain beside that force. **Intervals of E are too narrow**: three of four miss, by 0.01 to 0.03 in log10.
+Poisson's ratio comes out too large in all: 0.354 [0.339, 0.368], 0.347 [0.319, 0.369], 0.418 [0.402, 0.429] and 0.315
+[0.305, 0.325] for 0.3. The times are of one process on a slow machine with another job beside it.
 """
 COMMANDS = """
 ```sh
