@@ -61,36 +61,32 @@ def sensor_noise(opacity: Tensor) -> np.ndarray:
     Args:
         opacity: of the object [0..1, (..., H, W)]
     """
-    images, moments = opacity.reshape(-1, *opacity.shape[-2:]), silhouette_moments(opacity)
-    along = torch.gradient(images, dim=(-2, -1))
-    lengths = torch.hypot(*along)
-    found = [
-        _moments_by_area(image.double().numpy(), edge.double().numpy(), own)
-        for image, edge, own in zip(images, lengths, moments.reshape(-1, len(KINDS)), strict=True)
-    ]
+    images, moments = opacity.reshape(-1, *opacity.shape[-2:]).numpy(), silhouette_moments(opacity)
+    found = [_by_area(image, own) for image, own in zip(images, moments.reshape(-1, len(KINDS)), strict=True)]
     return EDGE * np.stack(found).reshape(moments.shape)
 
 
-def _moments_by_area(image: np.ndarray, edge: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Root of the integral along an outline of the squared change of each moment by a unit of area there (10,).
-
-    Args:
-        image: opacity [0..1, (H, W)]. edge: length of the outline in each pixel [(H, W)]. moments: of the image (10,).
+def _by_area(image: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Root of the integral, along the outline of an image [0..1, (H, W)], of the squared change of each of its moments
+    (10,) by a unit of area there (10,).
     """
     if not np.isfinite(moments).all():
         return np.full(len(KINDS), np.nan)
+    ends = [np.flatnonzero(image.any(axis=axis))[[0, -1]] for axis in (1, 0)]
+    top, left = (max(first - 2, 0) for first, _ in ends)  # so far that nothing changes at the edges of what is cut out
+    shown = image[top : ends[0][1] + 3, left : ends[1][1] + 3].astype(float)
+    edge = np.hypot(*np.gradient(shown))
     rows, columns = np.nonzero(edge)
-    x, y, size, across, down, skew, *ends = moments
+    x, y, size, across, down, skew, *tails = moments - [left, top, 0, 0, 0, 0, left, left, top, top]
     right_of, below, area = columns + 0.5 - x, rows + 0.5 - y, size**2
     wider, higher = ((d**2 - s**2) / (2 * s * area) for d, s in ((right_of, across), (below, down)))
     total = across + down
     tilted = (right_of * below / area - skew * total / area) / total - skew * (wider + higher) / total
     changes = [right_of / area, below / area, np.full(len(rows), 1 / (2 * size)), wider, higher, tilted]
-    for end, place, axis, outwards in zip(
-        ends, (columns, columns, rows, rows), (0, 0, 1, 1), (1, -1, 1, -1), strict=True
-    ):
-        width = image.sum(axis)[min(int(end), image.shape[1 - axis] - 1)]
-        beyond = np.clip(outwards * (end - place) + (0.0 if outwards > 0 else 1.0), 0.0, 1.0)
+    for number, end in enumerate(tails):
+        axis, outwards, place = number // 2, 1 - 2 * (number % 2), (columns, rows)[number // 2]
+        width = shown.sum(axis)[min(int(end), shown.shape[1 - axis] - 1)]
+        beyond = np.clip(outwards * (end - place - 0.5) + 0.5, 0.0, 1.0)
         changes.append((beyond - TAIL) / max(width, 1.0))
     return np.sqrt(np.square(changes) @ edge[rows, columns])
 
