@@ -78,6 +78,7 @@ def _by_area(image: np.ndarray, moments: np.ndarray) -> np.ndarray:
     edge = np.hypot(*np.gradient(shown))
     rows, columns = np.nonzero(edge)
     x, y, size, across, down, skew, *tails = moments - [left, top, 0, 0, 0, 0, left, left, top, top]
+    across, down = (max(spread, 12**-0.5) for spread in (across, down))  # a line is as wide as a pixel
     right_of, below, area = columns + 0.5 - x, rows + 0.5 - y, size**2
     wider, higher = ((d**2 - s**2) / (2 * s * area) for d, s in ((right_of, across), (below, down)))
     total = across + down

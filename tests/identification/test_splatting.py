@@ -98,6 +98,10 @@ def test_an_outline_that_is_not_measured_has_no_noise():
     assert np.isnan(sensor_noise(images)).all(-1).tolist() == [True, False]
 
 
+def test_a_line_of_single_pixels_has_a_noise():
+    assert np.isfinite(sensor_noise(rectangle(20, 21, 10, 40))).all()
+
+
 def test_brightness_ignores_the_white_around():
     opacity = rectangle(10, 40, 20, 32)
     image = 1 - opacity[..., None] * torch.tensor([0.8, 0.6, 0.4])
