@@ -46,7 +46,6 @@ from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.screening import judge, probe
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.identification.forward_model import MARGIN
-from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.report.diagnosis_result import summary
 
@@ -65,8 +64,7 @@ random = np.random.default_rng(5)
 size = Size(particles=1500, views=5, held=2, frames=10, image_size=64)
 setting, true = draw_setting(random, size, "NeoHookean")
 recorded = film(setting, {**true, "drag": DRAG}, [LinearDrag(DRAG)], random, size.finer)
-measured = np.concatenate((silhouette_moments(recorded.silhouettes), recorded.brightness[..., None]), axis=-1)
-problem = KnownShape("a body in air", setting, setting.video(recorded.silhouettes), measured)
+problem = KnownShape.seen("a body in air", setting, recorded.silhouettes, recorded.brightness)
 print(f"{setting.shape}, E = {true['E'] / 1e3:.0f} kPa, views {setting.held_views} are held out")
 
 # %% [markdown]
