@@ -13,7 +13,6 @@ from torch.nn import functional
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import MARGIN, BodyModel
-from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.particles.sampling import interpolate
@@ -40,11 +39,6 @@ class Film:
     brightness: np.ndarray
     path: Tensor
     model: BodyModel
-
-    @property
-    def summaries(self) -> np.ndarray:
-        """Of the outlines [pixels], and the brightness [(V, F, 11)]."""
-        return np.concatenate((silhouette_moments(self.silhouettes), self.brightness[..., None]), axis=-1)
 
 
 def film(
