@@ -58,7 +58,7 @@ class VideoData:
         clouds: str | None = None,
         velocity: list[float] | None = None,
     ):
-        super().__init__()
+        super().__init__()  # that of Lightning, in a VideoModule
         self.root, self.frames, self.image_scale, self.background = root, frames, image_scale, background
         self.box_lower, self.box_upper, self.fit_box = box_lower, box_upper, fit_box
         self.train_views, self.test_views = train_views, test_views
