@@ -12,7 +12,7 @@ from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.smooth_force import force_changes
+from pacnerf_lpo.identification.smooth_force import contact_accelerations, force_changes
 from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, noise_of, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
@@ -25,8 +25,11 @@ CONFIDENCE = 0.9
 FORCE = 0.02
 """Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
 recording of a soft body is good enough to be believed about."""
+CONTACT = 0.01
+"""The same in units of the acceleration by contact: solvers agree about flight, and differ in how a body meets the
+ground. Between this one and two others 0.5 to 2 % are most likely in path-traced videos of three bodies."""
 
-Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Comparison:
     discretisation: changes of the residual by errors of resolution and opacity, and the bias of a wrong shape
         [(R, F, 11, E)]
     force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
+    contact: acceleration of the body by contact when each of them acts [m/s^2, (Q,)]
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
     """
@@ -74,6 +78,7 @@ class Comparison:
     shape_errors: np.ndarray
     discretisation: np.ndarray
     force: np.ndarray
+    contact: np.ndarray
     notes: tuple[str, ...]
     rollouts: int
 
@@ -95,8 +100,10 @@ class Comparison:
 
     @property
     def learnt(self) -> Learnt:
-        """Replicates and their sensor noise, changes by errors of shape and resolution, and by a smooth force."""
-        return self.replicates, self.sensor, self.shape_errors, self.discretisation, self.force
+        """Replicates and their sensor noise, changes by errors of shape and resolution, and by a smooth force, and the
+        acceleration by contact.
+        """
+        return self.replicates, self.sensor, self.shape_errors, self.discretisation, self.force, self.contact
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
@@ -105,7 +112,7 @@ class Comparison:
     @property
     def known_errors(self) -> np.ndarray:
         """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
-        return known_errors(self.shape_errors, self.discretisation, self.force)
+        return known_errors(*self.learnt[2:])
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -198,23 +205,26 @@ def _errors_of_models(
     bias: np.ndarray,
     before: tuple[Sequence[Effect], Comparison] | None,
     progress: Progress,
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], int]:
-    """Changes of the residual by errors of the shape, of the resolution, and by a smooth force, as a
-    :class:`Comparison` has them, and the number of simulations; those of another model where the motion is nearly the
-    same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)] and the bias of a wrong shape there.
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], int]:
+    """Changes of the residual by errors of the shape, of the resolution, and by a smooth force, and the acceleration by
+    contact, as a :class:`Comparison` has them, and the number of simulations; those of another model where the motion
+    is nearly the same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)] and the bias of a wrong
+    shape there.
     """
     known = model.physical(free)
     if before is not None:
         others, comparison = before
         if _alike(problem, problem.parts(others, comparison.known), problem.parts(model.effects, known)):
-            return (comparison.shape_errors, comparison.discretisation, comparison.force), 2
-    found = (
+            return comparison.learnt[2:], 2
+    changes = (
         shape_errors(problem, model, free),
         discretisation_errors(problem, model, free, bias),
         force_changes(problem, model.effects, known, progress),
     )
-    biases = sum(part.recording.deforms for part in problem.parts(model.effects, known))  # no simulations of their own
-    return found, sum(changes.shape[-1] for changes in found) - biases
+    # a bias takes no simulation of its own, the acceleration by contact two
+    more = sum(part.recording.deforms for part in problem.parts(model.effects, known))
+    found = (*changes, contact_accelerations(problem, model.effects, known))
+    return found, sum(change.shape[-1] for change in changes) + more
 
 
 def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
@@ -225,9 +235,10 @@ def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> boo
     return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
 
 
-def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarray) -> np.ndarray:
+def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarray, contact: np.ndarray) -> np.ndarray:
     """Those of a :class:`Comparison`, one standard deviation each, without NaN [(R, F, 11, M)]."""
-    return np.nan_to_num(np.concatenate((shape, discretisation, FORCE * force), axis=-1))
+    usual = np.hypot(FORCE, CONTACT * contact)
+    return np.nan_to_num(np.concatenate((shape, discretisation, usual * force), axis=-1))
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:

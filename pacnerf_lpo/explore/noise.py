@@ -18,7 +18,7 @@ from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.smooth_force import force_changes
+from pacnerf_lpo.identification.smooth_force import contact_accelerations, force_changes
 
 LEARNT = "explore_noise"
 """Step of the store with what a session has learnt itself."""
@@ -107,6 +107,7 @@ class Noise:
             shape_errors(problem, model, free, progress),
             discretisation_errors(problem, model, free, bias),
             force_changes(problem, effects, step.values, progress),
+            contact_accelerations(problem, effects, step.values),
         )
         residual = problem.residual(model.predict(free))
         seen = residual, np.zeros((*residual.shape, 0))

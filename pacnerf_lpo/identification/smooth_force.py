@@ -5,7 +5,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import torch
 
+from pacnerf_lpo.identification.base_fit import TOUCH
 from pacnerf_lpo.identification.forward_model import outcome
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress, each
@@ -109,3 +111,28 @@ def _of_recording(part: Part, progress: Progress) -> np.ndarray:
         change = base - problem.residual(predicted) if isinstance(predicted, np.ndarray) else 0 * base
         columns.append(change / PROBE)
     return np.nan_to_num(np.stack(columns, -1))
+
+
+def contact_accelerations(problem: Problem, effects: Sequence[Effect], known: dict[str, float]) -> np.ndarray:
+    """Acceleration of the body by more than gravity, from its first contact on, around the knot of every coefficient of
+    a smooth force: root mean square over particles and frames [m/s^2, (60,) for each recording, (15,) of a rigid body,
+    which touches nothing]. Arguments and errors as of :func:`force_changes`; two simulations each.
+    """
+    return np.concatenate([_contact_accelerations(part) for part in problem.parts(effects, known)])
+
+
+def _contact_accelerations(part: Part) -> np.ndarray:
+    count = len(names_of_force(parts_on(part.recording)))
+    if not part.recording.deforms:
+        return np.zeros(count)
+    model, physics = part.recording.coarse_model(part.effects, part.known), part.recording.physics
+    path = model.path(model.start).double()
+    squares = np.zeros(len(path))
+    gravity = torch.tensor(physics.gravity, dtype=path.dtype)
+    beyond = path.diff(dim=0).diff(dim=0) * physics.frame_rate**2 - gravity
+    squares[1:-1] = beyond.square().sum(-1).mean(-1).numpy()
+    squares[: max(model.contact(model.start, TOUCH) - 1, 0)] = 0.0
+    knots = np.linspace(0, len(path) - 1, KNOTS)
+    hats = np.maximum(1 - np.abs(np.arange(len(path))[:, None] - knots) / (knots[1] - knots[0]), 0.0)
+    around = np.sqrt(squares @ hats / hats.sum(0))
+    return np.repeat(around, count // KNOTS)

@@ -80,6 +80,7 @@ def comparison(names: tuple[str, ...] = ("E", "v_x")) -> Comparison:
         np.zeros((*SHAPE, 0)),
         np.zeros((*SHAPE, 0)),
         random.standard_normal((*SHAPE, 4)),
+        np.zeros(4),
         (),
         123,
     )

@@ -50,7 +50,7 @@ def undecided(problem: KnownShape, small_threads: None) -> SimpleNamespace:
     nothing = np.zeros((*problem.usable.shape, 1))
     comparison = Comparison(
         model.names, model.start, problem.first_guess, mean, deviation, 100.0, problem.residual(problem.measured),
-        jacobian, noise, problem.sensor, nothing, nothing, nothing, (), 1,
+        jacobian, noise, problem.sensor, nothing, nothing, nothing, np.zeros(1), (), 1,
     )  # fmt: skip
     candidates = {"LinearDrag": LinearDrag(), "GravityMagnitude": GravityMagnitude()}
     fitted = {"LinearDrag": {"drag": 1.0}, "GravityMagnitude": {"extra_gravity": -1.0}}

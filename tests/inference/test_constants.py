@@ -13,7 +13,7 @@ DECIDING = {
     "inference/calibration.py": {"LENDING"},
     "inference/noise.py": {"WINDOW", "SHARING"},
     "diagnosis/catalogue.py": {"SPREADS"},
-    "diagnosis/comparison.py": {"FORCE"},
+    "diagnosis/comparison.py": {"FORCE", "CONTACT"},
     "diagnosis/screening.py": {"FORCES", "SHAPES", "LEAST_CAMERAS"},
     "identification/rigid.py": {"CALIBRATED"},
 }
