@@ -27,7 +27,7 @@ FORCE = 0.02
 recording of a soft body is good enough to be believed about."""
 CONTACT = 0.01
 """The same in units of the acceleration by contact: solvers agree about flight, and differ in how a body meets the
-ground. Between this one and two others 0.5 to 2 % are most likely in path-traced videos of three bodies."""
+ground. Of three bodies that other codes have simulated, 0.5 to 1 % make the videos most likely."""
 
 Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
