@@ -166,17 +166,17 @@ def as_config(effect: Effect, values: dict[str, float]) -> dict[str, Any]:
     """An effect with values of its coefficients as an entry of ``physics.effects``.
 
     Raises:
-        UserInputError: an argument of the class is neither a coefficient nor kept as an attribute.
+        UserInputError: an argument of the class is neither a coefficient nor kept, as a constant or as an attribute.
     """
     names = dict(zip(type(effect).parameters, effect.parameters, strict=True))
     arguments: dict[str, Any] = {own: float(f"{values[full]:.6g}") for own, full in names.items()}
     for name in (name for name in inspect.signature(type(effect)).parameters if name not in names):
-        if not hasattr(effect, name):
+        if name not in effect.constants and not hasattr(effect, name):
             raise UserInputError(
                 f"{type(effect).__name__}: its argument {name} is no coefficient; keep it as self.{name}, so that a "
                 "configuration can be written of the effect"
             )
-        value = getattr(effect, name)
+        value = effect.constants[name] if name in effect.constants else getattr(effect, name)
         arguments |= {} if value is None else {name: list(value) if isinstance(value, tuple) else value}
     return {"class_path": class_path(effect), "init_args": arguments}
 

@@ -68,13 +68,14 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
         for name, value in values.items():
             effect.parameters[name].check(value, type(effect).__name__)
     without, withit = _block(material, []), _block(material, [effect])
-    still = without({})
+    still, thrown = without({}), f"in a throw of {1000 * (FRAMES - 1) * SUBSTEPS / STEP_RATE:g} ms"
     change = float((withit(effect.null) - still).abs().max())
     yield Check("nothing changes at the null", f"{change:.1e} m", change <= SAME)
     for probe in effect.probes:
         moved = float((withit(probe) - still).abs().max())
         said = ", ".join(f"{name} {value:g}" for name, value in probe.items())
-        yield Check(f"a probe is seen ({said})", f"{moved:.1e} m", moved > SEEN)
+        later = "" if moved > SEEN else "; what begins later is seen with arguments by which it begins sooner"
+        yield Check(f"a probe is seen ({said})", f"{moved:.1e} m {thrown}{later}", moved > SEEN)
     yield from _gradients(withit, effect.parameters, effect.probes[-1])
 
 

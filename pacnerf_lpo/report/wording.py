@@ -133,6 +133,13 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
         what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {also}missing"
         removes = "" if after is None else f"; adding it removes {_share(removed_share(done, after), done)}"
         found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
+        sizes = [
+            f"{one.label} {quantity(i.value, one.unit)} [{quantity(i.low, one.unit)}, {quantity(i.high, one.unit)}]"
+            for i in rounds[-1].parameters
+            if i.name in candidate.effect.parameters
+            for one in [candidate.effect.parameters[i.name]]
+        ]
+        found += [f"{capitalised('; '.join(sizes))} (90 % interval{'s' * (len(sizes) > 1)})."] if sizes else []
         values = again.known if after is None else after.comparison.known
         moves = [
             f"{material.parameters[i.name].label} moves from {old} to {new}"

@@ -14,6 +14,7 @@ from pacnerf_lpo.diagnosis.screening import SHAPE
 from pacnerf_lpo.inference.checks import Check
 from pacnerf_lpo.inference.force_law import Law, Term
 from pacnerf_lpo.inference.intervals import Interval
+from pacnerf_lpo.mpm.effects import LinearDrag
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.report import wording
 
@@ -40,7 +41,7 @@ class Shape:
 
 
 def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **more: Any) -> Any:
-    candidate = SimpleNamespace(observes=False, effect=SimpleNamespace(separating_experiment="a higher drop"))
+    candidate = SimpleNamespace(observes=False, effect=LinearDrag())
     known = {"E": 7e4, "nu": 0.3}
     entries = {
         "check": check(3.0, fitted),
@@ -87,6 +88,9 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
     assert found[0] == "Linear drag is missing (p < 0.0001; adding it removes 80% of the held-out error beyond noise)."
     assert found[1] == "Young's modulus moves from 50 kPa to 70 kPa."  # and nu stays
     assert wording.REMAINDER not in found
+    after.parameters = [*after.parameters, Interval("drag", 1.497, 1.482, 1.512, 0.01, True)]
+    found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
+    assert found[1] == "Drag rate 1.5 1/s [1.48 1/s, 1.51 1/s] (90 % interval)."
     after.held = check(4.0, POOR)
     assert wording.REMAINDER in said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
 
@@ -104,7 +108,7 @@ def test_effects_that_the_recording_does_not_separate_are_a_choice_with_an_exper
     first = a_round(POOR, POOR, LINEAR, indistinguishable=["LinearDrag", "QuadraticDrag"])
     found = said([first, a_round()], "missing", ["LinearDrag"])
     assert found[0].startswith("Linear drag or quadratic drag is missing (")
-    assert "To separate linear drag from quadratic drag: a higher drop." in found
+    assert f"To separate linear drag from quadratic drag: {LinearDrag.separating_experiment}." in found
 
 
 def test_a_removed_effect_is_reported():
