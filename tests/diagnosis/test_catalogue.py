@@ -6,7 +6,7 @@ import yaml
 from pacnerf_lpo.diagnosis.catalogue import Candidate, as_config, read_candidates, whole_catalogue
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.study import divide
-from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, Magnus, QuadraticDrag
+from pacnerf_lpo.mpm.effects import Effect, GroundFriction, LinearDrag, Magnus, QuadraticDrag
 from pacnerf_lpo.mpm.materials import DruckerPrager, NeoHookean
 from pacnerf_lpo.render.camera_faults import (
     CameraShift,
@@ -90,3 +90,14 @@ def test_a_wrong_list_is_one_clear_line(tmp_path, content, said):
 def test_a_missing_list_is_named(tmp_path):
     with pytest.raises(UserInputError, match=r"nothing\.yaml: no such file"):
         read_candidates(tmp_path / "nothing.yaml", NeoHookean(), [QuadraticDrag()])
+
+
+class Later(LinearDrag):
+    """With a number that is given and not fitted, and not kept as an attribute."""
+
+    def __init__(self, drag: float = 0.0, onset: float = 0.1):
+        Effect.__init__(self, {"drag": drag}, {"onset": onset})
+
+
+def test_a_given_number_is_written_with_the_coefficients():
+    assert as_config(Later(onset=0.3), {"drag": 0.5})["init_args"] == {"drag": 0.5, "onset": 0.3}
