@@ -134,5 +134,5 @@ def _contact_accelerations(part: Part) -> np.ndarray:
     squares[: max(model.contact(model.start, TOUCH) - 1, 0)] = 0.0
     knots = np.linspace(0, len(path) - 1, KNOTS)
     hats = np.maximum(1 - np.abs(np.arange(len(path))[:, None] - knots) / (knots[1] - knots[0]), 0.0)
-    around = np.sqrt(squares @ hats / hats.sum(0))
+    around = np.sqrt(squares @ hats / np.maximum(hats.sum(0), 1.0))  # knots may lie closer than frames
     return np.repeat(around, count // KNOTS)
