@@ -133,7 +133,7 @@ def truth_of(physics: Physics, velocity: Sequence[float], dx: float) -> dict[str
         "grid_dx_m": dx,
         "time_step_s": 1 / physics.substep_rate,
         "hidden_effects": {
-            **{_snake(type(effect).__name__): dict(effect.guess) for effect in physics.effects},
+            **{_snake(type(effect).__name__): {**effect.guess, **effect.constants} for effect in physics.effects},
             **({} if isinstance(ground, Sticky) else {_snake(type(ground).__name__): dict(ground.guess)}),
         },
     }
