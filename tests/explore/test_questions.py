@@ -86,7 +86,7 @@ def test_a_stopped_fit_keeps_its_best(asked):
     session.go_to(0)
     told: list[str] = []
     with pytest.raises(Stopped):
-        session.fit(["v_y", "E"], progress=told.append, stop=lambda: any("iteration 1" in text for text in told))
+        session.fit(["v_y", "E"], progress=told.append, stop=lambda: any("iteration 0" in text for text in told))
     assert session.current.name == "fit of v_y, E, stopped" and session.current.held_out < session.steps[0].held_out
     assert not session.busy
 
