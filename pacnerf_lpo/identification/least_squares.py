@@ -16,12 +16,10 @@ from pacnerf_lpo.identification.processes import each
 
 LONGEST_STEP = 5.0
 """Of an unknown's scale, at first. Steps of that length that gain what they promise double it, failures shorten it."""
-ATTEMPTS = 6
-"""Steps from the same point before the fit ends: each is at least half as long, so the last is a thirtieth."""
 PROBES = (0.5, -0.5, 0.1, -0.1)
 """Of an unknown's scale: changes by which a sensitivity is measured; the later ones where the motion is unstable."""
 CONVERGED = 0.1
-"""Of an unknown's scale: a change that nobody would notice."""
+"""Of an unknown's scale: a change that nobody would notice. Steps from a point become shorter until they are that."""
 LEAST_GAIN = 5e-4
 """Part of the cost: a step that gains less is not worth the simulations of another Jacobian."""
 ROUGH_GAIN = 1e-2
@@ -180,7 +178,8 @@ class _Descent:
         """One step that lowers the cost: its length in scales, whether it gained about what was promised, and whether
         it might have been longer; None where there is none.
         """
-        for _ in range(ATTEMPTS):
+        moved = np.inf
+        while moved > CONVERGED:
             low, high = np.clip((np.stack(self.bounds) - self.free) / self.scales, -self.longest, self.longest)
             now, scaled = self.now[self.rows], self.scaled[self.rows]
             model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
@@ -206,6 +205,7 @@ class _Descent:
                 return float(moved), kept, stretched
             if self.age > 0 and self.remeasured > 0:
                 self._measure()
+                moved = np.inf
             else:
                 self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
         return None

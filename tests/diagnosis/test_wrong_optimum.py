@@ -91,10 +91,7 @@ def test_the_optimum_of_a_larger_model_is_a_start_for_a_smaller_one(misled, tmp_
     assert known is not None and known["E"] < 10**RIDGE
     assert cost < 0.5 * fitted.cost
     assert held is not None and held.cost < 2 * (misled.usable & ~mask).sum()
-    # so far from the truth a fit may end short of its optimum
-    there = better_null(*told, fitted.known, fitted.cost, mask)
-    again = better_null(*told, there.known or fitted.known, there.cost, mask)
-    assert again[:2] == (pytest.approx(there.cost), None)
+    assert better_null(*told, fitted.known, fitted.cost, mask)[:2] == (pytest.approx(fitted.cost), None)
 
 
 def test_the_first_round_that_a_better_optimum_concerns_begins_again(misled, tmp_path):
