@@ -71,12 +71,14 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
     still, thrown = without({}), f"in a throw of {1000 * (FRAMES - 1) * SUBSTEPS / STEP_RATE:g} ms"
     change = float((withit(effect.null) - still).abs().max())
     yield Check("nothing changes at the null", f"{change:.1e} m", change <= SAME)
+    moved = 0.0
     for probe in effect.probes:
         moved = float((withit(probe) - still).abs().max())
         said = ", ".join(f"{name} {value:g}" for name, value in probe.items())
         later = "" if moved > SEEN else "; what begins later is seen with arguments by which it begins sooner"
         yield Check(f"a probe is seen ({said})", f"{moved:.1e} m {thrown}{later}", moved > SEEN)
-    yield from _gradients(withit, effect.parameters, effect.probes[-1])
+    if moved > SEEN:  # derivatives at the last probe are 0 else, and so are differences
+        yield from _gradients(withit, effect.parameters, effect.probes[-1])
 
 
 def check_material(material: Material) -> Iterator[Check]:
