@@ -1,0 +1,83 @@
+"""By how much do other solvers differ from this one in contact? From finished diagnoses of videos that they have made:
+
+    python -m validation.contact_error runs/bird runs/torus runs/cat
+
+Of each run the last model of its diagnosis is taken. Writes ``results/contact_error.json`` and the page made of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from pacnerf_lpo.diagnosis.comparison import FORCE, Comparison
+from pacnerf_lpo.diagnosis.run_problem import RunProblem
+from pacnerf_lpo.diagnosis.store import FOLDER, read
+from pacnerf_lpo.evaluation.run_directory import Run
+from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.standardised import noise_of
+from validation.record import Record, keep, made, origin, table
+
+SIZES = (0.0, 0.0025, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04)
+WORDS = """
+A smooth force of which nothing is known acts in every model of a diagnosis, of 0.02 m/s^2, and from the first contact
+on also of a share of the acceleration there. How much more probable is a recording with such a share than without?
+Log marginal likelihood of all its data, material and motion integrated out, beside the effects that were found.
+**Development figures**: `CONTACT` is the share that is best for all videos together.
+"""
+
+
+def gains(problem: Problem, comparison: Comparison) -> list[float]:
+    """Log marginal likelihood of all usable data with each of :data:`SIZES`, less that with none."""
+    mask = problem.usable
+    jacobian = np.nan_to_num(comparison.jacobian[mask])
+    residual = comparison.residual[mask] + jacobian @ (comparison.free - comparison.mean)
+    replicates, sensor, shape, discretisation, force, contact = comparison.learnt
+    found = []
+    for size in SIZES:
+        known = np.concatenate((shape, discretisation, np.hypot(FORCE, size * contact) * force), axis=-1)[mask]
+        known = np.concatenate((np.nan_to_num(known), jacobian * comparison.deviation), axis=1)
+        noise = noise_of(problem, replicates, sensor, mask, known)
+        deviate = noise.whiten_residual(residual)
+        volume = np.log1p(noise.weights**2).sum() - 2 * np.log(np.diagonal(noise.whitener, axis1=1, axis2=2)).sum()
+        found.append(-0.5 * float(deviate @ deviate + volume))
+    return [round(one - found[0], 2) for one in found]
+
+
+def last_comparison(run: Path) -> Comparison:
+    """Of the diagnosis of a run. Raises SystemExit where there is none."""
+    found = sorted((run / FOLDER / "steps").glob("*_compare.npz"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise SystemExit(f"{run}: no diagnosis; run `pacnerf-lpo diagnose {run}` first")
+    return read(found[-1])["result"]
+
+
+def page(record: Record) -> str:
+    """The record as Markdown."""
+    rows = [[run["run"], *run["gains"]] for run in record["runs"]]
+    total = np.sum([run["gains"] for run in record["runs"]], axis=0).round(1)
+    head = ["diagnosis", *(f"{100 * size:g} %" for size in record["sizes"])]
+    parts = [
+        "# The error of contact",
+        origin(record, "contact_error", "`python -m validation.contact_error RUN ...`"),
+        WORDS.strip(),
+        table(head, [*rows, ["together", *total]]),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN")
+    record: Record = {**made(), "sizes": SIZES, "runs": []}
+    for run in parser.parse_args().runs:
+        record["runs"].append({"run": run.name, "gains": gains(RunProblem(Run(run)), last_comparison(run))})
+        print(record["runs"][-1], flush=True)
+    keep("contact_error", record, page)
+
+
+if __name__ == "__main__":
+    main()
