@@ -12,7 +12,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
 from pacnerf_lpo.identification.silhouette_moments import KINDS, silhouette_moments
-from pacnerf_lpo.identification.splatting import radii, splat
+from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
@@ -151,14 +151,13 @@ class Model(ABC):
         size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
         observer = Observer(cameras_of((), self.video)) if free is None else self.observer(free)
         moving = path if len(path) == 1 else observer.seen(path, self.velocity(free), self.video.times)
-        seen, discs = [], self.body.discs
+        seen, apart = [], self.body.spacing / 2
         for view in range(self.shape[0]) if views is None else views:
             view_id = self.video.view_ids[view]
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
-            pixels, depth = self.project(points[:, discs.ends].mean(2), view, observer)
+            pixels, depth = self.project(points, view, observer)
             scale = torch.where(depth > 0, self.video.intrinsics[view, 0, 0] / depth, 0.0)  # pixels per metre
-            radius = self.footprint * radii(scale * discs.depth, scale * (self.body.spacing / 2))
-            seen.append(splat(pixels + MARGIN, radius, size))
+            seen.append(splat(pixels + MARGIN, scale, self.body.discs, apart, size, self.footprint))
         return torch.stack(seen)
 
     def project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:

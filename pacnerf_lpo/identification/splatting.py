@@ -12,65 +12,110 @@ import functools
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.mpm.runtime import LAUNCHING, start
+from pacnerf_lpo.identification.discs import Discs
+from pacnerf_lpo.mpm.runtime import LAUNCHING, device, start
 from pacnerf_lpo.mpm.taichi_calls import Launcher, ti
 
 LEAST_DISC = 0.6
 """Discs of particles deep inside are larger than half a particle spacing by so much, so that a pixel between them is
 opaque [pixels]."""
+LARGEST_DISC = 1e6
+LANES = 8
+"""Neighbouring pixels in one vector register: a disc is five to nine pixels wide."""
+LEAST_SHARE = 512
+"""Taichi gives a CPU thread at least so many iterations of a loop: so far apart are those that draw an image."""
 
 
-def radii(depth: Tensor, apart: Tensor) -> Tensor:
-    """Radius of the disc of each particle [pixels].
-
-    Args:
-        depth: how far it is from the surface at frame 0 [pixels, (...)]. What is deep inside may come to the surface
-            later, and is drawn as if it were half a spacing below it.
-        apart: distance between neighbouring particles [pixels, (...)]
-    """
-    return torch.minimum(depth, apart / 2 + LEAST_DISC).clamp_min(0.0)
-
-
-def splat(pixels: Tensor, radius: Tensor, size: tuple[int, int]) -> Tensor:
+def splat(
+    pixels: Tensor, scale: Tensor, discs: Discs, apart: float, size: tuple[int, int], footprint: float = 1.0
+) -> Tensor:
     """Opacity of unions of discs, with an edge that is a pixel wide.
 
+    The radius of a disc is its depth at frame 0. What is deep inside may come to the surface later, and is drawn as if
+    it were half a spacing, and :data:`LEAST_DISC`, below it. On the CPU a thread draws an image, on CUDA a row of it,
+    so that no pixel is changed by two threads.
+
     Args:
-        pixels: image coordinates of their centres, pixel centres at +0.5 [(B, N, 2)], x then y; nothing is drawn where
+        pixels: image coordinates of the particles, pixel centres at +0.5 [(B, N, 2)], x then y; nothing is drawn where
             they are not finite.
-        radius: of each disc [pixels, (B, N)]; 0: it is not drawn.
-        size: height and width of the image.
+        scale: pixels per metre there [(B, N)]; 0 behind the camera, where nothing is drawn.
+        discs: half way between the particles; in perspective, that is nearer to the image of the farther one.
+        apart: distance between neighbouring particles [m].
+        size: height and width of the images.
+        footprint: factor on all radii.
 
     Returns:
         [0..1, (B, H, W)]
     """
     start()
-    images, count = radius.shape
-    inside = torch.full((images * size[0] * size[1],), -0.5)
-    points, reach = pixels.float().contiguous().flatten(), radius.float().contiguous().flatten()
+    (images, particles), (rows, columns) = scale.shape, size
+    blocks = -(-columns // LANES)
+    inside = torch.full((images * rows * blocks, LANES), -0.5)
+    arrays = {
+        "points": pixels.float().contiguous().flatten(),
+        "scale": scale.float().contiguous().flatten(),
+        "ends": discs.ends.int().contiguous().flatten(),
+        "depth": discs.depth.float().contiguous(),
+    }
+    shares = {"share": LEAST_SHARE, "height": rows} if device().type == "cpu" else {"share": 1, "height": 1}
+    counts = {"images": images, "particles": particles, "discs": len(discs.depth), "rows": rows, "blocks": blocks}
     with LAUNCHING:
         draw = _launcher()
-        counts = {"count": images * count, "each": count, "rows": size[0], "columns": size[1]}
-        draw.bind(points=points, radius=reach, inside=inside, **counts)
+        draw.bind(**arrays, inside=inside, **counts, **shares, apart=float(apart), footprint=float(footprint))
         draw()
-    return (inside.view(images, *size) + 0.5).clamp_max(1.0)
+    return (inside.view(images, rows, blocks * LANES)[..., :columns] + 0.5).clamp_max(1.0)
 
 
 @functools.cache
 def _launcher() -> Launcher:
     Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
+    Whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
+    Pixels = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f32), ndim=1)
 
     @ti.kernel
-    def draw(points: Reals, radius: Reals, inside: Reals, count: int, each: int, rows: int, columns: int):
-        for i in range(count):
-            x, y, reach = points[2 * i] - 0.5, points[2 * i + 1] - 0.5, radius[i] + 0.5
-            # also false where a number is not finite
-            if 0.5 < reach < 1e6 and -reach < x < columns - 1 + reach and -reach < y < rows - 1 + reach:
-                first = i // each * rows
-                left, right = ti.max(int(ti.ceil(x - reach)), 0), ti.min(int(ti.floor(x + reach)), columns - 1)
-                top, bottom = ti.max(int(ti.ceil(y - reach)), 0), ti.min(int(ti.floor(y + reach)), rows - 1)
-                for row in range(top, bottom + 1):
-                    for column in range(left, right + 1):
-                        deep = reach - 0.5 - ti.sqrt((column - x) ** 2 + (row - y) ** 2)
-                        ti.atomic_max(inside[(first + row) * columns + column], deep)
+    def draw(
+        points: Reals,
+        scale: Reals,
+        ends: Whole,
+        depth: Reals,
+        inside: Pixels,
+        images: int,
+        particles: int,
+        discs: int,
+        rows: int,
+        blocks: int,
+        share: int,
+        height: int,
+        apart: float,
+        footprint: float,
+    ):
+        strips = rows // height
+        for t in range(images * strips * share):
+            if t % share == 0:
+                image, highest = t // share // strips, t // share % strips * height
+                for k in range(discs):
+                    a, b = image * particles + ends[2 * k], image * particles + ends[2 * k + 1]
+                    total = scale[a] + scale[b]
+                    near = scale[a] / total
+                    x = (1 - near) * points[2 * a] + near * points[2 * b] - 0.5
+                    y = (1 - near) * points[2 * a + 1] + near * points[2 * b + 1] - 0.5
+                    middle = 2 * near * scale[b]
+                    radius = footprint * ti.min(middle * depth[k], middle * apart / 2 + LEAST_DISC)
+                    reach = radius + 0.5
+                    across = -reach < x < blocks * LANES - 1 + reach
+                    # also false where a number is not finite
+                    if 0.5 < reach < LARGEST_DISC and across and highest - reach < y < highest + height - 1 + reach:
+                        top = ti.max(int(ti.ceil(y - reach)), highest)
+                        bottom = ti.min(int(ti.floor(y + reach)), highest + height - 1)
+                        first = ti.max(int(ti.ceil(x - reach)), 0) // LANES
+                        last = ti.min(int(ti.floor(x + reach)), blocks * LANES - 1) // LANES
+                        for block in range(first, last + 1):
+                            for row in range(top, bottom + 1):
+                                place = (image * rows + row) * blocks + block
+                                deepest = inside[place]
+                                for lane in ti.static(range(LANES)):
+                                    away = ti.sqrt((block * LANES + lane - x) ** 2 + (row - y) ** 2)
+                                    deepest[lane] = ti.max(deepest[lane], radius - away)
+                                inside[place] = deepest
 
     return Launcher(draw, "f32")

@@ -5,7 +5,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from pacnerf_lpo.data.cameras import project
+from pacnerf_lpo.identification import splatting
 from pacnerf_lpo.identification.body import Sampling
+from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.silhouette_moments import (
     EDGE,
     KINDS,
@@ -14,7 +17,7 @@ from pacnerf_lpo.identification.silhouette_moments import (
     sensor_noise,
     silhouette_moments,
 )
-from pacnerf_lpo.identification.splatting import radii, splat
+from pacnerf_lpo.identification.splatting import splat
 from pacnerf_lpo.types import FieldGrid
 
 
@@ -119,12 +122,12 @@ def drawn(distance, views):
     values = distance(torch.cartesian_prod(axis, axis, axis) @ TURN).view(3 * (len(axis),))
     surface = FieldGrid(values, torch.zeros(*values.shape, 0), axis[0].expand(3), SPACING / 4)
     body = Sampling(surface, 2 * SPACING).body()
-    points = body.positions[body.discs.ends].mean(1) @ TURN
+    points = body.positions @ TURN
     images = []
     for along in range(views):
         flat = SCALE * points[:, [i for i in range(3) if i != along]] + torch.tensor([48.3, 48.2])
-        radius = radii(SCALE * body.discs.depth, torch.tensor(SCALE * SPACING))
-        images.append(splat(flat[None], radius[None], (96, 96))[0])
+        scale = torch.full((1, len(points)), SCALE)
+        images.append(splat(flat[None], scale, body.discs, SPACING, (96, 96))[0])
     return [dict(zip(KINDS, silhouette_moments(image), strict=True)) for image in images]
 
 
@@ -150,16 +153,54 @@ def test_outlines_are_as_large_as_a_plate_however_thick_it_is(thickness):
         assert across == pytest.approx(SCALE * min(width, height), abs=0.1 * SCALE * SPACING)
 
 
+def alone(radius):
+    """Discs of so many pixels, one around each particle, where a pixel is a metre wide."""
+    depth = torch.tensor(radius)
+    return Discs(torch.arange(len(depth))[:, None].expand(-1, 2), depth, torch.zeros(len(depth), 3))
+
+
 def test_what_is_out_of_sight_is_not_drawn():
-    pixels = torch.tensor([[[-30.0, 5.0], [500.0, 5.0], [5.0, 5.0], [torch.nan, 5.0], [9.0, 9.0]]])
-    radius = torch.tensor([[1.0, 2.0, 1.3, 1.0, 0.0]])
-    image = splat(pixels, radius, (16, 16))[0]
-    assert torch.equal(image, splat(pixels[:, 2:3], radius[:, 2:3], (16, 16))[0])
+    pixels = torch.tensor([[[-30.0, 5.0], [500.0, 5.0], [5.0, 5.0], [torch.nan, 5.0], [9.0, 9.0], [9.0, 9.0]]])
+    scale = torch.tensor([[1.0, 1.0, 1.0, 1.0, 1.0, 0.0]])
+    image = splat(pixels, scale, alone([1.0, 2.0, 1.3, 1.0, -0.1, 1.0]), 10.0, (16, 16))[0]
+    assert torch.equal(image, splat(pixels[:, 2:3], scale[:, 2:3], alone([1.3]), 10.0, (16, 16))[0])
     assert float(image.sum()) == pytest.approx(np.pi * 1.3**2, rel=0.1)
 
 
 def test_images_do_not_mix():
-    pixels = torch.tensor([[[4.0, 4.0]], [[11.0, 12.0]]])
-    both = splat(pixels, torch.full((2, 1), 2.0), (16, 16))
-    alone = [splat(one[None], torch.full((1, 1), 2.0), (16, 16))[0] for one in pixels]
-    assert torch.equal(both, torch.stack(alone))
+    pixels, scale = torch.tensor([[[4.0, 4.0]], [[11.0, 12.0]]]), torch.ones(2, 1)
+    both = splat(pixels, scale, alone([2.0]), 10.0, (16, 16))
+    one_by_one = [splat(one[None], scale[:1], alone([2.0]), 10.0, (16, 16))[0] for one in pixels]
+    assert torch.equal(both, torch.stack(one_by_one))
+
+
+@pytest.fixture
+def tilted():
+    """Image coordinates and scale of particles before a near camera, the balls between them, and those balls drawn one
+    by one, pixel by pixel [(1, N, 2), (1, N), Discs, (21, 30)]
+    """
+    generator = torch.Generator().manual_seed(0)
+    positions = torch.rand(40, 3, generator=generator) - torch.tensor([0.5, 0.5, 2.0])
+    ends = torch.randint(40, (60, 2), generator=generator)
+    discs = Discs(ends, 0.15 * torch.rand(60, generator=generator), torch.zeros(60, 3))
+    intrinsic, pose = torch.tensor([[20.0, 0, 15], [0, 20, 10.5], [0, 0, 1]]), torch.eye(4)[:3]
+    centres, far = project(positions[ends].mean(1), intrinsic, pose)
+    y, x = torch.meshgrid(torch.arange(21) + 0.5, torch.arange(30) + 0.5, indexing="ij")
+    away = torch.hypot(x[..., None] - centres[:, 0], y[..., None] - centres[:, 1])
+    pixels, depth = project(positions, intrinsic, pose)
+    return pixels[None], 20 / depth[None], discs, (20 / far * discs.depth - away + 0.5).amax(-1).clamp(0, 1)
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_balls_between_particles_are_where_a_camera_sees_them(tilted, device, monkeypatch):
+    """Also by rows, as on CUDA."""
+    monkeypatch.setattr(splatting, "device", lambda: torch.device(device))
+    pixels, scale, discs, expected = tilted
+    np.testing.assert_allclose(splat(pixels, scale, discs, 10.0, (21, 30))[0], expected, atol=1e-4)
+
+
+def test_what_is_deep_inside_is_drawn_as_if_half_a_spacing_below_the_surface():
+    pixels, scale = torch.full((1, 1, 2), 20.0), torch.full((1, 1), 4.0)
+    found = splat(pixels, scale, alone([9.0]), 2.0, (40, 40), footprint=1.5)
+    expected = splat(pixels, scale, alone([1.5 * (1 + splatting.LEAST_DISC / 4)]), 1000.0, (40, 40))
+    np.testing.assert_allclose(found, expected, atol=1e-4)
