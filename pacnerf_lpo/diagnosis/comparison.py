@@ -217,7 +217,7 @@ def _errors_of_models(
         if _alike(problem, problem.parts(others, comparison.known), problem.parts(model.effects, known)):
             return comparison.learnt[2:], 2
     changes = (
-        shape_errors(problem, model, free),
+        shape_errors(problem, model, free, progress),
         discretisation_errors(problem, model, free, bias),
         force_changes(problem, model.effects, known, progress),
     )
