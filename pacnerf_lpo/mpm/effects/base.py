@@ -118,9 +118,14 @@ class Effect(ABC):
         return any(map(self.null_is_far, self.null))
 
     @classmethod
+    def suits(cls, material: Material) -> bool:
+        """Whether the effect has a meaning for this material."""
+        return isinstance(material, cls.materials) and not isinstance(material, cls.excluded)
+
+    @classmethod
     def check_material(cls, material: Material) -> None:
         """Raise UserInputError, in one line, where the effect has no meaning for this material."""
-        if not isinstance(material, cls.materials) or isinstance(material, cls.excluded):
+        if not cls.suits(material):
             raise UserInputError(f"effect {cls.__name__}: {type(material).__name__} {cls.unsuited}")
 
 
