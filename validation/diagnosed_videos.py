@@ -17,7 +17,7 @@ LIMITS = """
 Gravity and quadratic drag move the outlines in nearly the same way as linear drag, but leave more of the error. What
 is left beside the named effects passes the check in all four (p = 0.13 and more in the held-out data). The size of
 one force, 2 % of the acceleration by contact, was chosen on the first, third and fourth of these videos: it is what
-makes them most likely ([the error of contact](contact_error.md)), and with it the cat's cause is ground friction and
+makes them most likely ([the error of contact](solver_error.md)), and with it the cat's cause is ground friction and
 no more an unknown one; the intervals of the coefficients became wider. **Intervals are still too narrow**: those of E
 miss in three of four, by 0.01 to 0.03 in log10, the cat's friction and the demo's drag miss as well. Poisson's ratio
 comes out too large in all: 0.370 [0.352, 0.384], 0.356 [0.331, 0.377], 0.396 [0.389, 0.402] and 0.326 [0.319, 0.333]

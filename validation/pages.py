@@ -10,7 +10,7 @@ from validation.record import RESULTS, read
 
 SUBJECTS = {
     "base_fit": "validation.hidden_effects.base_fit",
-    "contact_error": "validation.contact_error",
+    "solver_error": "validation.solver_error",
     "diagnosed_videos": "validation.diagnosed_videos",
     "engine": "validation.engine",
     "explore": "validation.explore",
