@@ -149,7 +149,9 @@ def compare(
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
-    First with the same weight for all silhouette moments, then standardised by the noise that the replicates show.
+    First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
+    once more with what the solver may get wrong where that ended: an effect is believed for what is left of it beside
+    that, so the two have to be of the same motion.
 
     Args:
         problem: the run.
@@ -177,8 +179,14 @@ def compare(
 
     found, sensor, bias = replicates(problem, model, free, count, seed, told)
     errors, simulated = _errors_of_models(problem, model, free, bias, before, progress)
-    comparison = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
-    return replace(comparison, rollouts=comparison.rollouts + rollouts + simulated + 2 * len(found) + 2)
+    begun = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
+    shape, _, force, contact = errors
+    progress("errors of resolution and dissipation there")
+    there = discretisation_errors(problem, model, begun.free, bias)
+    learnt = found, sensor, shape, there, force, contact
+    comparison = standardised(problem, model, begun.free, begun.jacobian, learnt, progress)
+    simulated += begun.rollouts + there.shape[-1] + 2 * len(found) + 2
+    return replace(comparison, rollouts=comparison.rollouts + rollouts + simulated)
 
 
 def standardised(
