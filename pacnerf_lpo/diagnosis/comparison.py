@@ -179,13 +179,13 @@ def compare(
 
     found, sensor, bias = replicates(problem, model, free, count, seed, told)
     errors, simulated = _errors_of_models(problem, model, free, bias, before, progress)
-    begun = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
+    first = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
     shape, _, force, contact = errors
     progress("errors of resolution and dissipation there")
-    there = discretisation_errors(problem, model, begun.free, bias)
+    there = discretisation_errors(problem, model, first.free, bias)
     learnt = found, sensor, shape, there, force, contact
-    comparison = standardised(problem, model, begun.free, begun.jacobian, learnt, progress)
-    simulated += begun.rollouts + there.shape[-1] + 2 * len(found) + 2
+    comparison = standardised(problem, model, first.free, first.jacobian, learnt, progress)
+    simulated += first.rollouts + there.shape[-1] + 2 * len(found) + 2
     return replace(comparison, rollouts=comparison.rollouts + rollouts + simulated)
 
 
