@@ -257,6 +257,29 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
     return intervals_in_si(model, comparison.free, comparison.deviation, noise.whiten(changes), along, noise)
 
 
+def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> dict[str, float]:
+    """How far each unknown would be from where it is [SI], by name, if the recording came from a coarser grid, from
+    more steps or from a solver with more viscosity of its own: the root of the sum of the squares.
+
+    Intervals are of the solver as it is: where data show that the recording has not all that another grid changes, its
+    stiffness may still be that of another grid. The change of an estimate with the discretisation is the usual measure
+    of that error (ASME V&V 20, 2009).
+    """
+    mask, model = problem.fitted, problem.model(effects, comparison.known)
+    _, _, shape, changes, force, contact = comparison.learnt
+    known = known_errors(shape, changes[..., :0], force, contact)
+    noise = noise_of(problem, comparison.replicates, comparison.sensor, mask, known[mask])
+    rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
+    targets = noise.whiten(np.nan_to_num(changes[mask]))
+    size = rows.shape[1]
+    moved = np.linalg.solve(rows.T @ rows + np.eye(size), rows.T @ targets) * comparison.deviation[:, None]
+    found = {}
+    for parameter, free, step in zip(model.unknowns, comparison.free, np.linalg.norm(moved, axis=1), strict=True):
+        ends = [parameter.physical(free + sign * step) for sign in (-1, 1)]
+        found[parameter.name] = (ends[1] - ends[0]) / 2
+    return found
+
+
 def intervals_in_si(
     model: Model,
     free: np.ndarray,

@@ -6,7 +6,7 @@ from functools import partial
 
 import torch
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals, solver_shifts
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -19,8 +19,8 @@ REPLICATES, SEED = 8, 1
 
 
 def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> None:
-    """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], what the recording does not
-    determine, and from which phase.
+    """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], how far another solver moves
+    it, what the recording does not determine, and from which phase.
 
     A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
     grids and by errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data
@@ -47,11 +47,18 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
     comparison = store.once("intervals", step)
     found, undetermined = intervals(problem, effects, comparison)
+    shifts = solver_shifts(problem, effects, comparison)
     content = {
         "phase": problem.stage.stem,
         "level": CONFIDENCE,
         "parameters": {
-            one.name: {"value": one.value, "low": one.low, "high": one.high, "determined": one.identifiable}
+            one.name: {
+                "value": one.value,
+                "low": one.low,
+                "high": one.high,
+                "determined": one.identifiable,
+                "solver": shifts[one.name],
+            }
             for one in found
         },
         "undetermined": undetermined,

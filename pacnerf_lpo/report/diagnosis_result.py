@@ -10,6 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.comparison import solver_shifts
 from pacnerf_lpo.diagnosis.contributions import recordings
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
@@ -100,12 +101,13 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
     odds, effects = {}, [name_of(effect) for effect in found.effects]
+    shifts = solver_shifts(problem, found.effects, comparison)
     if found.screening is not None:
         contenders = [again.contender for again in found.refits]
         odds = log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
     return {
         "effects": effects,
-        "parameters": _intervals(found.parameters, unknowns),
+        "parameters": [{**one, "solver": shifts[one["name"]]} for one in _intervals(found.parameters, unknowns)],
         "notes": list(comparison.notes),
         "left_out": [wording.unstable(name, name in effects, why) for name, why in found.left_out.items()],
         "undetermined": found.undetermined,

@@ -52,11 +52,12 @@ def points_table(result: Result) -> str:
 
 
 def parameter_table(result: Result) -> str:
-    """Values before and after with their 90 % intervals, as numbers and drawn."""
+    """Values before and after with their 90 % intervals, as numbers and drawn, and what another solver does to them."""
     before, after = _parameters(result)
+    solver = {p["name"]: p["solver"] for done in result["rounds"] for p in done["parameters"]}
     pairs = [(name, before.get(name), after.get(name)) for name in {**before, **after}]
-    rows = [(name, old or new, old, new, interval_places(old, new)) for name, old, new in pairs]
-    return PARTS.parameters(rows, bool(after))
+    rows = [(name, old or new, old, new, interval_places(old, new), solver.get(name)) for name, old, new in pairs]
+    return PARTS.parameters(rows, bool(after), any(solver.values()))
 
 
 def interval_places(

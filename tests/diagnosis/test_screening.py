@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2, f
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, solver_shifts
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import Round
@@ -49,6 +51,15 @@ def fitted(stable) -> tuple[falling.Falling, Comparison]:
     """A ball with drag, fitted without it."""
     problem = falling.Falling({"drag": DRAG})
     return problem, compared(problem)
+
+
+def test_a_solver_that_errs_like_a_change_of_a_velocity_moves_it_by_as_much(fitted):
+    problem, comparison = fitted
+    place = comparison.names.index("v_x")
+    errs = comparison.jacobian[..., [place, place]] * [0.03, -0.04]
+    found = solver_shifts(problem, (), replace(comparison, discretisation=errs))
+    assert found["v_x"] == pytest.approx(0.05, rel=0.02)
+    assert found["v_z"] < 0.001
 
 
 def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):

@@ -74,7 +74,7 @@ def screen() -> dict[str, Any]:
 
 def parameter(name: str, value: float, unit: str, label: str) -> dict[str, Any]:
     ends = {"low": 0.8 * value, "high": 1.2 * value, "identifiable": True}
-    return {"name": name, "value": value, "unit": unit, "label": label, **ends}
+    return {"name": name, "value": value, "unit": unit, "label": label, "solver": 0.1 * value, **ends}
 
 
 def refit(name: str, factor: float, held: float) -> dict[str, Any]:

@@ -218,6 +218,15 @@ def test_parameters_before_and_after_with_intervals():
     assert "70 kPa" not in alone and "after" not in alone
 
 
+def test_what_another_solver_does_stands_beside_the_intervals_of_a_body_that_deforms():
+    result = example.other("nothing")
+    assert "± 3.4 kPa" in sections.parameter_table(result)
+    for done in result["rounds"]:
+        for one in done["parameters"]:
+            one["solver"] = 0.0  # a rigid body
+    assert "solver" not in sections.parameter_table(result)
+
+
 def test_bounds_count_from_the_null_and_leave_out_non_local_effects():
     result = example.other("nothing")
     result["rounds"][0]["screen"]["candidates"][3]["coefficients"][0]["null"] = 1.0

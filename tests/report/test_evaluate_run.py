@@ -133,7 +133,8 @@ def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_p
     shutil.copytree(evaluated_run, copied)
     names = list(results["free"])
     parameters = {
-        name: {"value": 2e5, "low": 1e5, "high": 3e5, "determined": index == 0} for index, name in enumerate(names)
+        name: {"value": 2e5, "low": 1e5, "high": 3e5, "determined": index == 0, "solver": 4e4}
+        for index, name in enumerate(names)
     }
     content = {"phase": "02_r1_physics", "level": 0.9, "parameters": parameters, "undetermined": []}
     assert is_evaluated(Run(copied))
@@ -147,6 +148,10 @@ def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_p
     assert table.count("not determined") == len(names) - 1
     page = parameter_table(again)
     assert "<th>90 % interval</th>" in page and page.count("not determined") == len(names) - 1
+    assert "<th>other solver</th>" in page and "± 40 kPa" in page
+    for one in again["intervals"]["parameters"].values():
+        del one["solver"]  # an older run
+    assert "other solver" not in parameter_table(again)
 
 
 def test_the_fit_of_the_intervals_is_the_result_and_what_the_phase_had_is_said(evaluated_run, tmp_path):
