@@ -21,11 +21,11 @@ makes them most likely ([the error of the solver](solver_error.md)). A version b
 viscous than the model's (13 Pa s, p = 0.0005): how much a solver dissipates is an error of every model now.
 
 **Intervals are of the solver as it is**, and too narrow for bodies that another one has moved: those of E miss in
-three of four, by 0.03 to 0.04 in log10, the cat's friction and the demo's drag miss as well, and Poisson's ratio comes
-out too large: 0.366 [0.347, 0.382], 0.386 [0.377, 0.394] and 0.329 [0.323, 0.335] in torus, cat and bird, for 0.3. Beside
-them the page of a diagnosis says how far another solver moves a value: E by 5.6, 6.3 and 10.2 kPa, the torus's drag by
-0.02, the cat's friction by 0.04, Poisson's ratio by 0.05, 0.005 and 0.012. That is as large as most of what they miss
-by. The times are by the clock, on two idle cores.
+three of four, by 0.01 to 0.04 in log10, the cat's friction and the demo's drag miss as well, and Poisson's ratio
+comes out too large: 0.366 [0.347, 0.382], 0.386 [0.377, 0.394] and 0.329 [0.323, 0.335] in torus, cat and bird, for
+0.3. Beside them the page of a diagnosis says how far another solver moves a value: E by 5.6, 6.3 and 10.2 kPa, the
+torus's drag by 0.02, the cat's friction by 0.04, Poisson's ratio by 0.05, 0.005 and 0.012. That is as large as most
+of what they miss by. The times are by the clock, on two idle cores.
 """
 COMMANDS = """
 ```sh

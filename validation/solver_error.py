@@ -38,7 +38,7 @@ VISCOSITY = """
 ## In dissipation
 
 The same model takes two and four times as many steps. What then changes looks, beside changes of material and motion,
-like so much viscosity of the solid, which is what `OWN_VISCOSITY` (1 %) stands for.
+like so much viscosity of the solid. That is why every model of a solid may err by `OWN_VISCOSITY`, 1 %.
 """
 
 
