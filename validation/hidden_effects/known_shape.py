@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from torch import Tensor
 from pacnerf_lpo.identification.body import Body, Sampling
 from pacnerf_lpo.identification.problem import BodyProblem, noise_of_video
 from pacnerf_lpo.identification.replicates import distorted
+from pacnerf_lpo.identification.shape_modes import ShapeModes
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
 from pacnerf_lpo.mpm.physics import Physics
@@ -81,12 +82,23 @@ class KnownShape(BodyProblem):
         """One particle in each cell of a lattice of spacing/2, at the centre of the matter there, distorted; every
         sampling alike.
         """
-        random = np.random.default_rng(self.setting.warp_seed)
-        return distorted(self._undistorted(spacing, seed), self.setting.warp, random, self._reference)
+        return self._distorted(self._undistorted(spacing, seed))
 
     @cached_property
     def _reference(self) -> Body:
         return self._undistorted(self.setting.spacing, 0)
+
+    def wrong_bodies(self, sigma: float) -> list[Body]:
+        """As those of a reconstruction: the distortion is not known to the model, only how large it is."""
+        modes, coarse = ShapeModes(self.coarse_body, sigma), Sampling(self.setting.surface, self.coarse_body.spacing, 0)
+        found = []
+        for numbers in np.eye(modes.count):
+            body = self._distorted(coarse.body(partial(modes.depth, numbers=numbers)))
+            found.append(modes.moved(body, numbers))
+        return found
+
+    def _distorted(self, body: Body) -> Body:
+        return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed), self._reference)
 
     def _undistorted(self, spacing: float, seed: int) -> Body:
         return Sampling(self.setting.surface, spacing, seed).body()
