@@ -259,7 +259,8 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
 
 def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> dict[str, float]:
     """How far each unknown would be from where it is [SI], by name, if the recording came from a coarser grid, from
-    more steps or from a solver with more viscosity of its own: the root of the sum of the squares.
+    more steps, from a solver with more viscosity of its own or with the other errors of
+    :func:`~pacnerf_lpo.identification.shape_errors.discretisation_errors`: the root of the sum of the squares.
 
     Intervals are of the solver as it is: where data show that the recording has not all that another grid changes, its
     stiffness may still be that of another grid. The change of an estimate with the discretisation is the usual measure
