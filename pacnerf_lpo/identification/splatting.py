@@ -1,4 +1,4 @@
-# mypy: disable-error-code="valid-type,index"
+# mypy: disable-error-code="valid-type,index,attr-defined"
 """Outlines of moving particles: the union of discs that reach to the surface of the body, thousands of times cheaper
 than rendering.
 
@@ -48,20 +48,20 @@ def splat(
         [0..1, (B, H, W)]
     """
     start()
-    (images, particles), (rows, columns) = scale.shape, size
+    images, (rows, columns) = len(scale), size
     blocks = -(-columns // LANES)
     inside = torch.full((images * rows * blocks, LANES), -0.5)
+    strips, share = (1, LEAST_SHARE) if device().type == "cpu" else (rows, 1)
     arrays = {
-        "points": pixels.float().contiguous().flatten(),
-        "scale": scale.float().contiguous().flatten(),
+        "seen": torch.cat((pixels, scale[..., None]), -1).float().contiguous().flatten(),
         "ends": discs.ends.int().contiguous().flatten(),
         "depth": discs.depth.float().contiguous(),
+        "sizes": torch.tensor([images, rows, strips, share], dtype=torch.int32),
+        "lengths": torch.tensor([apart, footprint], dtype=torch.float32),
     }
-    shares = {"share": LEAST_SHARE, "height": rows} if device().type == "cpu" else {"share": 1, "height": 1}
-    counts = {"images": images, "particles": particles, "discs": len(discs.depth), "rows": rows, "blocks": blocks}
     with LAUNCHING:
         draw = _launcher()
-        draw.bind(**arrays, inside=inside, **counts, **shares, apart=float(apart), footprint=float(footprint))
+        draw.bind(**arrays, inside=inside, count=images * strips * share)
         draw()
     return (inside.view(images, rows, blocks * LANES)[..., :columns] + 0.5).clamp_max(1.0)
 
@@ -73,33 +73,19 @@ def _launcher() -> Launcher:
     Pixels = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f32), ndim=1)
 
     @ti.kernel
-    def draw(
-        points: Reals,
-        scale: Reals,
-        ends: Whole,
-        depth: Reals,
-        inside: Pixels,
-        images: int,
-        particles: int,
-        discs: int,
-        rows: int,
-        blocks: int,
-        share: int,
-        height: int,
-        apart: float,
-        footprint: float,
-    ):
-        strips = rows // height
-        for t in range(images * strips * share):
+    def draw(seen: Reals, ends: Whole, depth: Reals, inside: Pixels, sizes: Whole, lengths: Reals, count: int):
+        for t in range(count):
+            images, rows, strips, share = sizes[0], sizes[1], sizes[2], sizes[3]
+            apart, footprint = lengths[0], lengths[1]
             if t % share == 0:
-                image, highest = t // share // strips, t // share % strips * height
-                for k in range(discs):
-                    a, b = image * particles + ends[2 * k], image * particles + ends[2 * k + 1]
-                    total = scale[a] + scale[b]
-                    near = scale[a] / total
-                    x = (1 - near) * points[2 * a] + near * points[2 * b] - 0.5
-                    y = (1 - near) * points[2 * a + 1] + near * points[2 * b + 1] - 0.5
-                    middle = 2 * near * scale[b]
+                image, height, blocks = t // share // strips, rows // strips, inside.shape[0] // (images * rows)
+                highest, first_particle = t // share % strips * height, image * (seen.shape[0] // (3 * images))
+                for k in range(depth.shape[0]):
+                    a, b = 3 * (first_particle + ends[2 * k]), 3 * (first_particle + ends[2 * k + 1])
+                    near = seen[a + 2] / (seen[a + 2] + seen[b + 2])
+                    x = (1 - near) * seen[a] + near * seen[b] - 0.5
+                    y = (1 - near) * seen[a + 1] + near * seen[b + 1] - 0.5
+                    middle = 2 * near * seen[b + 2]
                     radius = footprint * ti.min(middle * depth[k], middle * apart / 2 + LEAST_DISC)
                     reach = radius + 0.5
                     across = -reach < x < blocks * LANES - 1 + reach
