@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import known_classes
-from pacnerf_lpo.diagnosis.comparison import FORCE, Comparison, known_errors
+from pacnerf_lpo.diagnosis.comparison import FORCE, Comparison
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, read
 from pacnerf_lpo.evaluation.run_directory import Run
@@ -66,9 +66,7 @@ def own_viscosity(problem: Problem, comparison: Comparison) -> dict[str, float]:
     effects = [*problem.physics.effects, *(kind() for kind in kinds if set(kind.parameters) <= names)]  # type: ignore[call-arg]
     model, mask = problem.model(effects, known), problem.usable
     seen, physics = model.predict(model.start), model.physics
-    replicates, sensor, shape, discretisation, force, contact = comparison.learnt
-    others = known_errors(shape, discretisation[..., :0], force, contact)  # without what is measured here
-    noise = noise_of(problem, replicates, sensor, mask, others[mask])
+    noise = comparison.noise_but_of_solver(problem, mask)
     unit = physics.rho * problem.spacing**2 * physics.substep_rate
 
     def change(other: Model) -> np.ndarray:

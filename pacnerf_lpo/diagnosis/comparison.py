@@ -114,6 +114,11 @@ class Comparison:
         """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
         return known_errors(*self.learnt[2:])
 
+    def noise_but_of_solver(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
+        """Of the entries of a mask [(R, F, 11), bool], without what resolution, dissipation and opacity get wrong."""
+        known = known_errors(self.shape_errors, self.discretisation[..., :0], self.force, self.contact)
+        return noise_of(problem, self.replicates, self.sensor, mask, known[mask])
+
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
         return self.noise(problem, mask).with_directions(np.nan_to_num(self.jacobian[mask]) * self.deviation)
@@ -267,11 +272,9 @@ def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Compa
     of that error (ASME V&V 20, 2009).
     """
     mask, model = problem.fitted, problem.model(effects, comparison.known)
-    _, _, shape, changes, force, contact = comparison.learnt
-    known = known_errors(shape, changes[..., :0], force, contact)
-    noise = noise_of(problem, comparison.replicates, comparison.sensor, mask, known[mask])
+    noise = comparison.noise_but_of_solver(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
-    targets = noise.whiten(np.nan_to_num(changes[mask]))
+    targets = noise.whiten(np.nan_to_num(comparison.discretisation[mask]))
     size = rows.shape[1]
     moved = np.linalg.solve(rows.T @ rows + np.eye(size), rows.T @ targets) * comparison.deviation[:, None]
     found = {}

@@ -391,10 +391,7 @@ class StateProblem(BodyProblem):
         return self._sampling(spacing, seed).body()
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        modes, coarse = ShapeModes(self.coarse_body, sigma), self._sampling(COARSER * self.spacing, 0)
-        ways = [(numbers, partial(modes.depth, numbers=numbers)) for numbers in np.eye(modes.count)]
-        found = [modes.moved(coarse.body(depth), numbers) for numbers, depth in ways]
-        return [body if len(body.positions) else self.coarse_body for body in found]
+        return ShapeModes(self.coarse_body, sigma).bodies(self._sampling(COARSER * self.spacing, 0).body)
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:

@@ -1,7 +1,8 @@
 """Smooth errors of a reconstructed body, as many standard deviations of each as one says."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -56,6 +57,15 @@ class ShapeModes:
         density = 1 + DENSITY_ERROR * leans @ torch.cat((fields[:3], fields[3:6].sum(0, keepdim=True)))
         moved = body.positions + self.sigma * (smooth + local)
         return replace(body, positions=moved, fraction=body.fraction * density.clamp_min(0.1))
+
+    def bodies(self, sampled: Callable[[Callable[[Tensor], Tensor]], Body]) -> list[Body]:
+        """The body with one more error each, of one standard deviation; itself where an error leaves nothing of it.
+
+        Args:
+            sampled: a sampling whose surface was moved inwards by so much [m, (N,)] at places [m, (N, 3)].
+        """
+        found = [self.moved(sampled(partial(self.depth, numbers=one)), one) for one in np.eye(self.count)]
+        return [body if len(body.positions) else self.body for body in found]
 
     def _parts(self, numbers: np.ndarray) -> tuple[Tensor, ...]:
         sizes = [STRAINS, BENDS, THINNINGS, self.count - STRAINS - BENDS - THINNINGS - LEANS, LEANS]

@@ -20,6 +20,7 @@ LEAST_DISC = 0.6
 """Discs of particles deep inside are larger than half a particle spacing by so much, so that a pixel between them is
 opaque [pixels]."""
 LARGEST_DISC = 1e6
+"""What is larger is of no body before the camera, and infinity not drawn [pixels]."""
 LANES = 8
 """Neighbouring pixels in one vector register: a disc is five to nine pixels wide."""
 LEAST_SHARE = 512

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -90,12 +90,8 @@ class KnownShape(BodyProblem):
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
         """As those of a reconstruction: the distortion is not known to the model, only how large it is."""
-        modes, coarse = ShapeModes(self.coarse_body, sigma), Sampling(self.setting.surface, self.coarse_body.spacing, 0)
-        found = []
-        for numbers in np.eye(modes.count):
-            body = self._distorted(coarse.body(partial(modes.depth, numbers=numbers)))
-            found.append(modes.moved(body, numbers))
-        return found
+        coarse = Sampling(self.setting.surface, self.coarse_body.spacing, 0)
+        return ShapeModes(self.coarse_body, sigma).bodies(lambda depth: self._distorted(coarse.body(depth)))
 
     def _distorted(self, body: Body) -> Body:
         return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed), self._reference)
