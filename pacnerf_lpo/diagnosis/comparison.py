@@ -7,8 +7,8 @@ import numpy as np
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
-from pacnerf_lpo.identification.problem import Part, Problem
+from pacnerf_lpo.identification.least_squares import PROBES, Effort, Fit, fit, wide_sensitivities
+from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.replicates import replicates
 from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
@@ -20,6 +20,10 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 12
+WIDE, WIDEST = 2.0, 0.5
+"""Of an unknown's posterior standard deviation, and of its prior's at most: how far to either side its sensitivity is
+measured at the optimum. Outlines of a moved body change by hundredths of a pixel that only its particles cause. Over a
+shorter way that looks like information, and an interval was a third as wide as the costs along it."""
 CONFIDENCE = 0.9
 """Of all intervals."""
 FORCE = 0.02
@@ -150,7 +154,6 @@ def compare(
     settings: tuple[int, int],
     searched: bool,
     progress: Progress,
-    before: tuple[Sequence[Effect], Comparison] | None = None,
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
@@ -165,8 +168,6 @@ def compare(
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
         progress: receives a line about each step.
-        before: effects of another model, and its comparison; what errors of the shape and a smooth force change is not
-            simulated again where the motion is nearly the same.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -183,15 +184,32 @@ def compare(
         progress(f"replicate {number} of {count}")
 
     found, sensor, bias = replicates(problem, model, free, count, seed, told)
-    errors, simulated = _errors_of_models(problem, model, free, bias, before, progress)
-    first = standardised(problem, model, free, changes, (found, sensor, *errors), progress)
-    shape, _, force, contact = errors
+    shape, here = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
+    at = problem, effects, model.physical(free)
+    force = force_changes(*at, progress), contact_accelerations(*at)
+    first = standardised(problem, model, free, changes, (found, sensor, shape, here, *force), progress)
     progress("errors of resolution and dissipation there")
     there = discretisation_errors(problem, model, first.free, bias)
-    learnt = found, sensor, shape, there, force, contact
+    learnt = found, sensor, shape, there, *force
     comparison = standardised(problem, model, first.free, first.jacobian, learnt, progress)
-    simulated += first.rollouts + there.shape[-1] + 2 * len(found) + 2
-    return replace(comparison, rollouts=comparison.rollouts + rollouts + simulated)
+    progress("sensitivities across the intervals")
+    jacobian = _across_intervals(problem, model, comparison)
+    # of each recording the bias takes no simulation, and the acceleration by contact two
+    simulated = shape.shape[-1] + 2 * here.shape[-1] + force[0].shape[-1] + 2 * len(found) + 2 * len(free)
+    simulated += rollouts + first.rollouts
+    return replace(comparison, jacobian=jacobian, rollouts=comparison.rollouts + simulated)
+
+
+def _across_intervals(problem: Problem, model: Model, comparison: Comparison) -> np.ndarray:
+    """Change of the residual by the unknowns at the best fit [(R, F, 11, K)], measured as widely as they are known."""
+    mask, deviation = problem.fitted, comparison.deviation
+    noise = comparison.noise(problem, mask)
+    rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * deviation)
+    errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.eye(len(deviation)))))
+    steps = np.maximum(np.minimum(WIDE * errors, WIDEST) * deviation, model.scales * PROBES[0])
+    objective = StandardisedObjective(problem, model, mask, noise)
+    found = wide_sensitivities(objective, comparison.free, steps, model.bounds)
+    return spread(found[~objective.rows], problem.usable)
 
 
 def standardised(
@@ -209,43 +227,6 @@ def standardised(
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
     return Comparison.at(model, best.free, prior, objective.seen(best), learnt, cost, doubts, best.rollouts)
-
-
-def _errors_of_models(
-    problem: Problem,
-    model: Model,
-    free: np.ndarray,
-    bias: np.ndarray,
-    before: tuple[Sequence[Effect], Comparison] | None,
-    progress: Progress,
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], int]:
-    """Changes of the residual by errors of the shape, of the resolution, and by a smooth force, and the acceleration by
-    contact, as a :class:`Comparison` has them, and the number of simulations; those of another model where the motion
-    is nearly the same. Arguments as of :func:`compare`, and the coordinates of the model [(K,)] and the bias of a wrong
-    shape there.
-    """
-    known = model.physical(free)
-    if before is not None:
-        others, comparison = before
-        if _alike(problem, problem.parts(others, comparison.known), problem.parts(model.effects, known)):
-            return comparison.learnt[2:], 2
-    changes = (
-        shape_errors(problem, model, free, progress),
-        discretisation_errors(problem, model, free, bias),
-        force_changes(problem, model.effects, known, progress),
-    )
-    # a bias takes no simulation of its own, the acceleration by contact two
-    more = sum(part.recording.deforms for part in problem.parts(model.effects, known))
-    found = (*changes, contact_accelerations(problem, model.effects, known))
-    return found, sum(change.shape[-1] for change in changes) + more
-
-
-def _alike(problem: Problem, before: Sequence[Part], now: Sequence[Part]) -> bool:
-    """Whether two models show the body within a node spacing of the same place in every frame, on average over it: what
-    is finer than that no grid resolves, and the same causes move both alike.
-    """
-    paths = [[part.model.path(part.model.start) for part in parts] for parts in (before, now)]
-    return all(float((a - b).norm(dim=-1).mean(1).max()) < problem.spacing for a, b in zip(*paths, strict=True))
 
 
 def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarray, contact: np.ndarray) -> np.ndarray:

@@ -244,11 +244,10 @@ class _Diagnosis:
         """
         problem, store, options = self.problem, self.store, self.options
         before = self.rounds if before is None else before
-        latest = (before[-1].effects, before[-1].comparison) if before else None
         number = _number(len(before) + 1, again, before, beside)
         settings, told = (options.replicates, options.seed), prefixed(progress, "compare: ")
         searched = not before and not again
-        step = partial(compare, problem, effects, known, settings, searched, told, latest)
+        step = partial(compare, problem, effects, known, settings, searched, told)
         comparison: Comparison = store.once(f"{number}_compare", step)
         parameters, undetermined = intervals(problem, effects, comparison)
         found = Round(

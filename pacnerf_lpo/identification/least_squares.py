@@ -254,5 +254,25 @@ def column(
     return np.zeros_like(now), len(PROBES)
 
 
+def wide_sensitivities(residual: Residual, free: np.ndarray, steps: np.ndarray, bounds: Bounds) -> np.ndarray:
+    """Derivative of the residual [(D, K)] by differences across ``steps`` to either side [(K,)], within the bounds, or
+    as much of them as the motion is stable for; 0 where that is nothing.
+    """
+    ends = zip(*np.clip((free - steps, free + steps), *bounds), strict=True)
+    return np.stack(list(each(_across, ((residual, free, k, *pair) for k, pair in enumerate(ends)))), axis=1)
+
+
+def _across(residual: Residual, free: np.ndarray, index: int, low: float, high: float) -> np.ndarray:
+    """Derivative of the residual by one unknown [(D,)] between two values of it."""
+    for _ in PROBES:
+        below, above = free.copy(), free.copy()
+        below[index], above[index] = low, high
+        try:
+            return (residual(above) - residual(below)) / (high - low)
+        except SimulationError:
+            low, high = (low + free[index]) / 2, (high + free[index]) / 2
+    return np.zeros_like(residual(free))
+
+
 def _square(values: np.ndarray) -> float:
     return float(values @ values)

@@ -83,11 +83,12 @@ class Problem(ABC):
         physics: of the model that is questioned.
         voxel: node spacing [m] to which the time step of ``physics`` belongs; the shape is known to a part of it.
         measured: moments of the outlines [pixels], and the brightness [(V, F, 11)]; NaN where missing.
-        sensor: standard deviation of their noise [(V, F, 11)]
-        points: measured in addition to the video; ``measured``, ``sensor`` and all residuals get R rows of theirs
+        noise: a root of the covariance of their noise in one view and frame [(V, F, 11, 11)]
+        points: measured in addition to the video; ``measured``, ``noise`` and all residuals get R rows of theirs
             behind those of the views.
 
     Attributes:
+        sensor: standard deviation of the noise [(V + R, F, 11)]
         relative: differences of moments [(..., V + R, F, 11)] as they are compared, see :func:`relative`.
     """
 
@@ -99,11 +100,11 @@ class Problem(ABC):
         physics: Physics,
         voxel: float,
         measured: np.ndarray,
-        sensor: np.ndarray,
+        noise: np.ndarray,
         points: Points | None = None,
     ):
         self.scene, self.video, self.split, self.physics, self.voxel = scene, video, held, physics, voxel
-        self.measured, self.sensor, self.points = measured, sensor, points
+        self.measured, self.noise, self.points = measured, noise, points
         self.usable = np.isfinite(measured) & np.isfinite(measured[:, :1])
         self.usable[:, 0, -1] = False
         anchored = points is None or points.from_first_sight
@@ -111,11 +112,12 @@ class Problem(ABC):
         if points is not None:
             found = points.measured
             self.measured = np.concatenate((measured, found))
-            self.sensor = np.concatenate((sensor, points.sensor))
+            self.noise = np.concatenate((noise, independent(points.sensor)))
             finite = np.isfinite(found)
             self.usable = np.concatenate((self.usable, finite & ~first_sight(found) if anchored else finite))
             if not len(held.points):
                 self.split = replace(held, points=np.ones(len(found), bool))
+        self.sensor = np.linalg.norm(self.noise, axis=-1)
 
     deforms: ClassVar[bool] = True
     """Whether the body does; else it is rigid and in flight: it touches nothing, and only a force on all of it acts."""
@@ -191,6 +193,10 @@ class Problem(ABC):
         """
         return np.zeros((*self.usable.shape, 0))
 
+    def sensor_noise(self, random: np.random.Generator) -> np.ndarray:
+        """Noise as another video of the same would have it [(V + R, F, 11)]."""
+        return np.einsum("vfkq,vfq->vfk", self.noise, random.standard_normal(self.sensor.shape))
+
     def lasting_noise(self, random: np.random.Generator) -> np.ndarray:
         """Errors that last from sample to sample, as another measurement would have them besides those of the sensor
         [(V + R, F, 11)]; none unless said.
@@ -256,9 +262,9 @@ class Problem(ABC):
 
     @abstractmethod
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Noise of relative moments: what every entry has of its own [(V + R, F, 11)], and what it has in common with
-        others of its view or row: from the frame to which all are relative, with its sign [(V + R, F, 11, 1)]; or a
-        root of the covariance of noise that lasts [(V + R, F, 11, Q)].
+        """Roots of the covariance of the noise of relative moments: of what the entries of every frame have by
+        themselves [(V + R, F, 11, Q)], and of what all of a view or row have in common: from the frame to which they
+        are relative, or by noise that lasts [(V + R, F, 11, Q')].
 
         Args:
             sensor: standard deviation of the noise of moments [(V + R, F, 11)]
@@ -302,13 +308,14 @@ class BodyProblem(Problem):
         return BodyModel(body, physics, self.without_pictures, known, self.points)
 
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own, shared = sensor.copy(), np.zeros_like(sensor)
+        own = self.noise * (sensor / self.sensor)[..., None]
+        shared = np.zeros_like(own)
+        shared[: self.views, :, :-1] = -own[: self.views, :1, :-1]
+        shared[: self.views, 0] *= -1
         own[: self.views, 0, :-1] = 0.0
-        shared[: self.views, :, :-1] = -sensor[: self.views, :1, :-1]
-        shared[: self.views, 0, :-1] *= -1
-        first = np.where(first_sight(self.measured[self.views :]), sensor[self.views :], 0.0)
-        shared[self.views :] = -first.sum(1, keepdims=True)
-        return own, shared[..., None]
+        first = first_sight(self.measured[self.views :])[..., None]
+        shared[self.views :] = -np.where(first, own[self.views :], 0.0).sum(1, keepdims=True)
+        return own, shared
 
 
 class StateProblem(BodyProblem):
@@ -341,9 +348,9 @@ class StateProblem(BodyProblem):
         brightness = self._measured_brightness() if bright else np.zeros(outlines.shape[:2])
         brightness -= np.median(brightness, axis=0)
         measured = np.concatenate((outlines, brightness[..., None]), axis=-1)
-        sensor = noise_of_video(data.video.silhouettes, brightness)
+        noise = noise_of_video(data.video.silhouettes, brightness)
         points = Points.of(data, state.positions)
-        super().__init__(scene, data.video, held, physics, state.spacing, measured, sensor, points)
+        super().__init__(scene, data.video, held, physics, state.spacing, measured, noise, points)
         self.usable[: self.views, :, -1] &= bright
         self.usable[: self.views] &= images
 
@@ -416,16 +423,23 @@ class StateProblem(BodyProblem):
 
 
 def noise_of_video(silhouettes: Tensor, brightness: np.ndarray) -> np.ndarray:
-    """Standard deviation of the noise of moments and brightness [(V, F, 11)], from the outlines [(V, F, H, W)] and the
-    brightness [(V, F)] themselves.
+    """A root of the covariance of the noise of moments and brightness in one view and frame [(V, F, 11, 11)], from the
+    outlines [(V, F, H, W)] and the brightness [(V, F)] themselves.
     """
-    return np.concatenate((sensor_noise(silhouettes), _shading(brightness)), axis=-1)
+    found = np.pad(sensor_noise(silhouettes), (*[(0, 0)] * 2, (0, 1), (0, 1)))
+    found[..., -1, -1] = _shading(brightness)
+    return found
 
 
-def _shading(brightness: np.ndarray) -> np.ndarray:
-    """How far views differ in brightness by themselves [(V, F, 1)], taken as one error for all frames of a view."""
+def independent(sensor: np.ndarray) -> np.ndarray:
+    """The root of a covariance [(..., K, K)] where every entry has its own standard deviation [(..., K)]."""
+    return sensor[..., None] * np.eye(sensor.shape[-1])
+
+
+def _shading(brightness: np.ndarray) -> float:
+    """How far views differ in brightness by themselves, taken as one error for all frames of a view."""
     spread = 1.4826 * np.median(np.abs(brightness))
-    return np.full((*brightness.shape, 1), max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
+    return float(max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
 
 
 def relative(difference: np.ndarray, views: int | None = None, anchored: bool = True) -> np.ndarray:

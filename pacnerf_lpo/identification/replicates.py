@@ -90,7 +90,7 @@ def _of_recording(
             if isinstance(seen, SimulationError):
                 unstable = seen
                 continue
-            found.append((*seen, random.standard_normal(reference.shape), problem.lasting_noise(random)))
+            found.append((*seen, problem.sensor_noise(random), problem.lasting_noise(random)))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
@@ -98,11 +98,12 @@ def _of_recording(
     true_seen, wrong_seen, noise, slow = (np.stack(part) for part in zip(*found, strict=True))
     errors, moved = (problem.relative(seen - reference) for seen in (true_seen, wrong_seen))
     bias = np.nan_to_num(moved).mean(0)
-    errors, sensor = errors - bias, problem.sensor.copy()
+    errors, scale = errors - bias, np.ones_like(problem.sensor)
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
-        sensor[outlines] *= sensor_scale(problem.residual(reference)[outlines], errors[outlines], sensor[outlines])
-    return errors + problem.relative(sensor * noise + slow), sensor, bias
+        residual = problem.residual(reference)[outlines]
+        scale[outlines] = sensor_scale(residual, errors[outlines], problem.sensor[outlines])
+    return errors + problem.relative(scale * noise + slow), scale * problem.sensor, bias
 
 
 def _predicted(true: Model, wrong: Model) -> tuple[np.ndarray, np.ndarray] | SimulationError:

@@ -19,8 +19,8 @@ from pacnerf_lpo.data.trajectories.noise import Noise
 from pacnerf_lpo.data.trajectories.trajectory import AXES
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model, RecordingModel, with_effects
-from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS, Points
+from pacnerf_lpo.identification.problem import Problem, independent
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.identification.split import HELD_FRAMES, Split
 from pacnerf_lpo.mpm.effects.base import BodyForce, Effect
@@ -220,7 +220,8 @@ class RigidProblem(Problem):
         split = Split(np.zeros(0, bool), np.arange(count) < count - HELD_FRAMES)
         physics = Physics(Rigid(), effects=effects, substep_rate=rate, frame_rate=rate, gravity=gravity)
         video = without_cameras(flight.times, flight.source)
-        super().__init__(flight.name, video, split, physics, self.spacing, none, none, Centre(flight))  # type: ignore[arg-type]
+        points: Points = Centre(flight)  # type: ignore[assignment]
+        super().__init__(flight.name, video, split, physics, self.spacing, none, independent(none), points)
 
     @property
     def spacing(self) -> float:
@@ -288,12 +289,14 @@ class RigidProblem(Problem):
         return found
 
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """White noise [mm, (1, F, 11)], and a root of the covariance of what lasts [mm, (1, F, 11, F)]: both are known,
-        so that replicates need not show them.
+        """Of white noise [mm, (1, F, 11, 11)], and of what lasts, with a part of the columns for each coordinate [mm,
+        (1, F, 11, 3 F)]: both are known, so that replicates need not show them.
         """
-        lasting = np.zeros((*sensor.shape, sensor.shape[1]))
-        lasting[0, :, : len(AXES)] = self._slow_roots.transpose(1, 0, 2)
-        return sensor, lasting
+        frames = sensor.shape[1]
+        lasting = np.zeros((*sensor.shape, len(AXES) * frames))
+        for axis, root in enumerate(self._slow_roots):
+            lasting[0, :, axis, axis * frames : (axis + 1) * frames] = root
+        return independent(sensor), lasting
 
     @cached_property
     def _slow_roots(self) -> np.ndarray:

@@ -14,6 +14,9 @@ TAIL = 0.05
 LEAST_AREA = 4.0
 EDGE = 0.3
 """Error of the edge of a matte, from pixel to pixel [pixels]."""
+LEAST_SHARE = 0.01
+"""Variance of a combination of moments relative to what it would be without correlation: to more than a percent changes
+of first order are not known, and outlines a few pixels wide have fewer edges than moments."""
 
 
 def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
@@ -50,28 +53,29 @@ def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
 
 
 def sensor_noise(opacity: Tensor) -> np.ndarray:
-    """Standard deviation of the moments of outlines [pixels, (..., 10)] when the edge of a matte errs by :data:`EDGE`
-    pixels, independently along the outline; NaN where :func:`silhouette_moments` is.
+    """A root of the covariance of the moments of outlines [pixels, (..., 10, 10)] when the edge of a matte errs by
+    :data:`EDGE` pixels, independently along the outline; NaN where :func:`silhouette_moments` is.
 
-    An edge that errs by e along a length dl adds e dl of area there. So the variance of a moment is EDGE^2 times the
-    integral, along the outline, of the square of what a unit of area at the edge changes it by: (x - mean) / A for a
-    centroid, 1 / m where the outermost twentieth of the area is, and the outline is m pixels wide where that begins: a
-    wing's tip is less certain than the side of a ball.
+    An edge that errs by e along a length dl adds e dl of area there. So the covariance of two moments is EDGE^2 times
+    the integral, along the outline, of the product of what a unit of area at the edge changes them by: (x - mean) / A
+    for a centroid, 1 / m where the outermost twentieth of the area is, and the outline is m pixels wide where that
+    begins: a wing's tip is less certain than the side of a ball. An edge on the left moves the centroid and the
+    leftmost twentieth together.
 
     Args:
         opacity: of the object [0..1, (..., H, W)]
     """
     images, moments = opacity.reshape(-1, *opacity.shape[-2:]).numpy(), silhouette_moments(opacity)
     found = [_by_area(image, own) for image, own in zip(images, moments.reshape(-1, len(KINDS)), strict=True)]
-    return EDGE * np.stack(found).reshape(moments.shape)
+    return EDGE * np.stack(found).reshape(*moments.shape, len(KINDS))
 
 
 def _by_area(image: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Root of the integral, along the outline of an image [0..1, (H, W)], of the squared change of each of its moments
-    (10,) by a unit of area there (10,).
+    """Root of the integral, along the outline of an image [0..1, (H, W)], of the products of the changes of its moments
+    (10,) by a unit of area there (10, 10).
     """
     if not np.isfinite(moments).all():
-        return np.full(len(KINDS), np.nan)
+        return np.full((len(KINDS),) * 2, np.nan)
     ends = [np.flatnonzero(image.any(axis=axis))[[0, -1]] for axis in (1, 0)]
     top, left = (max(first - 2, 0) for first, _ in ends)  # so far that nothing changes at the edges of what is cut out
     shown = image[top : ends[0][1] + 3, left : ends[1][1] + 3].astype(float)
@@ -88,8 +92,11 @@ def _by_area(image: np.ndarray, moments: np.ndarray) -> np.ndarray:
         axis, outwards, place = number // 2, 1 - 2 * (number % 2), (columns, rows)[number // 2]
         width = shown.sum(axis)[min(int(end), shown.shape[1 - axis] - 1)]
         beyond = np.clip(outwards * (end - place - 0.5) + 0.5, 0.0, 1.0)
-        changes.append((beyond - TAIL) / max(width, 1.0))
-    return np.sqrt(np.square(changes) @ edge[rows, columns])
+        changes.append(outwards * (TAIL - beyond) / max(width, 1.0))
+    found = np.array(changes) * np.sqrt(edge[rows, columns])
+    sizes = np.sqrt(np.square(found).sum(1))[:, None]
+    shares, turn = np.linalg.eigh(found @ found.T / (sizes * sizes.T))
+    return sizes * turn * np.sqrt(shares.clip(LEAST_SHARE))
 
 
 def mean_brightness(image: Tensor, opacity: Tensor) -> Tensor:

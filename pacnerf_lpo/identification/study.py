@@ -110,11 +110,11 @@ class StudyProblem(Problem):
             np.concatenate([problem.split.points for problem in recordings]),
         )
         video = _stacked_video([problem.video for problem in recordings])
-        measured, sensor = (stack.join([getattr(p, name) for p in recordings]) for name in ("measured", "sensor"))
+        measured, noise = (stack.join([getattr(p, name) for p in recordings]) for name in ("measured", "noise"))
         seen = slice(len(video.view_ids))
         scene, voxel = " + ".join(self.names), min(problem.voxel for problem in recordings)
-        super().__init__(scene, video, split, first.physics, voxel, measured[seen], sensor[seen])
-        self.measured, self.sensor = measured, sensor
+        super().__init__(scene, video, split, first.physics, voxel, measured[seen], noise[seen])
+        self.measured, self.noise, self.sensor = measured, noise, stack.join([p.sensor for p in recordings])
         self.usable = stack.join([problem.usable for problem in recordings])
         self.relative = partial(stack.relative, [problem.relative for problem in recordings])
         installed = [self.adopt(effect) for effect in _installed(self.recordings)]

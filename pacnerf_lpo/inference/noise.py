@@ -5,12 +5,13 @@ seeds, a perturbed geometry and fresh sensor noise. There are T of them, 8 to 24
 covariance alone is singular, and far too small along directions that the replicates did not happen to take. It is
 shrunk towards a target without cross-talk between views or kinds (Ledoit and Wolf 2004, with a structured target):
 
-    C = S^2 + c c^T + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'|,
+    C = S S^T + c c^T + a G K G + (1 - a) X^T X / (T - 1) + B B^T,    K = rho^|frame - frame'|,
 
-K and c c^T within one view and kind: S the sensor noise, c that of the frame to which all others of the view are
-relative, G^2 what else the replicates vary, smoothed over neighbouring frames and shared between views, X the
-replicates' deviations with the sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely,
-and B the directions of errors that are known beforehand, each of one standard deviation.
+S S^T within one view and frame, c c^T within one view, K within one view and kind: S the sensor noise, which an edge
+has in common with the centroid, c that of the frame to which all others of the view are relative, G^2 what else the
+replicates vary, smoothed over neighbouring frames and shared between views, X the replicates' deviations with the
+sensor noise filtered out, a the shrinkage that makes a left-out replicate most likely, and B the directions of errors
+that are known beforehand, each of one standard deviation.
 """
 
 from __future__ import annotations
@@ -35,29 +36,33 @@ one is known to half of itself then."""
 
 @dataclass(frozen=True)
 class Series:
-    """The entries of a layout as S series, one for every view and kind, each in the order of its L frames.
+    """The entries of a layout as S series, one for every view, with L entries each: its kinds one after the other, each
+    in the order of its frames.
 
     Block-diagonal matrices are (S, L, L). Short series are padded with entries that read 0, or ``fill``.
     index: number of the entry, D where padded (S, L)
-    gap: distance in frames, (S, L, L)
+    gap: distance in frames of two entries of one kind, infinite between kinds (S, L, L)
+    together: whether two entries are of one frame (S, L, L)
     instant: the same number for entries of one frame and kind, whatever the view (D,)
     """
 
     index: np.ndarray
     gap: np.ndarray
+    together: np.ndarray
     instant: np.ndarray
 
     @staticmethod
     def of(layout: Layout) -> Series:
         """Sort the entries of a layout."""
-        names = [f"{view} {kind}" for view, kind in zip(layout.view, layout.kind, strict=True)]
-        _, label, sizes = np.unique(names, return_inverse=True, return_counts=True)
-        order = np.lexsort((layout.frame, label))
+        kinds, kind = np.unique(layout.kind, return_inverse=True)
+        frames, frame = np.unique(layout.frame, return_inverse=True)
+        _, view, sizes = np.unique(layout.view, return_inverse=True, return_counts=True)
         index = np.full((len(sizes), sizes.max()), len(layout))
-        index[np.arange(sizes.max()) < sizes[:, None]] = order
-        frame = np.append(np.asarray(layout.frame, float), 0.0)[index]
-        names = [f"{frame} {kind}" for frame, kind in zip(layout.frame, layout.kind, strict=True)]
-        return Series(index, np.abs(frame[:, :, None] - frame[:, None]), np.unique(names, return_inverse=True)[1])
+        index[np.arange(sizes.max()) < sizes[:, None]] = np.lexsort((frame, kind, view))
+        place, time = np.append(kind, len(kinds))[index], np.append(frames, 0.0)[np.append(frame, len(frames))[index]]
+        gap = np.where(place[:, :, None] == place[:, None], np.abs(time[:, :, None] - time[:, None]), np.inf)
+        instant = np.unique(kind * len(frames) + frame, return_inverse=True)[1]
+        return Series(index, gap, time[:, :, None] == time[:, None], instant)
 
     def gather(self, values: np.ndarray, fill: float = 0.0) -> np.ndarray:
         """Values (D, ...) by series (S, L, ...)."""
@@ -81,13 +86,13 @@ class NoiseModel:
 
     mean: the model's numerical bias (D,)
     replicates: what it was learnt from (T, D)
-    sensor: S^2 + c c^T, by series
+    sensor: S S^T + c c^T, by series
     directions: B, one column for each known error (D, M)
     layout: view, frame and kind of every entry
     shrinkage: weight a of the structured target
     correlation: rho of neighbouring frames
     series: the layout as courses in time
-    whitener: L^-1 with S^2 + c c^T + a G K G = L L^T, by series
+    whitener: L^-1 with S S^T + c c^T + a G K G = L L^T, by series
     basis, weights: orthonormal (D, q) and (q,): L^-1 C L^-T = I + basis diag(weights^2) basis^T
     """
 
@@ -116,21 +121,23 @@ class NoiseModel:
 
         Args:
             replicates: residuals of simulated nulls, sensor noise included (T, D), T >= 4
-            sensor_sigma: standard deviation of the sensor noise (D,), not negative
+            sensor_sigma: standard deviation of the sensor noise (D,), or S, a root of the covariance that entries of
+                one view and frame have by it (D, Q)
             layout: view, frame and kind of every entry
             directions: changes of the residual by errors known beforehand, of one standard deviation each (D, M)
-            shared_sigma: c, that of noise which all entries of one view and kind have in common, with its sign (D,), or
-                a root of the covariance that they have by it (D, Q)
+            shared_sigma: c, that of noise which all entries of one view have in common, with its sign (D,), or a root
+                of the covariance that they have by it (D, Q')
 
         Raises:
             ValueError: shapes do not agree, fewer than four replicates, values not finite, or a noise that vanishes.
         """
-        replicates, sensor_sigma = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
-        shared = np.zeros_like(sensor_sigma) if shared_sigma is None else np.asarray(shared_sigma, float)
+        replicates, own = np.asarray(replicates, float), np.asarray(sensor_sigma, float)
+        own = own[:, None] * np.eye(len(own)) if own.ndim == 1 else own
+        shared = np.zeros_like(own[:, 0]) if shared_sigma is None else np.asarray(shared_sigma, float)
         shared = shared.reshape(len(shared), -1)
-        _check(replicates, sensor_sigma, shared, layout)
+        _check(replicates, own, shared, layout)
         series, deviations = Series.of(layout), (replicates - replicates.mean(0)).T
-        sensor = _sensor(sensor_sigma, shared, series)
+        sensor = _sensor(own, shared, series)
         spread = _numerical_spread(deviations, sensor, series)
         correlation = _frame_correlation(deviations, spread, sensor, series)
         target = _target(spread, correlation, series)
@@ -139,7 +146,7 @@ class NoiseModel:
             _left_out_likelihood(deviations, smooth, _whitener(target, sensor, a), series, a) for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
-        known = np.zeros((len(sensor_sigma), 0)) if directions is None else directions
+        known = np.zeros((len(own), 0)) if directions is None else directions
         return cls._assemble(replicates, sensor, known, layout, series, shrinkage, correlation)
 
     @classmethod
@@ -219,13 +226,13 @@ def _principal(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return columns @ turn[:, kept] / weights, weights
 
 
-def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray, layout: Layout) -> None:
+def _check(replicates: np.ndarray, own: np.ndarray, shared: np.ndarray, layout: Layout) -> None:
     if replicates.ndim != 2 or len(replicates) < LEAST_REPLICATES:
         raise ValueError(
             f"replicates have shape {replicates.shape}; at least {LEAST_REPLICATES} residual vectors are needed"
         )
     arrays = {
-        "sensor_sigma": sensor_sigma,
+        "sensor_sigma": own[:, 0],
         "shared_sigma": shared[:, 0],
         "layout.view": layout.view,
         "layout.frame": layout.frame,
@@ -235,15 +242,17 @@ def _check(replicates: np.ndarray, sensor_sigma: np.ndarray, shared: np.ndarray,
             raise ValueError(
                 f"{name} has shape {np.shape(array)}, but the replicates have {replicates.shape[1]} entries"
             )
-    noise = sensor_sigma**2 + (shared**2).sum(1)
+    noise = (own**2).sum(1) + (shared**2).sum(1)
     if not (np.isfinite(replicates).all() and np.isfinite(noise).all() and (noise > 0).all()):
         raise ValueError("replicates and noise must be finite, and every entry must have a noise")
 
 
-def _sensor(sigma: np.ndarray, shared: np.ndarray, series: Series) -> np.ndarray:
-    """S^2 + c c^T, by series (S, L, L), with c (D, Q)."""
-    own, common = series.gather(sigma, 1.0), series.gather(shared)
-    return own[:, None] ** 2 * np.eye(own.shape[1]) + common @ common.transpose(0, 2, 1)
+def _sensor(own: np.ndarray, shared: np.ndarray, series: Series) -> np.ndarray:
+    """S S^T + c c^T, by series (S, L, L), with S (D, Q) and c (D, Q')."""
+    alone, common = series.gather(own), series.gather(shared)
+    padded = (series.index == len(own))[:, None] * np.eye(series.index.shape[1])
+    found = series.together * (alone @ alone.transpose(0, 2, 1)) + common @ common.transpose(0, 2, 1)
+    return np.where(padded, 1.0, found)
 
 
 def _numerical_spread(deviations: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:
@@ -260,9 +269,10 @@ def _numerical_spread(deviations: np.ndarray, sensor: np.ndarray, series: Series
 def _frame_correlation(deviations: np.ndarray, spread: np.ndarray, sensor: np.ndarray, series: Series) -> float:
     """Correlation of the numerical error between neighbouring frames; sensor noise does not contribute."""
     courses, spreads = series.gather(deviations), series.gather(spread)
-    product = (courses[:, :-1] * courses[:, 1:]).sum() / (deviations.shape[1] - 1)
-    product -= np.diagonal(sensor, 1, axis1=1, axis2=2).sum()
-    scale = (spreads[:, :-1] * spreads[:, 1:]).sum()
+    same = np.isfinite(np.diagonal(series.gap, 1, axis1=1, axis2=2))  # kind
+    product = (courses[:, :-1] * courses[:, 1:])[same].sum() / (deviations.shape[1] - 1)
+    product -= np.diagonal(sensor, 1, axis1=1, axis2=2)[same].sum()
+    scale = (spreads[:, :-1] * spreads[:, 1:])[same].sum()
     return float(np.clip(product / scale, 0.0, LARGEST_CORRELATION)) if scale > 0 else 0.0
 
 

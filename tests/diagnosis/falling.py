@@ -23,7 +23,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.forward_model import BodyModel
-from pacnerf_lpo.identification.problem import BodyProblem, noise_of_video
+from pacnerf_lpo.identification.problem import BodyProblem, independent, noise_of_video
 from pacnerf_lpo.identification.smooth_force import SmoothForce
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
@@ -70,15 +70,15 @@ class Falling(BodyProblem):
         split = Split(np.arange(VIEWS) != 2, np.arange(FRAMES) < FRAMES - 2)
         physics = Physics(NeoHookean(E=9e4, nu=0.3), substep_rate=960.0, fit_ground_height=True)
         blank = np.ones((VIEWS, FRAMES, 11))
-        super().__init__("falling", video, split, physics, SPACING, blank, blank)
+        super().__init__("falling", video, split, physics, SPACING, blank, independent(blank))
         effects = [effect for effect in EFFECTS.values() if set(effect.parameters) & set(hidden)]
         values = {**TRUTH, **{n: v for e in effects for n, v in e.null.items()}, **hidden}
         true = self.model(effects, values, self.sample(0.8 * SPACING, seed=12345))
         path = motion(true, true.start)
         measured = true.observe(path, true.start)
-        self.sensor = noise_of_video(true.outlines(path), measured[..., -1])
-        noise = np.random.default_rng(seed).standard_normal(measured.shape)
-        self.measured = measured + NOISE * self.sensor * noise
+        self.noise = noise_of_video(true.outlines(path), measured[..., -1])
+        self.sensor = np.linalg.norm(self.noise, axis=-1)
+        self.measured = measured + NOISE * self.sensor_noise(np.random.default_rng(seed))
         self.usable = np.isfinite(self.measured) & np.isfinite(self.measured[:, :1])
         self.usable[:, 0, -1] = False
 

@@ -128,7 +128,7 @@ def test_noise_that_lasts_is_known_and_not_learnt_from_replicates(tmp_path):
     assert main(["init", str(tmp_path / "ball.csv"), str(tmp_path / "scene"), *BALL]) == 0
     study, _ = problem_of_flights(scenes_in(tmp_path / "scene"), ())
     own, shared = (values[study.usable] for values in study.noise_parts(study.sensor))
-    found = np.diag(own**2) + shared @ shared.T
+    found = own @ own.T * np.eye(len(own)) + shared @ shared.T
     at = 0
     for part in study.parts((), study.first_guess):
         flight = part.recording.flight

@@ -44,7 +44,7 @@ def test_errors_of_the_first_frames_do_not_lead_away_from_a_good_start(scene):
     problem, true = scene
     measured = problem.measured.copy()
     measured[:, 1:3, :10] += 2.0 * np.random.default_rng(2).standard_normal(measured[:, 1:3, :10].shape)
-    wrong = KnownShape("wrong", problem.setting, problem.video, measured, problem.sensor)
+    wrong = KnownShape("wrong", problem.setting, problem.video, measured, problem.noise)
     known = {name: true.get(name, value) for name, value in wrong.first_guess.items()}
     coarse = wrong.coarse_model((), known)
     objective = Objective(wrong, coarse, *priors(wrong, coarse))

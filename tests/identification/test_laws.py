@@ -92,8 +92,7 @@ class Dropped(Falling):
         own = {name: value for effect in hidden for name, value in effect.guess.items()}
         true = self.model(hidden, {**law.guess, **TRUE_V, **own})
         measured = true.observe(motion(true, true.start), true.start)
-        noise = NOISE * np.random.default_rng(seed).standard_normal(measured.shape)
-        self.measured = measured + self.sensor * noise
+        self.measured = measured + NOISE * self.sensor_noise(np.random.default_rng(seed))
         self.physics = self.physics.of(Auto(list(CANDIDATES)))
 
     @property

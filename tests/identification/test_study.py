@@ -103,7 +103,7 @@ def test_a_spin_belongs_to_a_recording_and_a_material_to_all(study: StudyProblem
 def test_a_coefficient_is_shared_and_a_measured_spin_is_not(drops: list[KnownShape], small_threads: None):
     """Each recording was fitted with the spin that it was measured to have; a candidate's is that of all."""
     spins = (5.0, 0.0, 0.0), (0.0, 0.0, -80.0)
-    turning = [KnownShape(d.scene, d.setting, d.video, d.measured, d.sensor) for d in drops]
+    turning = [KnownShape(d.scene, d.setting, d.video, d.measured, d.noise) for d in drops]
     for drop, spin in zip(turning, spins, strict=True):
         drop.physics = with_effects(drop.physics, [Magnus(0.01, spin)], 1.0, 1.0)
     study = StudyProblem(turning, ["low", "high"])
@@ -150,7 +150,7 @@ def test_recordings_of_different_objects(
     drops: list[KnownShape], change: Callable[[Setting], Setting], said: str, small_threads: None
 ):
     first = drops[0]
-    other = KnownShape("other", change(first.setting), first.video, first.measured, first.sensor)
+    other = KnownShape("other", change(first.setting), first.video, first.measured, first.noise)
     with pytest.raises(UserInputError, match=said) as error:
         StudyProblem([first, other], ["low", "high"])
     assert "\n" not in str(error.value)
@@ -173,6 +173,6 @@ def test_an_effect_without_coefficients_is_not_divided():
 
 def test_a_recording_without_contact(drops: list[KnownShape], small_threads: None):
     flying = replace(drops[0].setting, guess={**drops[0].setting.guess, "v_y": 5.0})
-    other = KnownShape("other", flying, drops[0].video, drops[0].measured, drops[0].sensor)
+    other = KnownShape("other", flying, drops[0].video, drops[0].measured, drops[0].noise)
     sentences = without_contact(StudyProblem([drops[0], other], ["low", "thrown"]))
     assert len(sentences) == 1 and sentences[0].startswith("thrown: the body does not reach the ground")

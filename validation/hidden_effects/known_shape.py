@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.identification.body import Body, Sampling
-from pacnerf_lpo.identification.problem import BodyProblem, noise_of_video
+from pacnerf_lpo.identification.problem import BodyProblem, independent, noise_of_video
 from pacnerf_lpo.identification.replicates import distorted
 from pacnerf_lpo.identification.shape_modes import ShapeModes
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
@@ -31,15 +31,15 @@ class KnownShape(BodyProblem):
         setting: what is known.
         video: with the silhouettes.
         measured: summaries and brightness [(V, F, 11)]
-        sensor: standard deviation of their noise [(V, F, 11)]
+        noise: a root of the covariance of their noise in one view and frame [(V, F, 11, 11)]
     """
 
-    def __init__(self, scene: str, setting: Setting, video: Video, measured: np.ndarray, sensor: np.ndarray):
+    def __init__(self, scene: str, setting: Setting, video: Video, measured: np.ndarray, noise: np.ndarray):
         self.setting = setting
         views, frames = measured.shape[:2]
         held = np.isin(np.arange(views), setting.held_views)
         split = Split(~held, np.arange(frames) < frames - HELD_FRAMES)
-        super().__init__(scene, video, split, physics_of(setting), setting.spacing, measured, sensor)
+        super().__init__(scene, video, split, physics_of(setting), setting.spacing, measured, noise)
 
     @classmethod
     def read(cls, folder: Path) -> KnownShape:
@@ -60,7 +60,7 @@ class KnownShape(BodyProblem):
         """What the model itself shows of a setting at some values [SI], without noise, even beyond the images."""
         video = setting.video()
         blank = np.ones((*video.silhouettes.shape[:2], 11))
-        draft = cls(scene, setting, video, blank, blank)
+        draft = cls(scene, setting, video, blank, independent(blank))
         model = draft.model((), {**draft.physics.guess, **values})
         path = model.path(model.start)
         measured = model.observe(path, model.start)
