@@ -47,7 +47,8 @@ def test_directions_add_their_outer_product_to_the_covariance():
 def test_noise_of_the_frame_to_which_all_are_relative_is_common_to_its_view():
     """x_t = e_t - e_0: a constant shift of one view is as probable as its frame 0 is noisy, not sqrt(11) times less."""
     own = np.where(LAYOUT.frame == 0, 0.0, toy.SENSOR)
-    shared = np.where(LAYOUT.frame == 0, toy.SENSOR, -toy.SENSOR)
+    kinds = LAYOUT.kind[:, None] == np.array(toy.KINDS)
+    shared = np.where(LAYOUT.frame == 0, toy.SENSOR, -toy.SENSOR)[:, None] * kinds
 
     def drawn(rng: np.random.Generator, count: int) -> np.ndarray:
         noise = toy.SENSOR * rng.standard_normal((count, toy.VIEWS, toy.FRAMES, len(toy.KINDS)))
@@ -62,6 +63,29 @@ def test_noise_of_the_frame_to_which_all_are_relative_is_common_to_its_view():
     scores = [shift @ noise.whiten_residual(null) / np.linalg.norm(shift) for null in drawn(rng, 400)]
     assert np.std(scores) == pytest.approx(1.0, abs=0.15)  # four standard errors
     assert np.mean([np.mean(noise.whiten_residual(null) ** 2) for null in drawn(rng, 50)]) == pytest.approx(1, abs=0.1)
+
+
+def test_kinds_of_one_view_and_frame_err_together():
+    """Entries x and size of a frame have 0.8 of their noise in common: their sum errs by more than two entries with a
+    noise of their own would, their difference by less; frames and views are independent.
+    """
+    root = toy.SENSOR * np.eye(len(toy.KINDS))
+    root[2, [0, 2]] = toy.SENSOR * np.array([0.8, 0.6])
+    places = np.array([toy.KINDS.index(kind) for kind in LAYOUT.kind])
+
+    def drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+        noise = rng.standard_normal((count, toy.VIEWS, toy.FRAMES, len(toy.KINDS)))
+        return (noise @ root.T).reshape(count, SIZE)
+
+    rng = np.random.default_rng(6)
+    noise = NoiseModel.from_replicates(drawn(rng, 16), root[places], LAYOUT)
+    for sign in (1.0, -1.0):
+        along = toy.one_view(1, "x", np.ones(toy.FRAMES)) + sign * toy.one_view(1, "size", np.ones(toy.FRAMES))
+        changed = noise.whiten(along)
+        error = toy.SENSOR * np.sqrt(0.2 if sign < 0 else 1.8)  # of the half of a sum or difference, twelve frames
+        assert 1 / np.linalg.norm(changed) == pytest.approx(error / np.sqrt(2 * toy.FRAMES), rel=0.15)
+        scores = [changed @ noise.whiten_residual(null) / np.linalg.norm(changed) for null in drawn(rng, 400)]
+        assert np.std(scores) == pytest.approx(1.0, abs=0.15)  # four standard errors
 
 
 def test_entries_in_any_order_and_gaps_in_the_frames_are_the_same_problem():
