@@ -57,11 +57,12 @@ class Competition:
         """All refits, against the best optimum of the model without them that any of them has found."""
         found, size = self.found, int(self.problem.fitted.sum())
         by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
-        names = self._order(by_name)
-        for name in names:
-            self._attempt(by_name[name])
+        tried: list[str] = []
+        while left := [name for name in self._order(by_name) if name not in tried]:
+            self._attempt(by_name[left[0]])
+            tried.append(left[0])
         ahead = self._leader()
-        for name in [] if ahead is None else takewhile(lambda name: name != ahead.name, names):
+        for name in [] if ahead is None else takewhile(lambda name: name != ahead.name, tried):
             self._attempt(by_name[name], "beside")
         for searched in (False, True) if bent(found.comparison) else (False,):
             for candidate in by_name.values():
@@ -75,9 +76,14 @@ class Competition:
         return against_the_best(self.refits, self.screening)
 
     def _order(self, by_name: dict[str, Candidate]) -> list[str]:
-        """Names of the hypotheses that are worth a fit; the incumbent first, then by their linear change."""
+        """Names of the hypotheses that are worth a fit; the incumbent first, then by their linear change, or by less
+        where a fit has not kept what that promised.
+        """
         found, screening = self.found, self.screening
         scored = {one.name: one.log_bayes_factor for one in screening.scores if one.name in by_name}
+        for again in self.refits:
+            if again.name in scored:
+                scored[again.name] = min(again.log_bayes_factor, scored[again.name])
         names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
         if found.widened and bent(found.comparison):
             names += [name for name in scored if name not in names and not by_name[name].observes]

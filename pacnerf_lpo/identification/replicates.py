@@ -101,8 +101,8 @@ def _of_recording(
     errors, scale = errors - bias, np.ones_like(problem.sensor)
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
-        residual = problem.residual(reference)[outlines]
-        scale[outlines] = sensor_scale(residual, errors[outlines], problem.sensor[outlines])
+        residual, root = problem.residual(reference)[outlines], problem.noise[outlines][..., : len(KINDS)]
+        scale[outlines] = sensor_scale(residual, errors[outlines], root)
     return errors + problem.relative(scale * noise + slow), scale * problem.sensor, bias
 
 

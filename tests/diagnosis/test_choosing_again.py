@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
+
+import numpy as np
 
 from pacnerf_lpo.diagnosis import competition, diagnose
 from pacnerf_lpo.diagnosis.diagnose import Options, _Diagnosis
@@ -72,3 +75,33 @@ def test_what_was_fitted_before_the_best_is_fitted_once_more_from_where_that_end
     young = NeoHookean.parameters["E"]
     assert young.show(best.known["E"]) in begins[-1]
     assert young.show(rounds[0].comparison.known["E"]) in begins[0]
+
+
+def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeypatch):
+    """A straight line gives the first a score so high that the second seems to have no chance; the fit takes it back.
+    A fit that is better than its line says nothing against the others.
+    """
+    kept = {"First": -5.0, "Second": 9.0, "Third": 4.0}
+    fitted: list[str] = []
+
+    def attempt(self: competition.Competition, candidate: SimpleNamespace, how: str = "thoroughly") -> None:
+        fitted.append(candidate.name)
+        self.refits.append(SimpleNamespace(name=candidate.name, log_bayes_factor=kept[candidate.name], cost=1.0))
+
+    monkeypatch.setattr(competition.Competition, "_attempt", attempt)
+    monkeypatch.setattr(competition, "bent", lambda _: False)
+    monkeypatch.setattr(competition, "against_the_best", lambda refits, _: refits)
+    for first, expected in ((-5.0, ["First", "Second"]), (30.0, ["First"])):
+        kept["First"] = first
+        fitted.clear()
+        lines = {"First": 23.0, "Second": 9.6, "Third": 1.0}
+        scores = [SimpleNamespace(name=name, log_bayes_factor=score) for name, score in lines.items()]
+        screening = SimpleNamespace(scores=scores, threshold=6.0, outside=())
+        candidates = [SimpleNamespace(name=name, discrete=False, observes=False) for name in lines]
+        comparison = SimpleNamespace(cost=100.0)
+        found = SimpleNamespace(
+            screening=screening, candidates=candidates, left_out={}, widened=False, beside="", comparison=comparison
+        )
+        problem = SimpleNamespace(fitted=np.ones(3, bool))
+        competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
+        assert list(dict.fromkeys(fitted)) == expected
