@@ -14,7 +14,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each
-from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate
+from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, dispersion_of
 from pacnerf_lpo.inference.classes import correlation
 from pacnerf_lpo.inference.decision import LEVEL, believed
 from pacnerf_lpo.inference.evidence import Alternative, Score, score
@@ -125,7 +125,7 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
         entries = fitted_by(problem, held)
         parts[held] = Fitted(entries[mask], comparison.marginal(problem, entries))
     fitted = [parts[one.name in probes.outside] for one in hypotheses]
-    calibration = calibrate(noise, hypotheses, fitted, LEVEL)
+    calibration = calibrate(noise, hypotheses, fitted, LEVEL, dispersion_of(noise, residual))
     usual = usual_faults(noise, residual, hypotheses, calibration.scales)
     factors = {name: found.factor(calibration.dof) for name, found in usual.items()}
     scales = {name: s * factors.get(name, 1.0) for name, s in calibration.scales.items()}

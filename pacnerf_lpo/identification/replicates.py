@@ -101,8 +101,8 @@ def _of_recording(
     errors, scale = errors - bias, np.ones_like(problem.sensor)
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:
-        residual, root = problem.residual(reference)[outlines], problem.noise[outlines][..., : len(KINDS)]
-        scale[outlines] = sensor_scale(residual, errors[outlines], root)
+        root = problem.noise[: problem.views, :, : len(KINDS), : len(KINDS)]
+        scale[outlines] = sensor_scale(problem.residual(reference)[outlines], errors[outlines], root)
     return errors + problem.relative(scale * noise + slow), scale * problem.sensor, bias
 
 

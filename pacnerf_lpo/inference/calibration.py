@@ -5,7 +5,9 @@ smooth motions that effects and numerical errors share. So each replicate is sco
 The mean square of its coordinates along a hypothesis is the square of that hypothesis' scale; like every variance from
 few samples it is moderated towards the mean of all hypotheses, as if that were LENDING further replicates (Smyth 2004),
 and never taken below 1. A residual in units of its scale then has the tails of Student's t, and the selection among
-correlated hypotheses is simulated as a whole.
+correlated hypotheses is simulated as a whole, of residuals that are as large as the replicates and the data show them:
+errors known beforehand may be larger in the noise model than in a recording, and less is no evidence, but no reason
+either to expect more by chance than there is.
 """
 
 from collections.abc import Mapping, Sequence
@@ -85,7 +87,12 @@ class Calibration:
 
 
 def calibrate(
-    noise: NoiseModel, hypotheses: Sequence[Hypothesis], fitted: Sequence[Fitted], level: float, seed: int = 0
+    noise: NoiseModel,
+    hypotheses: Sequence[Hypothesis],
+    fitted: Sequence[Fitted],
+    level: float,
+    dispersion: float = 1.0,
+    seed: int = 0,
 ) -> Calibration:
     """Scales, threshold and null distribution for all hypotheses of one decision.
 
@@ -94,13 +101,24 @@ def calibrate(
         hypotheses: all that compete, camera faults and discrepancies included
         fitted: the data that each of them is fitted to
         level: family-wise false-alarm rate
+        dispersion: mean square of a standardised residual where nothing is missing, see :func:`dispersion_of`
         seed: of the simulated selections
     """
     names = [hypothesis.name for hypothesis in hypotheses]
     scales = dict(zip(names, moderated_scales(left_out_squares(noise, hypotheses)).tolist(), strict=True))
     dof = len(noise.replicates) - 1 + LENDING / 2
-    draws = np.sort(_simulated_maxima(noise, hypotheses, fitted, scales, dof, seed))
+    random = np.random.default_rng(seed)
+    draws = np.sort(_simulated_maxima(noise, hypotheses, fitted, scales, dof, dispersion, random))
     return Calibration(scales, dof, level, float(np.quantile(draws, 1 - level)), draws)
+
+
+def dispersion_of(noise: NoiseModel, residual: np.ndarray) -> float:
+    """Mean square of a residual (D,) in units of its noise, or that of left-out replicates, whichever is larger; at
+    most 1, as what is missing makes it larger, too.
+    """
+    pairs = [(noise, residual), *noise.left_out]
+    found, *others = [float(np.mean(model.whiten_residual(one) ** 2)) for model, one in pairs]
+    return min(1.0, max(found, float(np.mean(others))))
 
 
 def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
@@ -134,17 +152,17 @@ def _simulated_maxima(
     fitted: Sequence[Fitted],
     scales: Mapping[str, float],
     dof: float,
-    seed: int,
+    dispersion: float,
+    random: np.random.Generator,
 ) -> np.ndarray:
     """Largest log Bayes factor of all hypotheses for every one of :data:`DRAWS` residuals without any of them."""
     whole = [[(one, one.axes) for one in tried] for tried in Alternative.of_all(noise, hypotheses)]
     parts = _in_fitted(noise, hypotheses, fitted)
     directions = [axes for tried in (*whole, *parts) for _, axes in tried]
     basis = np.linalg.qr(np.concatenate(directions, axis=1))[0]
-    random = np.random.default_rng(seed)
-    heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof)
+    heavy = np.sqrt(random.chisquare(dof, DRAWS) / dof / dispersion)
     residuals = random.standard_normal((DRAWS, basis.shape[1])) / heavy[:, None]
-    squares = random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS) + (residuals**2).sum(1)
+    squares = dispersion * random.chisquare(max(len(basis) - basis.shape[1], 1), DRAWS) + (residuals**2).sum(1)
     together = residuals @ (basis.T @ np.concatenate(directions, axis=1))
     coordinates = iter(np.split(together, np.cumsum([axes.shape[1] for axes in directions])[:-1], axis=1))
 
