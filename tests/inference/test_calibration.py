@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom, kstest
 
 from pacnerf_lpo.inference import calibration
-from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, moderated_scales
+from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, dispersion_of, moderated_scales
 from pacnerf_lpo.inference.decision import LEVEL, believed
 from pacnerf_lpo.inference.evidence import Alternative, Score, score
 from tests.inference import toy
@@ -87,6 +87,34 @@ def test_p_values_hold_where_a_part_is_held_out():
     assert 0.3 < np.median(p_values) < 0.8
     seen = fitted.among_all(whole, Alternative.of_all(part, [fitted.of(HYPOTHESES[0])])[0][0].axes)
     assert np.linalg.norm(seen, axis=0) == pytest.approx(1.0, abs=0.2)  # a deviate is one, whichever way it is counted
+
+
+def test_p_values_hold_where_errors_known_beforehand_are_smaller_than_they_may_be():
+    """Sixty directions of an error that no recording has. A residual with them as large as they may be is larger than
+    that of a null, so that each would be called usual; drawn as large as replicates and data are, p-values are uniform.
+    """
+    rng, world, plain, matched = np.random.default_rng(11), toy.World(), [], []
+    known = 0.2 * toy.smooth(rng, (60, toy.VIEWS, len(toy.KINDS))).transpose(0, 1, 3, 2).reshape(60, -1).T
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "DRAWS", 500)
+        for _ in range(6):
+            noise = toy.learnt(rng, 16).with_directions(known)
+            for _ in range(8):
+                measured = world.draw(rng, 1)[0] + toy.PRIOR * toy.jacobian() @ rng.standard_normal(5)
+                for found, size in ((plain, 1.0), (matched, dispersion_of(noise, measured))):
+                    told = calibrate(noise, HYPOTHESES, toy.all_fitted(noise, len(HYPOTHESES)), LEVEL, size)
+                    scores = [score(noise, measured, one, told.scales[one.name]) for one in HYPOTHESES]
+                    found.append(told.p_value(max(one.log_bayes_factor for one in scores)))
+    assert np.median(plain) > np.median(matched)
+    assert 0.3 < np.median(matched) < 0.75
+    assert kstest(matched, "uniform", alternative="greater").pvalue > CHANCE  # not too many small ones
+
+
+def test_a_dispersion_is_at_most_one_and_at_least_that_of_replicates():
+    noise = toy.learnt(np.random.default_rng(5), 16)
+    least = dispersion_of(noise, noise.mean)
+    assert 0.5 < least <= 1.0
+    assert dispersion_of(noise, noise.mean + 20.0 * DRAG) == 1.0
 
 
 def test_held_out_data_add_to_the_fitted_ones_and_name_nothing_alone():
