@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from pacnerf_lpo.inference.layout import Layout
 
@@ -36,8 +37,8 @@ one is known to half of itself then."""
 
 @dataclass(frozen=True)
 class Series:
-    """The entries of a layout as S series, one for every view, with L entries each: its kinds one after the other, each
-    in the order of its frames.
+    """The entries of a layout as S series, one for every view and group of kinds that have noise in common, with L
+    entries each: the kinds one after the other, each in the order of its frames.
 
     Block-diagonal matrices are (S, L, L). Short series are padded with entries that read 0, or ``fill``.
     index: number of the entry, D where padded (S, L)
@@ -52,11 +53,17 @@ class Series:
     instant: np.ndarray
 
     @staticmethod
-    def of(layout: Layout) -> Series:
-        """Sort the entries of a layout."""
+    def of(layout: Layout, *roots: np.ndarray) -> Series:
+        """Sort the entries of a layout; kinds have noise in common where their entries in a root (D, Q) have columns in
+        common.
+        """
         kinds, kind = np.unique(layout.kind, return_inverse=True)
         frames, frame = np.unique(layout.frame, return_inverse=True)
-        _, view, sizes = np.unique(layout.view, return_inverse=True, return_counts=True)
+        moved = np.concatenate(roots, axis=1) != 0
+        of_kinds = np.stack([moved[kind == number].any(0) for number in range(len(kinds))]).astype(float)
+        group = connected_components(of_kinds @ of_kinds.T)[1][kind]
+        names = [f"{view} {number}" for view, number in zip(layout.view, group, strict=True)]
+        _, view, sizes = np.unique(names, return_inverse=True, return_counts=True)
         index = np.full((len(sizes), sizes.max()), len(layout))
         index[np.arange(sizes.max()) < sizes[:, None]] = np.lexsort((frame, kind, view))
         place, time = np.append(kind, len(kinds))[index], np.append(frames, 0.0)[np.append(frame, len(frames))[index]]
@@ -136,7 +143,7 @@ class NoiseModel:
         shared = np.zeros_like(own[:, 0]) if shared_sigma is None else np.asarray(shared_sigma, float)
         shared = shared.reshape(len(shared), -1)
         _check(replicates, own, shared, layout)
-        series, deviations = Series.of(layout), (replicates - replicates.mean(0)).T
+        series, deviations = Series.of(layout, own, shared), (replicates - replicates.mean(0)).T
         sensor = _sensor(own, shared, series)
         spread = _numerical_spread(deviations, sensor, series)
         correlation = _frame_correlation(deviations, spread, sensor, series)

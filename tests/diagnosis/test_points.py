@@ -14,7 +14,7 @@ from pacnerf_lpo.diagnosis.comparison import compare
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.points import Points
-from pacnerf_lpo.identification.problem import BodyProblem, relative
+from pacnerf_lpo.identification.problem import BodyProblem, independent, relative
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.materials import NeoHookean
@@ -83,7 +83,7 @@ class Ball(BodyProblem):
         physics = Physics(NeoHookean(1e5, 0.3, known=["E", "nu"]), substep_rate=2400.0)
         held = Split(np.array([True, True, False]), np.arange(FRAMES) < FRAMES - 2, points.fitted)
         blank = np.ones((3, FRAMES, 11))
-        super().__init__("ball", video, held, physics, SPACING, blank, blank, points)
+        super().__init__("ball", video, held, physics, SPACING, blank, independent(blank), points)
         self.usable[:3] = False
 
     def sample(self, spacing: float, seed: int) -> Body:
