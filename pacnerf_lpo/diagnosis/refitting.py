@@ -199,8 +199,8 @@ class _Fits:
         """
         best, cost, rollouts = None, np.inf, 0
         for number, start in enumerate(begun):
-            if cost <= self.size:
-                break  # no more than noise is left: another optimum is not needed
+            if cost <= min(self.size, GIVE_UP * best_cost):
+                break  # no more than noise is left, nor much more than elsewhere: another optimum is not needed
             first = None if number < measured else _begun(self.objective, self.model, self.comparison, start, self.own)
             tried = fit_or_none(
                 self.objective,
