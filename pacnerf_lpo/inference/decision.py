@@ -148,7 +148,7 @@ def explains_most(cost_without: float, cost: float, size: int) -> bool:
 
 
 def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float, part: float = LINEAR) -> list[str]:
-    """Names of the hypotheses whose linear change says that they could win, best first.
+    """Names of the hypotheses whose linear change says that they could win, best first; none that it speaks against.
 
     Args:
         scores: name and log Bayes factor of every hypothesis by its linear change
@@ -157,5 +157,5 @@ def worth_refitting(scores: Sequence[tuple[str, float]], threshold: float, part:
     """
     ranked = sorted(scores, key=lambda entry: -entry[1])
     reached = max((factor for _, factor in ranked), default=0.0)
-    least = max(threshold, part * reached) - DECISIVE
+    least = max(max(threshold, part * reached) - DECISIVE, 0.0)
     return [name for name, factor in ranked if factor >= least]

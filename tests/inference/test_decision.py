@@ -66,6 +66,7 @@ def test_what_could_win_is_refitted():
     strong = [("a", 100.0), ("b", 100 * LINEAR - DECISIVE - 0.1), ("c", 100 * LINEAR - DECISIVE + 0.1)]
     assert worth_refitting(strong, threshold) == ["a", "c"]
     assert worth_refitting([], threshold) == []
+    assert worth_refitting([("a", -0.1), ("b", 0.1)], 1.5) == ["b"]
 
 
 def linear_problem() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
