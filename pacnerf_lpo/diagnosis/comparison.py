@@ -19,7 +19,7 @@ from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, sprea
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-WHITENED_ITERATIONS = 12
+WHITENED_ITERATIONS = 24
 WIDE, WIDEST = 2.0, 0.5
 """Of an unknown's posterior standard deviation, and of its prior's at most: how far to either side its sensitivity is
 measured at the optimum. Outlines of a moved body change by hundredths of a pixel that only its particles cause. Over a

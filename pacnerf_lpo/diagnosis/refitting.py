@@ -34,7 +34,7 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-ITERATIONS, QUICK = 12, Effort(8, confirm=False, remeasured=1)
+ITERATIONS, QUICK = 24, Effort(8, confirm=False, remeasured=1)
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 How = Literal["quickly", "thoroughly", "searched", "beside"]
