@@ -22,8 +22,8 @@ from pacnerf_lpo.mpm.effects.base import Effect
 WHITENED_ITERATIONS = 24
 WIDE, WIDEST = 2.0, 0.5
 """Of an unknown's posterior standard deviation, and of its prior's at most: how far to either side its sensitivity is
-measured at the optimum. Outlines of a moved body change by hundredths of a pixel that only its particles cause. Over a
-shorter way that looks like information, and an interval was a third as wide as the costs along it."""
+measured at the optimum. Outlines of a moved body change by hundredths of a pixel that only its particles cause, which
+over a shorter way look like information: intervals become too narrow."""
 CONFIDENCE = 0.9
 """Of all intervals."""
 FORCE = 0.02
