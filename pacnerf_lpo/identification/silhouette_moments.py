@@ -94,7 +94,7 @@ def _by_area(image: np.ndarray, moments: np.ndarray) -> np.ndarray:
         beyond = np.clip(outwards * (end - place - 0.5) + 0.5, 0.0, 1.0)
         changes.append(outwards * (TAIL - beyond) / max(width, 1.0))
     found = np.array(changes) * np.sqrt(edge[rows, columns])
-    sizes = np.sqrt(np.square(found).sum(1))[:, None]
+    sizes = np.sqrt(np.square(found).sum(1)).clip(1e-9)[:, None]
     shares, turn = np.linalg.eigh(found @ found.T / (sizes * sizes.T))
     return sizes * turn * np.sqrt(shares.clip(LEAST_SHARE))
 
