@@ -140,7 +140,7 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
             for one in [candidate.effect.parameters[i.name]]
         ]
         found += [f"{capitalised('; '.join(sizes))} (90 % interval{'s' * (len(sizes) > 1)})."] if sizes else []
-        values = again.known if after is None else after.comparison.known
+        values = again.known if after is None else {i.name: i.value for i in after.parameters}
         moves = [
             f"{material.parameters[i.name].label} moves from {old} to {new}"
             for i in done.parameters

@@ -82,7 +82,8 @@ def test_nothing_is_missing_only_where_every_check_says_so(last: Any, sentence: 
 
 
 def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
-    after = a_round(held=FINE, errors=(Error(4.0, 2.0), Error(0.8, 2.0)))
+    ends = [Interval("E", 7e4, 6e4, 8e4, 6e3, True), Interval("nu", 0.3, 0.2, 0.4, 0.06, True)]
+    after = a_round(held=FINE, errors=(Error(4.0, 2.0), Error(0.8, 2.0)), parameters=ends)
     found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
     # of an excess of 4 over noise 0.8 is left
     assert found[0] == "Linear drag is missing (p < 0.0001; adding it removes 80% of the held-out error beyond noise)."
