@@ -238,8 +238,9 @@ def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarra
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words.
 
-    Their middle is where the cost is least by the sensitivities across them, as far as those were measured: a fit ends
-    in one of the small dents that the cost has, as outlines of a moved body change by more than what parameters cause.
+    Their values are those of the fit. Their middle is where the cost is least by the sensitivities across them, at most
+    a posterior standard deviation away: a fit ends in one of the small dents that the cost has, as outlines of a moved
+    body change by more than what parameters cause.
     """
     mask, model = problem.fitted, problem.model(effects, comparison.known)
     noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
@@ -247,10 +248,11 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
     slope = rows.T @ noise.whiten_residual(comparison.residual[mask])
     slope += (comparison.free - comparison.mean) / comparison.deviation
     covariance = np.linalg.inv(rows.T @ rows + np.eye(len(slope)))
-    farthest = WIDE * np.sqrt(np.diag(covariance))
+    farthest = np.sqrt(np.diag(covariance))
     step = np.clip(covariance @ slope, -farthest, farthest) * comparison.deviation
     middle = np.clip(comparison.free - step, *model.bounds)
-    return intervals_in_si(model, middle, comparison.deviation, rows, along, noise)
+    found, undetermined = intervals_in_si(model, middle, comparison.deviation, rows, along, noise)
+    return [replace(one, value=comparison.known[one.name]) for one in found], undetermined
 
 
 def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> dict[str, float]:
