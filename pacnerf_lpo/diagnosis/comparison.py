@@ -205,11 +205,18 @@ def _across_intervals(problem: Problem, model: Model, comparison: Comparison) ->
     mask, deviation = problem.fitted, comparison.deviation
     noise = comparison.noise(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * deviation)
-    errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.eye(len(deviation)))))
+    errors = np.sqrt(np.diag(_posterior(rows)))
     steps = np.maximum(np.minimum(WIDE * errors, WIDEST) * deviation, model.scales * PROBES[0])
     objective = StandardisedObjective(problem, model, mask, noise)
     found = wide_sensitivities(objective, comparison.free, steps, model.bounds)
     return spread(found[~objective.rows], problem.usable)
+
+
+def _posterior(rows: np.ndarray) -> np.ndarray:
+    """Covariance of unknowns in units of their priors (K, K), from changes of the standardised residual by one prior
+    standard deviation of each (D, K).
+    """
+    return np.linalg.inv(rows.T @ rows + np.eye(rows.shape[1]))
 
 
 def standardised(
@@ -247,7 +254,7 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
     along, rows = spread_along(noise, comparison.residual[mask], changes), noise.whiten(changes)
     slope = rows.T @ noise.whiten_residual(comparison.residual[mask])
     slope += (comparison.free - comparison.mean) / comparison.deviation
-    covariance = np.linalg.inv(rows.T @ rows + np.eye(len(slope)))
+    covariance = _posterior(rows)
     farthest = np.sqrt(np.diag(covariance))
     step = np.clip(covariance @ slope, -farthest, farthest) * comparison.deviation
     middle = np.clip(comparison.free - step, *model.bounds)
@@ -268,8 +275,7 @@ def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Compa
     noise = comparison.noise_but_of_solver(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
     targets = noise.whiten(np.nan_to_num(comparison.discretisation[mask]))
-    size = rows.shape[1]
-    moved = np.linalg.solve(rows.T @ rows + np.eye(size), rows.T @ targets) * comparison.deviation[:, None]
+    moved = _posterior(rows) @ rows.T @ targets * comparison.deviation[:, None]
     found = {}
     for parameter, free, step in zip(model.unknowns, comparison.free, np.linalg.norm(moved, axis=1), strict=True):
         ends = [parameter.physical(free + sign * step) for sign in (-1, 1)]

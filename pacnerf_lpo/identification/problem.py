@@ -193,8 +193,8 @@ class Problem(ABC):
         """
         return np.zeros((*self.usable.shape, 0))
 
-    def sensor_noise(self, random: np.random.Generator) -> np.ndarray:
-        """Noise as another video of the same would have it [(V + R, F, 11)]."""
+    def drawn_noise(self, random: np.random.Generator) -> np.ndarray:
+        """Noise of the sensor as another recording of the same would have it [pixels, (V + R, F, 11)]."""
         return np.einsum("vfkq,vfq->vfk", self.noise, random.standard_normal(self.sensor.shape))
 
     def lasting_noise(self, random: np.random.Generator) -> np.ndarray:

@@ -14,7 +14,7 @@ from pacnerf_lpo.identification.problem import Part, Problem, beside_median
 from pacnerf_lpo.identification.processes import each
 from pacnerf_lpo.identification.shape_modes import PLACES, bumps
 from pacnerf_lpo.identification.silhouette_moments import KINDS
-from pacnerf_lpo.inference.sensor import MEDIAN_OF_CHI2, sensor_scale
+from pacnerf_lpo.inference.sensor import sensor_scale
 
 FINENESS = (0.6, 0.9)
 """Replicates move on grids that are finer than the model's by factors from this range, which is wide, so that they
@@ -27,6 +27,7 @@ DENSITY_ERROR = 0.1
 TRIALS = 4
 SEEDS = 101
 """Recordings of one study have seeds that are so far apart."""
+MEDIAN_OF_CHI2 = 0.4549
 SINGLE_CAMERAS = 0.2
 """Of all views, may be wrong."""
 
@@ -90,7 +91,7 @@ def _of_recording(
             if isinstance(seen, SimulationError):
                 unstable = seen
                 continue
-            found.append((*seen, problem.sensor_noise(random), problem.lasting_noise(random)))
+            found.append((*seen, problem.drawn_noise(random), problem.lasting_noise(random)))
             progress(len(found))
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:

@@ -7,7 +7,6 @@ LEAST_ENTRIES = 30
 """From fewer the noise would be known to no better than a third, as it is without them."""
 FACTORS = np.geomspace(0.1, 10.0, 93)
 """Tried, in steps of 5 %: a twentieth is finer than hundreds of entries can resolve."""
-MEDIAN_OF_CHI2 = 0.4549
 CLIPPED = 4.0
 """A square counts as so many variances at most (Huber 1964, proposal 2): it bends the estimate no more, and costs a
 twentieth of what the data say."""

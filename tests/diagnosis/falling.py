@@ -78,7 +78,7 @@ class Falling(BodyProblem):
         measured = true.observe(path, true.start)
         self.noise = noise_of_video(true.outlines(path), measured[..., -1])
         self.sensor = np.linalg.norm(self.noise, axis=-1)
-        self.measured = measured + NOISE * self.sensor_noise(np.random.default_rng(seed))
+        self.measured = measured + NOISE * self.drawn_noise(np.random.default_rng(seed))
         self.usable = np.isfinite(self.measured) & np.isfinite(self.measured[:, :1])
         self.usable[:, 0, -1] = False
 

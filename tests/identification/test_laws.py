@@ -92,7 +92,7 @@ class Dropped(Falling):
         own = {name: value for effect in hidden for name, value in effect.guess.items()}
         true = self.model(hidden, {**law.guess, **TRUE_V, **own})
         measured = true.observe(motion(true, true.start), true.start)
-        self.measured = measured + NOISE * self.sensor_noise(np.random.default_rng(seed))
+        self.measured = measured + NOISE * self.drawn_noise(np.random.default_rng(seed))
         self.physics = self.physics.of(Auto(list(CANDIDATES)))
 
     @property

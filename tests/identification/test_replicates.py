@@ -95,10 +95,10 @@ class Recording(SimpleNamespace):
     def relative(self, values: np.ndarray) -> np.ndarray:
         return values
 
-    def sensor_noise(self, random: np.random.Generator) -> np.ndarray:
+    def drawn_noise(self, random: np.random.Generator) -> np.ndarray:
         return np.zeros_like(self.sensor)
 
-    lasting_noise = sensor_noise
+    lasting_noise = drawn_noise
 
 
 def test_the_bias_of_a_distorted_body_is_told_from_the_residuals():

@@ -23,7 +23,7 @@ NUMERICAL = {
     "inference/decision.py": {"LINEAR", "LEFT"},
     "inference/layout.py": {"AT_REST"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
-    "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "MEDIAN_OF_CHI2", "CLIPPED"},
+    "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "CLIPPED"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS", "WIDE", "WIDEST"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "PARALLEL", "EFFICIENCY"},
     "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK", "GIVE_UP"},
