@@ -8,18 +8,19 @@ Of each run the last model of its diagnosis is taken. Writes ``results/solver_er
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import known_classes
-from pacnerf_lpo.diagnosis.comparison import FORCE, Comparison
+from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, read
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.identification.forward_model import Model, with_effects
+from pacnerf_lpo.identification.model_errors import CONTACT
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.standardised import noise_of
 from pacnerf_lpo.mpm.effects import KelvinVoigt
 from pacnerf_lpo.render.camera_faults import Observation
 from validation.record import Record, keep, made, origin, table
@@ -47,12 +48,10 @@ def gains(problem: Problem, comparison: Comparison) -> list[float]:
     mask = problem.usable
     jacobian = np.nan_to_num(comparison.jacobian[mask])
     residual = comparison.residual[mask] + jacobian @ (comparison.free - comparison.mean)
-    replicates, sensor, shape, discretisation, force, contact = comparison.learnt
-    found = []
+    errors, found = comparison.errors, []
     for size in SIZES:
-        known = np.concatenate((shape, discretisation, np.hypot(FORCE, size * contact) * force), axis=-1)[mask]
-        known = np.concatenate((np.nan_to_num(known), jacobian * comparison.deviation), axis=1)
-        noise = noise_of(problem, replicates, sensor, mask, known)
+        noise = replace(errors, contact=size / CONTACT * errors.contact).noise(problem, mask)
+        noise = noise.with_directions(jacobian * comparison.deviation)
         deviate = noise.whiten_residual(residual)
         volume = np.log1p(noise.weights**2).sum() - 2 * np.log(np.diagonal(noise.whitener, axis1=1, axis2=2)).sum()
         found.append(-0.5 * float(deviate @ deviate + volume))
@@ -66,7 +65,7 @@ def own_viscosity(problem: Problem, comparison: Comparison) -> dict[str, float]:
     effects = [*problem.physics.effects, *(kind() for kind in kinds if set(kind.parameters) <= names)]  # type: ignore[call-arg]
     model, mask = problem.model(effects, known), problem.usable
     seen, physics = model.predict(model.start), model.physics
-    noise = comparison.noise_but_of_solver(problem, mask)
+    noise = comparison.errors.but_of_solver.noise(problem, mask)
     unit = physics.rho * problem.spacing**2 * physics.substep_rate
 
     def change(other: Model) -> np.ndarray:

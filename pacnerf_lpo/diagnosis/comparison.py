@@ -8,12 +8,10 @@ import numpy as np
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import PROBES, Effort, Fit, fit, wide_sensitivities
+from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.smooth_force import contact_accelerations, force_changes
-from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, noise_of, spread
+from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -26,14 +24,6 @@ measured at the optimum. Outlines of a moved body change by hundredths of a pixe
 over a shorter way look like information: intervals become too narrow."""
 CONFIDENCE = 0.9
 """Of all intervals."""
-FORCE = 0.02
-"""Prior standard deviation of the unknown smooth force in every model [m/s^2]: a five-hundredth of gravity, which no
-recording of a soft body is good enough to be believed about."""
-CONTACT = 0.02
-"""The same in units of the acceleration by contact: solvers agree about flight, and differ in how a body meets the
-ground. Of videos of three bodies that other codes have simulated, 1.5 to 3 % are the most likely."""
-
-Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -58,13 +48,7 @@ class Comparison:
     cost: sum of squares of the standardised residual and of the priors' terms in the fitted entries.
     residual: measured minus predicted [pixels, (R, F, 11)]; NaN where not usable
     jacobian: change of the residual by the unknowns [(R, F, 11, K)]
-    replicates: residuals of simulated nulls [(T, R, F, 11)]
-    sensor: standard deviation of the sensor noise in them [(R, F, 11)]
-    shape_errors: changes of the residual by errors of the reconstructed body [(R, F, 11, M)]
-    discretisation: changes of the residual by errors of resolution and opacity, and the bias of a wrong shape
-        [(R, F, 11, E)]
-    force: changes of the residual by a smooth unknown force, per m/s^2 of each of its Q coefficients [(R, F, 11, Q)]
-    contact: acceleration of the body by contact when each of them acts [m/s^2, (Q,)]
+    errors: what it may get wrong where nothing is missing.
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
     """
@@ -77,12 +61,7 @@ class Comparison:
     cost: float
     residual: np.ndarray
     jacobian: np.ndarray
-    replicates: np.ndarray
-    sensor: np.ndarray
-    shape_errors: np.ndarray
-    discretisation: np.ndarray
-    force: np.ndarray
-    contact: np.ndarray
+    errors: ModelErrors
     notes: tuple[str, ...]
     rollouts: int
 
@@ -92,36 +71,17 @@ class Comparison:
         free: np.ndarray,
         prior: Prior,
         seen: tuple[np.ndarray, np.ndarray],
-        learnt: Learnt,
+        errors: ModelErrors,
         cost: float = 0.0,
         notes: tuple[str, ...] = (),
         rollouts: int = 0,
     ) -> "Comparison":
-        """A model at free coordinates [(K,)], with its residual and jacobian as ``seen``, and what was ``learnt`` of
-        errors, see :attr:`learnt`.
-        """
-        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, *learnt, notes, rollouts)
-
-    @property
-    def learnt(self) -> Learnt:
-        """Replicates and their sensor noise, changes by errors of shape and resolution, and by a smooth force, and the
-        acceleration by contact.
-        """
-        return self.replicates, self.sensor, self.shape_errors, self.discretisation, self.force, self.contact
+        """A model at free coordinates [(K,)], with its residual and jacobian as ``seen``."""
+        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, errors, notes, rollouts)
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
-        return noise_of(problem, self.replicates, self.sensor, mask, self.known_errors[mask])
-
-    @property
-    def known_errors(self) -> np.ndarray:
-        """Changes of the residual by what may be wrong in every model, one standard deviation each [(R, F, 11, M)]."""
-        return known_errors(*self.learnt[2:])
-
-    def noise_but_of_solver(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
-        """Of the entries of a mask [(R, F, 11), bool], without what resolution, dissipation and opacity get wrong."""
-        known = known_errors(self.shape_errors, self.discretisation[..., :0], self.force, self.contact)
-        return noise_of(problem, self.replicates, self.sensor, mask, known[mask])
+        return self.errors.noise(problem, mask)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -134,16 +94,16 @@ class Comparison:
         found = check_fitted(part, self.residual[fitted])
         return found, check_held_out(whole, part, self.residual[usable], fitted[usable])
 
-    def errors(self, problem: Problem, residuals: Sequence[np.ndarray]) -> tuple[Error, ...]:
+    def excess(self, problem: Problem, residuals: Sequence[np.ndarray]) -> tuple[Error, ...]:
         """Of residuals of this and of other models [(R, F, 11) each], in units of the noise of this one."""
 
-        def excess(mask: np.ndarray) -> list[float]:
+        def of(mask: np.ndarray) -> list[float]:
             if not mask.any():
                 return [0.0] * len(residuals)
             noise = self.noise(problem, mask)
             return [check_fitted(noise, np.nan_to_num(residual[mask])).excess for residual in residuals]
 
-        pairs = zip(excess(problem.usable & ~problem.fitted), excess(problem.fitted), strict=True)
+        pairs = zip(of(problem.usable & ~problem.fitted), of(problem.fitted), strict=True)
         return tuple(Error(*pair) for pair in pairs)
 
 
@@ -158,8 +118,8 @@ def compare(
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
-    once more with what the solver may get wrong where that ended: an effect is believed for what is left of it beside
-    that, so the two have to be of the same motion.
+    once more with errors of the shape as large as the recording shows them there, and with what the solver may get
+    wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion.
 
     Args:
         problem: the run.
@@ -178,25 +138,16 @@ def compare(
         begun = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = begun.model, begun.free, begun.rollouts
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
-    count, seed = settings
-
-    def told(number: int) -> None:
-        progress(f"replicate {number} of {count}")
-
-    found, sensor, bias = replicates(problem, model, free, count, seed, told)
-    shape, here = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
-    at = problem, effects, model.physical(free)
-    force = force_changes(*at, progress), contact_accelerations(*at)
-    first = standardised(problem, model, free, changes, (found, sensor, shape, here, *force), progress)
+    errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
+    first = standardised(problem, model, free, changes, errors, progress)
     progress("errors of resolution and dissipation there")
-    there = discretisation_errors(problem, model, first.free, bias)
-    learnt = found, sensor, shape, there, *force
-    comparison = standardised(problem, model, first.free, first.jacobian, learnt, progress)
+    away = first.jacobian @ (first.free - first.mean)
+    errors = errors.solver_at(problem, model, first.free)
+    errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation)
+    comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
     progress("sensitivities across the intervals")
     jacobian = _across_intervals(problem, model, comparison)
-    # of each recording the bias takes no simulation, and the acceleration by contact two
-    simulated = shape.shape[-1] + 2 * here.shape[-1] + force[0].shape[-1] + 2 * len(found) + 2 * len(free)
-    simulated += rollouts + first.rollouts
+    simulated = errors.simulations + errors.solver.shape[-1] + 2 * len(free) + rollouts + first.rollouts
     return replace(comparison, jacobian=jacobian, rollouts=comparison.rollouts + simulated)
 
 
@@ -220,26 +171,23 @@ def _posterior(rows: np.ndarray) -> np.ndarray:
 
 
 def standardised(
-    problem: Problem, model: Model, free: np.ndarray, changes: np.ndarray | None, learnt: Learnt, progress: Progress
+    problem: Problem,
+    model: Model,
+    free: np.ndarray,
+    changes: np.ndarray | None,
+    errors: ModelErrors,
+    progress: Progress,
 ) -> Comparison:
-    """A model fitted from free coordinates [(K,)], standardised by the noise that was learnt; ``changes`` of the
-    residual by the unknowns there [(R, F, 11, K)], where they are known.
+    """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
+    unknowns there [(R, F, 11, K)], where they are known.
     """
-    mask, (found, sensor, *errors) = problem.fitted, learnt
-    noise = noise_of(problem, found, sensor, mask, known_errors(*errors)[mask])
-    objective = StandardisedObjective(problem, model, mask, noise)
+    objective = StandardisedObjective(problem, model, problem.fitted, errors.noise(problem, problem.fitted))
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     best = fit(objective, start, model.scales, model.bounds, Effort(WHITENED_ITERATIONS), report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
-    return Comparison.at(model, best.free, prior, objective.seen(best), learnt, cost, doubts, best.rollouts)
-
-
-def known_errors(shape: np.ndarray, discretisation: np.ndarray, force: np.ndarray, contact: np.ndarray) -> np.ndarray:
-    """Those of a :class:`Comparison`, one standard deviation each, without NaN [(R, F, 11, M)]."""
-    usual = np.hypot(FORCE, CONTACT * contact)
-    return np.nan_to_num(np.concatenate((shape, discretisation, usual * force), axis=-1))
+    return Comparison.at(model, best.free, prior, objective.seen(best), errors, cost, doubts, best.rollouts)
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
@@ -272,9 +220,9 @@ def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Compa
     of that error (ASME V&V 20, 2009).
     """
     mask, model = problem.fitted, problem.model(effects, comparison.known)
-    noise = comparison.noise_but_of_solver(problem, mask)
+    noise = comparison.errors.but_of_solver.noise(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
-    targets = noise.whiten(np.nan_to_num(comparison.discretisation[mask]))
+    targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))
     moved = _posterior(rows) @ rows.T @ targets * comparison.deviation[:, None]
     found = {}
     for parameter, free, step in zip(model.unknowns, comparison.free, np.linalg.norm(moved, axis=1), strict=True):

@@ -80,7 +80,7 @@ def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[n
     for number in range(len(problem.parts((), {}))):
         mask = _only(problem, number)
         moved = np.nan_to_num(comparison.jacobian[mask] * comparison.deviation)[:, others]
-        noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.force[mask]
+        noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.errors.force[mask]
         own = force[:, np.abs(force).max(0) > 0]
         columns = noise.whiten(own.reshape(len(own), -1, len(AXES)).sum(1))  # hats at all knots make a constant
         covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-10, hermitian=True)

@@ -16,9 +16,10 @@ from pacnerf_lpo.diagnosis.removal import Without, without_each
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import FORCES, Screening, judge, probe
+from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.identification.model_errors import FORCES
 from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import Progress, check_jobs, prefixed
 from pacnerf_lpo.inference.decision import best, indistinguishable, log_odds
@@ -262,7 +263,7 @@ class _Diagnosis:
             incumbent=before[-1].comparison.known if beside else {},
         )
         residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
-        found.errors = comparison.errors(problem, residuals)
+        found.errors = comparison.excess(problem, residuals)
         found.effort["compare"] = self._effort([f"{number}_compare"], comparison.rollouts)
         if options.until in ("compare", "localise"):
             return found

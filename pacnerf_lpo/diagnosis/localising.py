@@ -43,8 +43,8 @@ def phases_of(part: Part, path: torch.Tensor) -> list[str]:
 
 def floor(comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
     """Bias [pixels] and variance [pixels^2] of the residual under the model, from the replicates [(V, F, 11) each]."""
-    bias = comparison.replicates.mean(0)
-    variance = comparison.replicates.var(0, ddof=1) * (1 + 1 / len(comparison.replicates))
+    bias = comparison.errors.replicates.mean(0)
+    variance = comparison.errors.replicates.var(0, ddof=1) * (1 + 1 / len(comparison.errors.replicates))
     return bias, variance
 
 

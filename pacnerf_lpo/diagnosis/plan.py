@@ -200,9 +200,9 @@ class _Noise:
         comparison, kinds = found.comparison, slice(len(KINDS))
         recording = problem.parts(found.effects, comparison.known)[0].recording
         views = slice(recording.views)
-        replicates = problem.part_of(comparison.replicates, 0, axis=1)[:, views, :, kinds]
-        squares = (problem.part_of(comparison.known_errors, 0)[views, :, kinds] ** 2).sum(-1)
-        sensor = np.sqrt(np.nanmedian(problem.part_of(comparison.sensor, 0)[views, :, kinds] ** 2, axis=(0, 1)))
+        replicates = problem.part_of(comparison.errors.replicates, 0, axis=1)[:, views, :, kinds]
+        squares = (problem.part_of(comparison.errors.known, 0)[views, :, kinds] ** 2).sum(-1)
+        sensor = np.sqrt(np.nanmedian(problem.part_of(comparison.errors.sensor, 0)[views, :, kinds] ** 2, axis=(0, 1)))
         variance = np.nan_to_num(np.nanmean(replicates.var(0, ddof=1) + squares, axis=0))
         numerical = np.sqrt(np.maximum(variance - sensor**2, 0.0)) + LEAST_NOISE
         masks = [problem.part_of(problem.fitted, n) & (n == 0) for n in range(len(problem.parts((), {})))]

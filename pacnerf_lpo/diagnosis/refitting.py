@@ -293,7 +293,7 @@ def against_without(
     start = Fit(free, objective(free), objective.derivative(comparison.jacobian[..., places]), 1, objective)
     found = fit(objective, start, model.scales, model.bounds, Effort(ITERATIONS), rows=objective.rows)
     cost = found.cost_of(objective.rows)
-    without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.learnt, cost)
+    without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.errors, cost)
     fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
     places = [comparison.names.index(other) for other in fits.model.names]
     free, jacobian = comparison.free[places], fits.objective.derivative(comparison.jacobian[..., places])

@@ -45,7 +45,10 @@ def residual_force(
     """
     mask, parts = problem.fitted, problem.parts(effects, comparison.known)
     noise = comparison.marginal(problem, mask)
-    left, design = noise.whiten_residual(comparison.residual[mask]), noise.whiten(comparison.force[mask]) * deviation
+    left, design = (
+        noise.whiten_residual(comparison.residual[mask]),
+        noise.whiten(comparison.errors.force[mask]) * deviation,
+    )
     solution = deviation * np.linalg.solve(design.T @ design + np.eye(design.shape[1]), design.T @ left)
     fields = solution.reshape(len(parts), KNOTS, len(parts_on(problem)), len(AXES))
     rest, size = left - design @ (solution / deviation), len(left)

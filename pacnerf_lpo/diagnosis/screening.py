@@ -12,6 +12,7 @@ from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.model_errors import FORCES, SHAPES
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, dispersion_of
@@ -24,11 +25,6 @@ from pacnerf_lpo.mpm.effects.base import Effect
 
 FORCE, SHAPE = "UnknownForce", "WrongShape"
 """Hypotheses that are no effect of the catalogue: a smooth force on the body, and errors of the reconstruction."""
-FORCES = (0.3, 1.0, 3.0, 10.0)
-"""Prior standard deviations of an unknown force, with equal probability [m/s^2]: from a breeze to the gravity."""
-SHAPES = (2.0, 4.0)
-"""The same of errors of the reconstruction, in units of what the outlines at frame 0 let expect; one such unit is part
-of every model."""
 LEAST_CAMERAS = 4
 """Other views whose faults of one kind show how large such residuals are by themselves: the median of fewer says little
 more than one of them."""
@@ -142,9 +138,12 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
     """What is no effect of the catalogue, in the entries of a mask [(R, F, 11), bool]."""
-    found = [_discrepancy(FORCE, comparison.force[mask], FORCES)]
-    if comparison.shape_errors.shape[-1]:
-        found.append(_discrepancy(SHAPE, np.nan_to_num(comparison.shape_errors[mask]), SHAPES))
+    found, reconstruction = (
+        [_discrepancy(FORCE, comparison.errors.force[mask], FORCES)],
+        comparison.errors.reconstruction,
+    )
+    if reconstruction.shape[-1]:
+        found.append(_discrepancy(SHAPE, reconstruction[mask], [size for size in SHAPES if size > 1]))
     return found
 
 

@@ -20,6 +20,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.residual_force import ResidualForce
 from pacnerf_lpo.diagnosis.screening import Probes
+from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.inference.checks import Prediction
 from pacnerf_lpo.inference.force_law import Law, Term
 from pacnerf_lpo.inference.hypotheses import Hypothesis
@@ -27,11 +28,23 @@ from pacnerf_lpo.inference.intervals import Interval, Profile
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
-SCHEMA = 28
+SCHEMA = 29
 """Number of the algorithm: to be raised with any change that makes other results of the same inputs."""
 RECORDS = {
     kind.__name__: kind
-    for kind in (Comparison, Hypothesis, Interval, Law, Prediction, Probes, Profile, Refit, ResidualForce, Term)
+    for kind in (
+        Comparison,
+        Hypothesis,
+        Interval,
+        Law,
+        ModelErrors,
+        Prediction,
+        Probes,
+        Profile,
+        Refit,
+        ResidualForce,
+        Term,
+    )
 }
 DAMAGED = (
     OSError,

@@ -73,7 +73,7 @@ def report(session: "Session", folder: Path, step: Step, progress: Progress) -> 
     rounds = [_as_round(session, one, progress) for one in shown]
     for number, found in enumerate(rounds):
         residuals = [earlier.comparison.residual for earlier in rounds[: number + 1]]
-        found.errors = found.comparison.errors(session.problem, residuals)
+        found.errors = found.comparison.excess(session.problem, residuals)
     result = summary(session.problem, rounds)
     errors = (("the fitted data", step.fitted), ("the held-out data", step.held_out))
     parts = [f"{what} {value:.3g} {session.unit}" for what, value in errors if value is not None]
@@ -96,7 +96,7 @@ def _as_round(session: "Session", step: Step, progress: Progress) -> Round:
     model = problem.model(effects, step.values)
     residual = problem.residual(found.predicted)
     seen = residual, np.zeros((*residual.shape, len(model.names)))
-    stands = Comparison.at(model, model.start, priors(problem, model), seen, noise.learnt, notes=step.notes)
+    stands = Comparison.at(model, model.start, priors(problem, model), seen, noise.errors, notes=step.notes)
     comparison = replace(stands, known=dict(step.values))
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]

@@ -15,10 +15,8 @@ from pacnerf_lpo.explore.catalogue import Catalogue
 from pacnerf_lpo.explore.records import Step
 from pacnerf_lpo.explore.source import Source
 from pacnerf_lpo.identification.base_fit import priors
-from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.identification.replicates import replicates
-from pacnerf_lpo.identification.shape_errors import discretisation_errors, shape_errors
-from pacnerf_lpo.identification.smooth_force import contact_accelerations, force_changes
+from pacnerf_lpo.identification.model_errors import ModelErrors
+from pacnerf_lpo.identification.processes import Progress, prefixed
 
 LEARNT = "explore_noise"
 """Step of the store with what a session has learnt itself."""
@@ -97,21 +95,11 @@ class Noise:
         problem, effects = self.problem, self.catalogue.chosen(step.effects)
         model = problem.model(effects, step.values)
         free = model.start
-        progress("noise: null replicates")
-        found, sensor, bias = replicates(
-            problem, model, free, REPLICATES, SEED, lambda k: progress(f"noise: null replicate {k} of {REPLICATES}")
-        )
-        learnt = (
-            found,
-            sensor,
-            shape_errors(problem, model, free, progress),
-            discretisation_errors(problem, model, free, bias),
-            force_changes(problem, effects, step.values, progress),
-            contact_accelerations(problem, effects, step.values),
-        )
+        told = prefixed(progress, "noise: ")
+        errors = ModelErrors.learn(problem, effects, model, free, (REPLICATES, SEED), told)
         residual = problem.residual(model.predict(free))
         seen = residual, np.zeros((*residual.shape, 0))
-        return Comparison.at(model, free, priors(problem, model), seen, learnt)
+        return Comparison.at(model, free, priors(problem, model), seen, errors)
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""

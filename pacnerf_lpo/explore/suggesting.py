@@ -184,4 +184,4 @@ def fitted(
     effort = Effort(ITERATIONS, confirm=False)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     cost, seen = best.cost_of(objective.rows), objective.seen(best)
-    return Comparison.at(model, best.free, objective.prior, seen, noise.learnt, cost, rollouts=best.rollouts)
+    return Comparison.at(model, best.free, objective.prior, seen, noise.errors, cost, rollouts=best.rollouts)

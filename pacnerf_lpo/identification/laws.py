@@ -20,6 +20,7 @@ from scipy.special import softmax
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.base_fit import TOUCH, coarse_search, refined
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
+from pacnerf_lpo.identification.model_errors import FORCES
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, multistart
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.replicates import replicates
@@ -29,6 +30,7 @@ from pacnerf_lpo.identification.standardised import StandardisedObjective, noise
 from pacnerf_lpo.inference.checks import check_fitted, check_held_out
 from pacnerf_lpo.inference.decision import Contender, indistinguishable, log_odds
 from pacnerf_lpo.inference.noise import NoiseModel
+from pacnerf_lpo.inference.sizes import size_of_errors
 from pacnerf_lpo.mpm.materials.auto import Auto
 from pacnerf_lpo.mpm.materials.base import Material
 from pacnerf_lpo.mpm.materials.common import BULK, POISSON, SHEAR, YIELD, YOUNG
@@ -52,8 +54,6 @@ YIELDS_NOT = 0.3
 """Of Young's modulus: a yield stress that no impact of a body that stays whole reaches."""
 POOR = 3.0
 """Times the error of the noise, in what was held out: such an error nobody would overlook."""
-FORCE = 3.0
-"""Standard deviation of an unknown force where no law explains the recording [m/s^2]: a third of gravity."""
 LINEARISATIONS = 2
 """Of what that force changes: at the best law alone, and at the best one beside it."""
 SEED = 0
@@ -312,22 +312,32 @@ class Competition:
 
     def _compare_beside_a_force(self, watch: Watch) -> None:
         """Where no law explains what was held out, something else acts, and a law that dissipates energy stands in for
-        it. So the laws are compared once more, beside a smooth force of which nothing is known.
+        it. So the laws are compared once more, beside a smooth force of which nothing is known, as large as it has to
+        be; a second time with what it changes where the first has ended, if the best one then predicts more.
         """
         leader = self.ranked[0]
         if leader.held_out is None or leader.held_out <= POOR:
             return
-        self.alone = leader.held_out
+        self.alone = least = leader.held_out
+        before = dict(self.trials), dict(self.arrays)
         for _ in range(LINEARISATIONS):
             problem, known = self._at(self.ranked[0].law)
             try:
                 changes = force_changes(problem, problem.physics.effects, known, lambda _: None)
             except SimulationError:  # of the coarse body; what was found so far stays
                 return
-            self.arrays["force"] = FORCE * changes
+            self.arrays.pop("force", None)
+            model, mask = problem.model(problem.physics.effects, known), problem.fitted
+            residual, noise = problem.residual(model.predict(model.start)), self._noise(mask)
+            self.arrays["force"] = size_of_errors(noise, residual[mask], changes[mask], FORCES) * changes
             for name in self.trials:
                 self._fit(name, watch)
             self._judge(watch)
+            left = self.ranked[0].held_out or 0.0
+            if left > least:
+                self.trials, self.arrays = before
+                return
+            least, before = left, (dict(self.trials), dict(self.arrays))
 
     def _at(self, name: str) -> tuple[Problem, dict[str, float]]:
         """The problem of a law, and every value at its best fit so far [SI]."""

@@ -14,6 +14,7 @@ from pacnerf_lpo.identification.forward_model import Model, outcome, with_effect
 from pacnerf_lpo.identification.problem import Part, Problem
 from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.replicates import distortion
+from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.effects.kelvin_voigt import KelvinVoigt
 
 LARGER = 1.5
@@ -30,8 +31,8 @@ TOLD = 10
 
 def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Progress = lambda _: None) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
-    simulation of the coarse body each; where its shape is known, errors of the measurement. An error with which the
-    motion is unstable is left out.
+    simulation of the coarse body each; none where its shape is known. An error with which the motion is unstable is
+    left out.
 
     Args:
         problem: the run.
@@ -46,6 +47,13 @@ def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Pro
     parts = problem.parts(model.effects, model.physical(free))
     found = [_of_recording(part, problem.part_of(reference, n), progress) for n, part in enumerate(parts)]
     return of_each(problem, found)
+
+
+def measuring_errors(problem: Problem, effects: Sequence[Effect], known: dict[str, float]) -> np.ndarray:
+    """Changes of the residual by what may be wrong with the measurement of each recording as a whole, of one standard
+    deviation each [(R, F, 11, M')].
+    """
+    return of_each(problem, [part.recording.measuring_errors for part in problem.parts(effects, known)])
 
 
 def discretisation_errors(problem: Problem, model: Model, free: np.ndarray, bias: np.ndarray) -> np.ndarray:
@@ -115,7 +123,7 @@ def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.n
     problem = part.recording
     bodies = problem.wrong_bodies(distortion(problem, reference))
     if not bodies:
-        return problem.measuring_errors
+        return np.zeros((*problem.usable.shape, 0))
     right = problem.coarse_model(part.effects, part.known)
     base = right.predict(right.start)
     seen: list[np.ndarray | SimulationError] = []

@@ -23,10 +23,10 @@ STRAINS, BENDS, THINNINGS, LEANS = 6, 18, 10, 4
 
 @dataclass(frozen=True)
 class ShapeModes:
-    """Displacements of first and second order that are together about ``sigma``, surfaces moved inwards by about as
-    much, places moved by more, and a density that is higher here than there. How much of each is said by M numbers, in
-    standard deviations: six strains, three bends along each of the axes for each field of second order, ten thinnings,
-    three components for each place, four densities.
+    """Displacements of first and second order that are together about ``sigma``, surfaces moved inwards by together
+    about as much, places moved by more, and a density that is higher here than there. How much of each is said by M
+    numbers, in standard deviations: six strains, three bends along each of the axes for each field of second order, ten
+    thinnings, three components for each place, four densities.
 
     body: whose places they are.
     sigma: how far its surface may be from the true one [m]
@@ -43,7 +43,8 @@ class ShapeModes:
     def depth(self, points: Tensor, numbers: np.ndarray) -> Tensor:
         """How far the surface moves inwards [m] at some points [m, (N, 3)], (N,)."""
         thinnings = self._parts(numbers)[2]
-        return self.sigma * (thinnings[0] + thinnings[1:] @ polynomials(points, self.body.positions))
+        together = thinnings[0] + thinnings[1:] @ polynomials(points, self.body.positions)
+        return self.sigma / THINNINGS**0.5 * together
 
     def moved(self, body: Body, numbers: np.ndarray) -> Body:
         """A sampling of the body, displaced and with another density."""

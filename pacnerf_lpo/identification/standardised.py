@@ -79,11 +79,15 @@ class Held:
 def noise_of(
     problem: Problem, residuals: np.ndarray, sensor: np.ndarray, mask: np.ndarray, known: np.ndarray | None = None
 ) -> NoiseModel:
-    """The noise model in the entries of a mask [(R, F, 11), bool], from replicates [(T, R, F, 11)], the sensor noise in
-    them [(R, F, 11)] and, where there are any, errors that are known beforehand [(D, M)].
+    """The noise model in the entries of a mask [(R, F, 11), bool], as part of that of all usable ones, from replicates
+    [(T, R, F, 11)], the sensor noise in them [(R, F, 11)] and, where there are any, errors that are known beforehand
+    [(D, M)].
     """
-    found, (own, shared) = np.nan_to_num(residuals[:, mask]), problem.noise_parts(sensor)
-    return NoiseModel.from_replicates(found, own[mask], problem.layout(mask), known, shared[mask])
+    usable, (own, shared) = problem.usable, problem.noise_parts(sensor)
+    found = np.nan_to_num(residuals[:, usable])
+    whole = NoiseModel.from_replicates(found, own[usable], problem.layout(usable), shared_sigma=shared[usable])
+    part = whole.among(mask[usable])
+    return part if known is None else part.with_directions(known)
 
 
 def spread(values: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ that are known beforehand, each of one standard deviation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -81,6 +81,17 @@ class Series:
         result[self.index] = values
         return result[:-1]
 
+    def among(self, rows: np.ndarray, blocks: np.ndarray) -> tuple[Series, np.ndarray]:
+        """The same of some of the entries [(D,), bool], and what is left of a block-diagonal matrix (S, L, L), which is
+        1 where padded.
+        """
+        numbers = np.append(np.where(rows, np.cumsum(rows) - 1, rows.sum()), rows.sum())
+        index = numbers[self.index]
+        inside = index < rows.sum()
+        kept = inside.any(1)
+        left = np.where(inside[:, :, None] & inside[:, None], blocks, np.eye(index.shape[1]))
+        return Series(index[kept], self.gap[kept], self.together[kept], self.instant[rows]), left[kept]
+
     def multiply(self, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """A block-diagonal matrix (S, L, L) times vectors (D,) or (D, m)."""
         columns = vectors if vectors.ndim == 2 else vectors[:, None]
@@ -88,28 +99,56 @@ class Series:
 
 
 @dataclass(frozen=True)
-class NoiseModel:
-    """Mean and covariance of the residual under the null model.
+class Source:
+    """What the covariance of all entries is made of, before known errors.
 
-    mean: the model's numerical bias (D,)
-    replicates: what it was learnt from (T, D)
+    replicates: residuals of simulated nulls (T, D)
     sensor: S S^T + c c^T, by series
-    directions: B, one column for each known error (D, M)
-    layout: view, frame and kind of every entry
+    layout, series: view, frame and kind of every entry, and as courses in time
     shrinkage: weight a of the structured target
     correlation: rho of neighbouring frames
-    series: the layout as courses in time
+    """
+
+    replicates: np.ndarray = field(repr=False)
+    sensor: np.ndarray = field(repr=False)
+    layout: Layout = field(repr=False)
+    series: Series = field(repr=False)
+    shrinkage: float
+    correlation: float
+
+    def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean (D,), S S^T + c c^T + a G K G by series (S, L, L), and the other directions in which the replicates
+        deviate (D, T).
+        """
+        mean = self.replicates.mean(0)
+        deviations = (self.replicates - mean).T
+        target = _target(_numerical_spread(deviations, self.sensor, self.series), self.correlation, self.series)
+        smooth = _filtered(deviations, target, self.sensor, self.series)
+        shown = smooth * np.sqrt((1 - self.shrinkage) / (len(self.replicates) - 1))
+        return mean, self.sensor + self.shrinkage * target, shown
+
+    def without(self, index: int) -> Source:
+        """The same without one of the replicates."""
+        return replace(self, replicates=np.delete(self.replicates, index, axis=0))
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Mean and covariance of the residual under the null model, in all entries or in some of them.
+
+    source: what it was learnt from, of all entries
+    rows: which of all entries [(D',), bool]; D of them are
+    mean: the model's numerical bias (D,)
+    directions: B, one column for each known error (D, M)
+    series: the entries as courses in time
     whitener: L^-1 with S S^T + c c^T + a G K G = L L^T, by series
     basis, weights: orthonormal (D, q) and (q,): L^-1 C L^-T = I + basis diag(weights^2) basis^T
     """
 
+    source: Source
+    rows: np.ndarray = field(repr=False)
     mean: np.ndarray
-    replicates: np.ndarray = field(repr=False)
-    sensor: np.ndarray = field(repr=False)
     directions: np.ndarray = field(repr=False)
-    layout: Layout = field(repr=False)
-    shrinkage: float
-    correlation: float
     series: Series = field(repr=False)
     whitener: np.ndarray = field(repr=False)
     basis: np.ndarray = field(repr=False)
@@ -150,34 +189,44 @@ class NoiseModel:
         target = _target(spread, correlation, series)
         smooth = _filtered(deviations, target, sensor, series)
         likelihoods = [
-            _left_out_likelihood(deviations, smooth, _whitener(target, sensor, a), series, a) for a in SHRINKAGES
+            _left_out_likelihood(deviations, smooth, _whitener(sensor + a * target), series, a) for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
-        known = np.zeros((len(own), 0)) if directions is None else directions
-        return cls._assemble(replicates, sensor, known, layout, series, shrinkage, correlation)
+        source, rows = Source(replicates, sensor, layout, series, shrinkage, correlation), np.ones(len(own), bool)
+        return cls._of(source, rows, np.zeros((len(own), 0)) if directions is None else directions)
 
     @classmethod
-    def _assemble(
-        cls,
-        replicates: np.ndarray,
-        sensor: np.ndarray,
-        directions: np.ndarray,
-        layout: Layout,
-        series: Series,
-        shrinkage: float,
-        correlation: float,
-    ) -> NoiseModel:
-        mean = replicates.mean(0)
-        deviations = (replicates - mean).T
-        target = _target(_numerical_spread(deviations, sensor, series), correlation, series)
-        smooth = _filtered(deviations, target, sensor, series)
-        whitener = _whitener(target, sensor, shrinkage)
-        shown = smooth * np.sqrt((1 - shrinkage) / (len(replicates) - 1))
-        low_rank = series.multiply(whitener, np.concatenate((shown, directions), axis=1))
-        basis, weights = _principal(low_rank)
-        return cls(
-            mean, replicates, sensor, directions, layout, shrinkage, correlation, series, whitener, basis, weights
-        )
+    def _of(cls, source: Source, rows: np.ndarray, directions: np.ndarray) -> NoiseModel:
+        mean, blocks, shown = source.parts()
+        series = source.series
+        if not rows.all():
+            series, blocks = series.among(rows, blocks)
+        whitener = _whitener(blocks)
+        low_rank = series.multiply(whitener, np.concatenate((shown[rows], directions), axis=1))
+        return cls(source, rows, mean[rows], directions, series, whitener, *_principal(low_rank))
+
+    @property
+    def shrinkage(self) -> float:
+        """Weight a of the structured target."""
+        return self.source.shrinkage
+
+    @property
+    def correlation(self) -> float:
+        """rho of neighbouring frames."""
+        return self.source.correlation
+
+    @property
+    def replicates(self) -> np.ndarray:
+        """What it was learnt from (T, D)."""
+        return self.source.replicates[:, self.rows]
+
+    def among(self, rows: np.ndarray) -> NoiseModel:
+        """Of some of its entries [(D,), bool] as they are among all: their block of mean and covariance. Learnt of
+        these entries alone, it would be another, and what a whole says beyond its part no conditional probability.
+        """
+        inside = self.rows.copy()
+        inside[self.rows] = rows
+        return self._of(self.source, inside, self.directions[rows])
 
     def whiten(self, changes: np.ndarray) -> np.ndarray:
         """Differences of residuals (D,) or (D, m) in units of the noise: W x, with W ((1 + 1/T) C) W^T = I.
@@ -206,16 +255,13 @@ class NoiseModel:
 
     def with_directions(self, changes: np.ndarray) -> NoiseModel:
         """The same with further known errors, one column for each of one standard deviation (D, M)."""
-        directions = np.concatenate((self.directions, changes), axis=1)
-        kept = self.layout, self.series, self.shrinkage, self.correlation
-        return self._assemble(self.replicates, self.sensor, directions, *kept)
+        return self._of(self.source, self.rows, np.concatenate((self.directions, changes), axis=1))
 
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
         """For each replicate: the model learnt from the others (shrinkage and correlation kept), and itself (D,)."""
-        kept = self.sensor, self.directions, self.layout, self.series, self.shrinkage, self.correlation
         return [
-            (self._assemble(np.delete(self.replicates, index, axis=0), *kept), replicate)
+            (self._of(self.source.without(index), self.rows, self.directions), replicate)
             for index, replicate in enumerate(self.replicates)
         ]
 
@@ -289,9 +335,9 @@ def _target(spread: np.ndarray, correlation: float, series: Series) -> np.ndarra
     return correlation**series.gap * spreads[:, :, None] * spreads[:, None]
 
 
-def _whitener(target: np.ndarray, sensor: np.ndarray, weight: float) -> np.ndarray:
-    """L^-1 with L L^T = S^2 + c c^T + weight G K G, by series (S, L, L)."""
-    return np.linalg.inv(np.linalg.cholesky(sensor + weight * target))
+def _whitener(blocks: np.ndarray) -> np.ndarray:
+    """L^-1 with L L^T = S^2 + c c^T + a G K G, by series (S, L, L)."""
+    return np.linalg.inv(np.linalg.cholesky(blocks))
 
 
 def _filtered(deviations: np.ndarray, target: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:

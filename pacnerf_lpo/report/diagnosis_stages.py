@@ -72,7 +72,8 @@ def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
 
 
 def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
-    others, count = stage.comparison.replicates, len(stage.comparison.replicates)
+    others = stage.comparison.errors.replicates
+    count = len(others)
     bias = floor(stage.comparison)[0]
     unit = problem.unit[1]
     error = unit * (stage.residual - bias)[..., : len(KINDS)]

@@ -12,6 +12,7 @@ from pacnerf_lpo.diagnosis.comparison import Comparison, Error
 from pacnerf_lpo.diagnosis.refitting import Refit
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
+from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.calibration import Calibration
 from pacnerf_lpo.inference.checks import Check, Prediction
@@ -75,12 +76,14 @@ def comparison(names: tuple[str, ...] = ("E", "v_x")) -> Comparison:
         61.5,
         random.standard_normal(SHAPE),
         random.standard_normal((*SHAPE, count)),
-        random.standard_normal((5, *SHAPE)),
-        np.ones(SHAPE),
-        np.zeros((*SHAPE, 0)),
-        np.zeros((*SHAPE, 0)),
-        random.standard_normal((*SHAPE, 4)),
-        np.zeros(4),
+        ModelErrors(
+            random.standard_normal((5, *SHAPE)),
+            np.ones(SHAPE),
+            *[np.zeros((*SHAPE, 0))] * 3,
+            random.standard_normal((*SHAPE, 4)),
+            np.zeros(4),
+            np.zeros(SHAPE),
+        ),
         (),
         123,
     )

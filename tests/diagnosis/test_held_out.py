@@ -90,9 +90,9 @@ def test_held_out_data_speak_against_an_unknown_force(monkeypatch, tmp_path, sma
     options = Options(falling.listed(tmp_path), replicates=5, until="screen")
     (found,) = investigate(problem, Store(tmp_path, b"force", {}), options, lambda _: None)
     assert found.probes is not None
-    to_and_fro = np.zeros(found.comparison.force.shape[-1])
+    to_and_fro = np.zeros(found.comparison.errors.force.shape[-1])
     to_and_fro[1 :: len(PARTS) * len(AXES)] = 30.0 * (-1.0) ** np.arange(KNOTS)  # m/s^2 up and down
-    change = np.nan_to_num(found.comparison.force @ to_and_fro)
+    change = np.nan_to_num(found.comparison.errors.force @ to_and_fro)
     factors = []
     for shown in (problem.usable, problem.fitted):
         comparison = replace(found.comparison, residual=found.comparison.residual + np.where(shown, change, 0.0))

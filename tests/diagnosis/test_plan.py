@@ -18,6 +18,7 @@ from pacnerf_lpo.diagnosis.settings import Settings
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.least_squares import sensitivities
+from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.mpm.effects import GravityMagnitude, InitialSpin, LinearDrag, Magnus, UniformForce
 from pacnerf_lpo.report.plan import page, sentences
 from validation.hidden_effects.known_shape import KnownShape
@@ -48,9 +49,10 @@ def undecided(problem: KnownShape, small_threads: None) -> SimpleNamespace:
     mean, deviation = priors(problem, model)
     noise = 0.3 * np.random.default_rng(0).standard_normal((6, *problem.usable.shape))
     nothing = np.zeros((*problem.usable.shape, 1))
+    errors = ModelErrors(noise, problem.sensor, *[nothing] * 4, np.zeros(1), nothing[..., 0])
     comparison = Comparison(
         model.names, model.start, problem.first_guess, mean, deviation, 100.0, problem.residual(problem.measured),
-        jacobian, noise, problem.sensor, nothing, nothing, nothing, np.zeros(1), (), 1,
+        jacobian, errors, (), 1,
     )  # fmt: skip
     candidates = {"LinearDrag": LinearDrag(), "GravityMagnitude": GravityMagnitude()}
     fitted = {"LinearDrag": {"drag": 1.0}, "GravityMagnitude": {"extra_gravity": -1.0}}

@@ -32,7 +32,7 @@ def test_a_diagnosis_is_the_same(small_threads, monkeypatch):
             found.append((comparison, screened(problem, (), comparison, candidates)))
     (alone, ranking), (together, same) = found
     np.testing.assert_allclose(together.free, alone.free, rtol=1e-5)
-    np.testing.assert_allclose(together.replicates, alone.replicates, atol=1e-5)
+    np.testing.assert_allclose(together.errors.replicates, alone.errors.replicates, atol=1e-5)
     assert [score.name for score in same.scores] == [score.name for score in ranking.scores]
     factors = [[s.log_bayes_factor for s in one.scores] for one in (same, ranking)]
     np.testing.assert_allclose(*factors, rtol=1e-3, atol=1e-3)

@@ -26,6 +26,7 @@ TERM = Term("-v", 1.5, "1/s", 1.4, 1.6, 1.0, 0.9)
 HYPOTHESIS = Hypothesis("LinearDrag", (np.ones((3, 1)), np.zeros((3, 1))), (np.array([2.0]), np.array([0.5])), True)
 EXAMPLES = [
     comparison(),
+    comparison().errors,
     Interval("E", 1e5, 9e4, np.inf, 5e3, False),
     Law([TERM], 0.8),
     Prediction(12.5, -3.0),

@@ -13,7 +13,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.replicates import distorted
-from pacnerf_lpo.identification.shape_modes import DENSITY_ERROR, LOCAL, PLACES, bumps, polynomials, spread
+from pacnerf_lpo.identification.shape_modes import DENSITY_ERROR, LOCAL, PLACES, THINNINGS, bumps, polynomials, spread
 from pacnerf_lpo.identification.surface import SMOOTH, Lines, density_of
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
@@ -68,7 +68,7 @@ def test_a_reconstruction_that_is_solid_nowhere_is_said_to_be_one():
 
 
 def test_a_layer_may_be_taken_away_here_and_put_on_there(ball):
-    leaning = ball.wrong_bodies(SIGMA)[25]
+    leaning = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[25]
     right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
     cut = (ball.coarse_body.positions[:, 0] > 0, right), (ball.coarse_body.positions[:, 0] < 0, left)
     (before, after), (other, grown) = (
@@ -109,7 +109,7 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
 
 def test_layers_are_taken_away_or_put_on(ball):
     """An even one first, then those that lean and curve."""
-    thinner = ball.wrong_bodies(SIGMA)[24:34]
+    thinner = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[24:34]
     assert all(len(body.positions) != len(ball.coarse_body.positions) for body in thinner)
     lost = ball.coarse_body.volume - thinner[0].volume
     assert lost == pytest.approx(SIGMA * 4 * np.pi * radius(ball.coarse_body) ** 2, rel=1 / 6)
@@ -117,7 +117,7 @@ def test_layers_are_taken_away_or_put_on(ball):
 
 def test_an_error_that_leaves_nothing_of_the_body_is_none(ball):
     thick = ball.wrong_bodies(SIGMA)[24:34]
-    gone = ball.wrong_bodies(2 * RADIUS)[24:34]
+    gone = ball.wrong_bodies(2 * RADIUS * THINNINGS**0.5)[24:34]
     assert gone[0] is ball.coarse_body and all(body is not ball.coarse_body for body in thick)
 
 

@@ -31,7 +31,7 @@ def test_held_out_entries_are_judged_by_the_conditional_gaussian():
     rng = np.random.default_rng(0)
     drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
     whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT, B)
-    part = NoiseModel.from_replicates(drawn[:, FITTED], SENSOR[FITTED], toy.entries(LAYOUT, FITTED), B[FITTED])
+    part = whole.among(FITTED)
     residual = rng.standard_normal(SIZE)
     check, size = check_held_out(whole, part, residual, FITTED), int((~FITTED).sum())
     C = np.diag(SENSOR**2) + B @ B.T
@@ -49,7 +49,7 @@ def test_the_likelihood_of_a_part_and_of_what_it_predicts_are_that_of_all():
     rng = np.random.default_rng(3)
     drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
     whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT)
-    part = NoiseModel.from_replicates(drawn[:, FITTED], SENSOR[FITTED], toy.entries(LAYOUT, FITTED))
+    part = whole.among(FITTED)
 
     def dense(residual: np.ndarray, changes: np.ndarray) -> float:
         C, log = 9 / 8 * (np.diag(SENSOR**2) + changes @ changes.T), []
@@ -74,9 +74,7 @@ def test_nulls_pass_and_large_errors_do_not(held: bool):
     rough = 3 * toy.SENSOR * np.random.default_rng(2).standard_normal(SIZE)
     for _ in range(6):
         whole = toy.learnt(rng, 10)
-        part = NoiseModel.from_replicates(
-            whole.replicates[:, FITTED], SENSOR[FITTED], toy.entries(LAYOUT, FITTED), whole.directions[FITTED]
-        )
+        part = whole.among(FITTED)
 
         def p_value(residual: np.ndarray, whole=whole, part=part) -> float:
             found = check_held_out(whole, part, residual, FITTED) if held else check_fitted(whole, residual)

@@ -13,8 +13,8 @@ DECIDING = {
     "inference/calibration.py": {"LENDING"},
     "inference/noise.py": {"WINDOW", "SHARING"},
     "diagnosis/catalogue.py": {"SPREADS"},
-    "diagnosis/comparison.py": {"FORCE", "CONTACT"},
-    "diagnosis/screening.py": {"FORCES", "SHAPES", "LEAST_CAMERAS"},
+    "identification/model_errors.py": {"FORCE", "CONTACT", "FORCES", "SHAPES"},
+    "diagnosis/screening.py": {"LEAST_CAMERAS"},
     "identification/rigid.py": {"CALIBRATED"},
 }
 """Another value of one of these could make another verdict of the same recording."""
@@ -34,7 +34,7 @@ the time it takes, and the last digits.
 """
 PRESENTATION = {
     "diagnosis/catalogue.py": {"PACKAGE"},
-    "diagnosis/comparison.py": {"CONFIDENCE", "Learnt"},
+    "diagnosis/comparison.py": {"CONFIDENCE"},
     "diagnosis/refitting.py": {"How"},
     "diagnosis/screening.py": {"FORCE", "SHAPE"},
 }

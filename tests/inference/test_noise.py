@@ -14,8 +14,9 @@ SENSOR = np.full(SIZE, toy.SENSOR)
 
 def covariance(noise: NoiseModel) -> np.ndarray:
     """What the fields of a noise model stand for, with the error of the mean."""
-    lower = np.linalg.inv(noise.series.multiply(noise.whitener, np.eye(SIZE)))
-    inner = np.eye(SIZE) + (noise.basis * noise.weights**2) @ noise.basis.T
+    every = np.eye(len(noise.mean))
+    lower = np.linalg.inv(noise.series.multiply(noise.whitener, every))
+    inner = every + (noise.basis * noise.weights**2) @ noise.basis.T
     return (1 + 1 / len(noise.replicates)) * lower @ inner @ lower.T
 
 
@@ -42,6 +43,29 @@ def test_directions_add_their_outer_product_to_the_covariance():
     (less, replicate), (less_plain, _) = wider.left_out[3], plain.left_out[3]
     np.testing.assert_array_equal(replicate, drawn[3])
     np.testing.assert_allclose(covariance(less) - covariance(less_plain), (1 + 1 / 9) * B @ B.T, atol=1e-9)
+
+
+def test_a_part_has_its_block_of_the_mean_and_the_covariance():
+    """Of some views and frames, of single entries anywhere, and of a part of a part; directions and left-out models
+    included.
+    """
+    rng = np.random.default_rng(10)
+    kinds = LAYOUT.kind[:, None] == np.array(toy.KINDS)
+    shared = np.where(LAYOUT.frame == 0, toy.SENSOR, -toy.SENSOR)[:, None] * kinds
+    whole = NoiseModel.from_replicates(WORLD.draw(rng, 10), SENSOR, LAYOUT, toy.jacobian(), shared)
+    for rows in ((LAYOUT.view != 1) & (LAYOUT.frame < 8), rng.random(SIZE) < 0.5):
+        part = whole.among(rows)
+        np.testing.assert_array_equal(part.mean, whole.mean[rows])
+        np.testing.assert_allclose(covariance(part), covariance(whole)[np.ix_(rows, rows)], atol=1e-9)
+        again = part.among(LAYOUT.kind[rows] == "x")
+        one = rows & (LAYOUT.kind == "x")
+        np.testing.assert_allclose(covariance(again), covariance(whole)[np.ix_(one, one)], atol=1e-9)
+        x = rng.standard_normal(int(rows.sum()))
+        assert np.sum(part.whiten(x) ** 2) == pytest.approx(float(x @ np.linalg.solve(covariance(part), x)))
+        np.testing.assert_allclose(part.inverse_adjoint(part.adjoint(x)), x, atol=1e-9)
+        (less, replicate), (of_whole, full) = part.left_out[4], whole.left_out[4]
+        np.testing.assert_array_equal(replicate, full[rows])
+        np.testing.assert_allclose(covariance(less), covariance(of_whole)[np.ix_(rows, rows)], atol=1e-9)
 
 
 def test_noise_of_the_frame_to_which_all_are_relative_is_common_to_its_view():
