@@ -90,9 +90,9 @@ class Comparison:
     def checks(self, problem: Problem) -> tuple[Check, Check]:
         """Whether the residual is what the model predicts: in the fitted entries, and in the held-out ones."""
         fitted, usable = problem.fitted, problem.usable
-        part, whole = self.marginal(problem, fitted), self.marginal(problem, usable)
-        found = check_fitted(part, self.residual[fitted])
-        return found, check_held_out(whole, part, self.residual[usable], fitted[usable])
+        whole = self.marginal(problem, usable)
+        found = check_fitted(whole.among(fitted[usable]), self.residual[fitted])
+        return found, check_held_out(whole, self.residual[usable], fitted[usable])
 
     def excess(self, problem: Problem, residuals: Sequence[np.ndarray]) -> tuple[Error, ...]:
         """Of residuals of this and of other models [(R, F, 11) each], in units of the noise of this one."""

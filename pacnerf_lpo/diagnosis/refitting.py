@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from pacnerf_lpo.inference.decision import (
     LEVEL,
     Contender,
     believed,
+    explains_most,
     log_bayes_factor,
     log_occam_factor,
     log_spread_factor,
@@ -60,7 +60,7 @@ class Refit:
     simulated: simulations that it took.
     sizes: numbers of the data that it is fitted to, and of all.
     better: values at which the model without the effect is decisively better than where it was fitted, found from where
-        this fit ended [SI]; None: there are none.
+        this fit ended [SI]; None: there are none, or the effect explains most of what that leaves, too.
     whole: logarithm of the Bayes factor of all data as it is, whether the fitted ones alone say anything for the effect
         or not.
     """
@@ -163,8 +163,10 @@ def refit(
     if not quick and again.p_value < LEVEL and again.cost < ahead.cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         without = better_null(*null, fits.seen(best))
-        again = replace(again, better=without.known, simulated=again.simulated + without.rollouts)
+        again = replace(again, simulated=again.simulated + without.rollouts)
         again = again.against(without.cost, without.held or again.held_without, screening)
+        if again.p_value >= LEVEL or not explains_most(without.cost, again.cost, fits.size):
+            again = replace(again, better=without.known)
     return again
 
 
@@ -184,7 +186,8 @@ class _Fits:
         self.one_sided = candidate.effect.one_sided and not candidate.discrete
         outside = candidate.name in screening.outside
         self.mask = fitted_by(problem, outside)
-        self.noise = comparison.noise(problem, self.mask)
+        self.whole = comparison.noise(problem, problem.usable)
+        self.noise = self.whole.among(self.mask[problem.usable])
         self.without = _cost_without(problem, comparison, self.mask) if outside else comparison.cost
         self.model = problem.model(self.effects, {**comparison.known, **candidate.effect.guess})
         self.objective = StandardisedObjective(problem, self.model, self.mask, self.noise)
@@ -254,12 +257,8 @@ class _Fits:
         widest = log_occam_factor(changes[:, ~self.own], changes[:, self.own])
         return widest + log_spread_factor(away, covariance, self.spreads, self.one_sided)
 
-    @cached_property
-    def _whole(self) -> NoiseModel:
-        return self.comparison.noise(self.problem, self.problem.usable)
-
     def _predicted(self, *seen: np.ndarray) -> Prediction:
-        return _predicted(self.problem, self.mask, (self._whole, self.noise), *seen)
+        return _predicted(self.problem, self.mask, self.whole, *seen)
 
     def seen(self, found: Fit) -> np.ndarray:
         """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""
@@ -334,7 +333,8 @@ def better_null(
         mask: [(R, F, 11), bool]
         changes: of the residual by the unknowns of the model, for the first steps [(R, F, 11, K)]; None: measured.
     """
-    model, noise = problem.model(effects, known), comparison.noise(problem, mask)
+    model, whole = problem.model(effects, known), comparison.noise(problem, problem.usable)
+    noise = whole.among(mask[problem.usable])
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     free, rows, none = np.clip(model.start, *model.bounds), objective.rows, BetterNull(without, None, None, 1)
     try:
@@ -352,15 +352,14 @@ def better_null(
     cost, rollouts = found.cost_of(rows), 1 + found.rollouts
     if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:
         return BetterNull(min(cost, without), None, None, rollouts)
-    noises = comparison.noise(problem, problem.usable), noise
-    held = _predicted(problem, mask, noises, *objective.seen(found), comparison.deviation)
+    held = _predicted(problem, mask, whole, *objective.seen(found), comparison.deviation)
     return BetterNull(cost, model.physical(found.free), held, rollouts)
 
 
 def _predicted(
     problem: Problem,
     mask: np.ndarray,
-    noises: tuple[NoiseModel, NoiseModel],
+    whole: NoiseModel,
     residual: np.ndarray,
     jacobian: np.ndarray,
     deviation: np.ndarray,
@@ -370,14 +369,14 @@ def _predicted(
     Args:
         problem: the run.
         mask: entries that were fitted [(R, F, 11), bool]
-        noises: of the usable entries, and of the fitted ones.
+        whole: noise of the usable entries.
         residual, jacobian, deviation: of the model, and of the priors of its unknowns [(R, F, 11), (R, F, 11, K), (K,)]
     """
     fitted = mask[problem.usable]
     if fitted.all():
         return Prediction(0.0, 0.0)
     changes = np.nan_to_num(jacobian[problem.usable]) * deviation
-    return prediction(*noises, np.nan_to_num(residual[problem.usable]), changes, fitted)
+    return prediction(whole, np.nan_to_num(residual[problem.usable]), changes, fitted)
 
 
 def _begun(

@@ -119,7 +119,7 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     parts = {}
     for held in {one.name in probes.outside for one in hypotheses}:
         entries = fitted_by(problem, held)
-        parts[held] = Fitted(entries[mask], comparison.marginal(problem, entries))
+        parts[held] = Fitted(entries[mask], noise.among(entries[mask]))
     fitted = [parts[one.name in probes.outside] for one in hypotheses]
     calibration = calibrate(noise, hypotheses, fitted, LEVEL, dispersion_of(noise, residual))
     usual = usual_faults(noise, residual, hypotheses, calibration.scales)

@@ -258,7 +258,8 @@ class Competition:
             return
         began, (problem, known) = time.monotonic(), self._at(name)
         model, mask, usable = problem.model(problem.physics.effects, known), problem.fitted, problem.usable
-        noise = self._noise(mask)
+        whole = self._noise(usable)
+        noise = whole.among(mask[usable])
         objective = StandardisedObjective(problem, model, mask, noise)
         settings = objective, model.scales, model.bounds, (objective.rows,)
         stages = Stage(*settings), Stage(*settings, iterations=ITERATIONS, confirm=True)
@@ -269,8 +270,8 @@ class Competition:
         found = fits[0]
         residual, jacobian = objective.seen(found)
         moved = np.nan_to_num(jacobian) * objective.deviation
-        whole, part = self._noise(usable).with_directions(moved[usable]), noise.with_directions(moved[mask])
-        held = check_held_out(whole, part, np.nan_to_num(residual[usable]), mask[usable])
+        whole = whole.with_directions(moved[usable])
+        held = check_held_out(whole, np.nan_to_num(residual[usable]), mask[usable])
         self._note(
             name,
             began,

@@ -43,22 +43,21 @@ def check_fitted(noise: NoiseModel, residual: np.ndarray) -> Check:
     return _check(_square(noise, residual), [_square(m, r) for m, r in noise.left_out], len(residual))
 
 
-def check_held_out(whole: NoiseModel, part: NoiseModel, residual: np.ndarray, fitted: np.ndarray) -> Check:
+def check_held_out(whole: NoiseModel, residual: np.ndarray, fitted: np.ndarray) -> Check:
     """Of held-out entries, given the fitted ones: the square of a Gaussian's conditional deviation is the square of the
     whole less that of the part.
 
     Args:
         whole: noise of all entries, with the fitted parameters and the discrepancies among its directions
-        part: the same of the fitted entries
         residual: measured minus predicted, all entries (D,)
         fitted: which entries were fitted [(D,), bool]
     """
-    size = len(residual) - int(fitted.sum())
-    replicates = [
-        _square(outer, replicate) - _square(inner, replicate[fitted])
-        for (outer, replicate), (inner, _) in zip(whole.left_out, part.left_out, strict=True)
-    ]
-    return _check(_square(whole, residual) - _square(part, residual[fitted]), replicates, size)
+
+    def conditional(noise: NoiseModel, values: np.ndarray) -> float:
+        return _square(noise, values) - _square(noise.among(fitted), values[fitted])
+
+    replicates = [conditional(*left_out) for left_out in whole.left_out]
+    return _check(conditional(whole, residual), replicates, len(residual) - int(fitted.sum()))
 
 
 @dataclass(frozen=True)
@@ -74,22 +73,18 @@ class Prediction:
     occam: float
 
 
-def prediction(
-    whole: NoiseModel, part: NoiseModel, residual: np.ndarray, changes: np.ndarray, fitted: np.ndarray
-) -> Prediction:
+def prediction(whole: NoiseModel, residual: np.ndarray, changes: np.ndarray, fitted: np.ndarray) -> Prediction:
     """Of held-out entries, given the fitted ones.
 
     Args:
-        whole, part: noise of all entries and of the fitted ones, the discrepancies among its directions, the parameters
-            not
+        whole: noise of all entries, the discrepancies among its directions, the parameters not
         residual: measured minus predicted, all entries (D,)
         changes: of it by one prior standard deviation of every parameter (D, K)
         fitted: which entries were fitted [(D,), bool]
     """
-    everything = np.ones_like(fitted)
     pairs = [
         (_square(noise.with_directions(changes[rows]), residual[rows]), half_log_volume(noise.whiten(changes[rows])))
-        for noise, rows in ((whole, everything), (part, fitted))
+        for noise, rows in ((whole, np.ones_like(fitted)), (whole.among(fitted), fitted))
     ]
     return Prediction(pairs[0][0] - pairs[1][0], pairs[1][1] - pairs[0][1])
 

@@ -16,7 +16,7 @@ that are known beforehand, each of one standard deviation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -116,6 +116,7 @@ class Source:
     shrinkage: float
     correlation: float
 
+    @cached_property
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mean (D,), S S^T + c c^T + a G K G by series (S, L, L), and the other directions in which the replicates
         deviate (D, T).
@@ -127,9 +128,15 @@ class Source:
         shown = smooth * np.sqrt((1 - self.shrinkage) / (len(self.replicates) - 1))
         return mean, self.sensor + self.shrinkage * target, shown
 
-    def without(self, index: int) -> Source:
-        """The same without one of the replicates."""
-        return replace(self, replicates=np.delete(self.replicates, index, axis=0))
+    @cached_property
+    def left_out(self) -> list[Source]:
+        """The same without one of the replicates each (T)."""
+        kept = [np.delete(self.replicates, index, axis=0) for index in range(len(self.replicates))]
+        return [replace(self, replicates=others) for others in kept]
+
+    def __getstate__(self) -> dict:
+        """Other processes get what it is made of, and not what was made of it: that is a hundred times as much."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
 
 @dataclass(frozen=True)
@@ -197,7 +204,7 @@ class NoiseModel:
 
     @classmethod
     def _of(cls, source: Source, rows: np.ndarray, directions: np.ndarray) -> NoiseModel:
-        mean, blocks, shown = source.parts()
+        mean, blocks, shown = source.parts
         series = source.series
         if not rows.all():
             series, blocks = series.among(rows, blocks)
@@ -255,14 +262,16 @@ class NoiseModel:
 
     def with_directions(self, changes: np.ndarray) -> NoiseModel:
         """The same with further known errors, one column for each of one standard deviation (D, M)."""
-        return self._of(self.source, self.rows, np.concatenate((self.directions, changes), axis=1))
+        shown, directions = self.source.parts[2][self.rows], np.concatenate((self.directions, changes), axis=1)
+        found = _principal(self.series.multiply(self.whitener, np.concatenate((shown, directions), axis=1)))
+        return replace(self, directions=directions, basis=found[0], weights=found[1])
 
     @cached_property
     def left_out(self) -> list[tuple[NoiseModel, np.ndarray]]:
         """For each replicate: the model learnt from the others (shrinkage and correlation kept), and itself (D,)."""
         return [
-            (self._of(self.source.without(index), self.rows, self.directions), replicate)
-            for index, replicate in enumerate(self.replicates)
+            (self._of(others, self.rows, self.directions), replicate)
+            for others, replicate in zip(self.source.left_out, self.replicates, strict=True)
         ]
 
 

@@ -31,9 +31,8 @@ def test_held_out_entries_are_judged_by_the_conditional_gaussian():
     rng = np.random.default_rng(0)
     drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
     whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT, B)
-    part = whole.among(FITTED)
     residual = rng.standard_normal(SIZE)
-    check, size = check_held_out(whole, part, residual, FITTED), int((~FITTED).sum())
+    check, size = check_held_out(whole, residual, FITTED), int((~FITTED).sum())
     C = np.diag(SENSOR**2) + B @ B.T
     assert check.statistic * size == pytest.approx(conditional_square(residual, drawn.mean(0), 9 / 8 * C), rel=1e-6)
     left_out = [
@@ -49,7 +48,6 @@ def test_the_likelihood_of_a_part_and_of_what_it_predicts_are_that_of_all():
     rng = np.random.default_rng(3)
     drawn, B = 0.3 * toy.SENSOR * rng.standard_normal((8, SIZE)), 2 * toy.jacobian()
     whole = NoiseModel.from_replicates(drawn, SENSOR, LAYOUT)
-    part = whole.among(FITTED)
 
     def dense(residual: np.ndarray, changes: np.ndarray) -> float:
         C, log = 9 / 8 * (np.diag(SENSOR**2) + changes @ changes.T), []
@@ -59,7 +57,7 @@ def test_the_likelihood_of_a_part_and_of_what_it_predicts_are_that_of_all():
         return log[0] - log[1]
 
     def predicted(residual: np.ndarray, changes: np.ndarray) -> float:
-        found = prediction(whole, part, residual, changes, FITTED)
+        found = prediction(whole, residual, changes, FITTED)
         return found.occam - found.cost / 2
 
     models = [(rng.standard_normal(SIZE), B), (rng.standard_normal(SIZE), 0.1 * B[:, :2])]
@@ -74,10 +72,9 @@ def test_nulls_pass_and_large_errors_do_not(held: bool):
     rough = 3 * toy.SENSOR * np.random.default_rng(2).standard_normal(SIZE)
     for _ in range(6):
         whole = toy.learnt(rng, 10)
-        part = whole.among(FITTED)
 
-        def p_value(residual: np.ndarray, whole=whole, part=part) -> float:
-            found = check_held_out(whole, part, residual, FITTED) if held else check_fitted(whole, residual)
+        def p_value(residual: np.ndarray, whole=whole) -> float:
+            found = check_held_out(whole, residual, FITTED) if held else check_fitted(whole, residual)
             return found.p_value
 
         passed += [p_value(null) for null in WORLD.draw(rng, 10)]
