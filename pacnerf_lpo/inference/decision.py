@@ -12,9 +12,9 @@ LEVEL = 0.01
 weak one that is not found, of which the report says how large it could be."""
 DECISIVE = float(np.log(20.0))
 """Hypotheses whose log odds are within this are indistinguishable: odds of twenty to one (Kass and Raftery 1995)."""
-LINEAR = 0.7
+LINEAR = 0.5
 """A hypothesis is fitted if its linear change reaches this part of the best log Bayes factor: a strong effect bends,
-and a straight line misses up to a third of what it explains, as a rule; where it missed more, a second look is due."""
+and a straight line misses up to half of what it explains, as a rule; where it missed more, a second look is due."""
 LEFT = 0.5
 """Part of what a model leaves beyond noise: an effect that leaves less explains most of it, and is taken into the model
 before others are searched for, which costs as much as a round."""
