@@ -16,7 +16,7 @@ from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import Effort, Fit, column, fit, fit_or_none
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.identification.processes import Progress, prefixed
 from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.inference.checks import Prediction, prediction
 from pacnerf_lpo.inference.decision import (
@@ -162,7 +162,7 @@ def refit(
     again = fits.scored(best, screening, rollouts + used)
     if not quick and again.p_value < LEVEL and again.cost < ahead.cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
-        without = better_null(*null, fits.seen(best))
+        without = better_null(*null, fits.seen(best), prefixed(progress, "without it again, "))
         again = replace(again, simulated=again.simulated + without.rollouts)
         again = again.against(without.cost, without.held or again.held_without, screening)
         if again.p_value >= LEVEL or not explains_most(without.cost, again.cost, fits.size):
@@ -323,6 +323,7 @@ def better_null(
     without: float,
     mask: np.ndarray,
     changes: np.ndarray | None = None,
+    progress: Progress = lambda _: None,
 ) -> BetterNull:
     """Fit a model again from where a larger one, which contains it, ended.
 
@@ -332,6 +333,7 @@ def better_null(
         without: cost of the model where it was fitted, in the entries of
         mask: [(R, F, 11), bool]
         changes: of the residual by the unknowns of the model, for the first steps [(R, F, 11, K)]; None: measured.
+        progress: receives a line about each step.
     """
     model, whole = problem.model(effects, known), comparison.noise(problem, problem.usable)
     noise = whole.among(mask[problem.usable])
@@ -348,7 +350,7 @@ def better_null(
         if promised @ promised > without:
             return none
     effort = Effort(QUICK.iterations, without, confirm=False)
-    found = fit(objective, start, model.scales, model.bounds, effort, rows=rows)
+    found = fit(objective, start, model.scales, model.bounds, effort, reporter(model, progress), rows)
     cost, rollouts = found.cost_of(rows), 1 + found.rollouts
     if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:
         return BetterNull(min(cost, without), None, None, rollouts)
