@@ -7,7 +7,7 @@ import numpy as np
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import PROBES, Effort, Fit, fit, wide_sensitivities
+from pacnerf_lpo.identification.least_squares import Fit, fit
 from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
@@ -18,10 +18,6 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 24
-WIDE, WIDEST = 2.0, 0.5
-"""Of an unknown's posterior standard deviation, and of its prior's at most: how far to either side its sensitivity is
-measured at the optimum. Outlines of a moved body change by hundredths of a pixel that only its particles cause, which
-over a shorter way look like information: intervals become too narrow."""
 CONFIDENCE = 0.9
 """Of all intervals."""
 
@@ -145,22 +141,8 @@ def compare(
     errors = errors.solver_at(problem, model, first.free)
     errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation)
     comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
-    progress("sensitivities across the intervals")
-    jacobian = _across_intervals(problem, model, comparison)
-    simulated = errors.simulations + errors.solver.shape[-1] + 2 * len(free) + rollouts + first.rollouts
-    return replace(comparison, jacobian=jacobian, rollouts=comparison.rollouts + simulated)
-
-
-def _across_intervals(problem: Problem, model: Model, comparison: Comparison) -> np.ndarray:
-    """Change of the residual by the unknowns at the best fit [(R, F, 11, K)], measured as widely as they are known."""
-    mask, deviation = problem.fitted, comparison.deviation
-    noise = comparison.noise(problem, mask)
-    rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * deviation)
-    errors = np.sqrt(np.diag(_posterior(rows)))
-    steps = np.maximum(np.minimum(WIDE * errors, WIDEST) * deviation, model.scales * PROBES[0])
-    objective = StandardisedObjective(problem, model, mask, noise)
-    found = wide_sensitivities(objective, comparison.free, steps, model.bounds)
-    return spread(found[~objective.rows], problem.usable)
+    simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
+    return replace(comparison, rollouts=comparison.rollouts + simulated)
 
 
 def _posterior(rows: np.ndarray) -> np.ndarray:
@@ -184,7 +166,8 @@ def standardised(
     objective = StandardisedObjective(problem, model, problem.fitted, errors.noise(problem, problem.fitted))
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
-    best = fit(objective, start, model.scales, model.bounds, Effort(WHITENED_ITERATIONS), report, objective.rows)
+    effort = objective.effort(WHITENED_ITERATIONS)
+    best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
     return Comparison.at(model, best.free, prior, objective.seen(best), errors, cost, doubts, best.rollouts)

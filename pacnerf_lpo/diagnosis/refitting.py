@@ -155,7 +155,7 @@ def refit(
             return None
         begun, rollouts, measured = [found.free], found.rollouts, 1
     quick = how == "quickly"
-    effort = QUICK if quick else Effort(ITERATIONS)
+    effort = QUICK if quick else fits.objective.effort(ITERATIONS)
     best, used = fits.best(begun[:1] if quick else begun, progress, ahead.cost, measured, effort)
     if best is None:
         return None
@@ -290,7 +290,8 @@ def against_without(
     objective = StandardisedObjective(problem, model, mask, comparison.noise(problem, mask), prior)
     free = comparison.free[places]
     start = Fit(free, objective(free), objective.derivative(comparison.jacobian[..., places]), 1, objective)
-    found = fit(objective, start, model.scales, model.bounds, Effort(ITERATIONS), rows=objective.rows)
+    effort = objective.effort(ITERATIONS)
+    found = fit(objective, start, model.scales, model.bounds, effort, rows=objective.rows)
     cost = found.cost_of(objective.rows)
     without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.errors, cost)
     fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
@@ -349,7 +350,7 @@ def better_null(
         promised = now[rows] + start.jacobian[rows] @ step
         if promised @ promised > without:
             return none
-    effort = Effort(QUICK.iterations, without, confirm=False)
+    effort = objective.effort(QUICK.iterations, without, confirm=False)
     found = fit(objective, start, model.scales, model.bounds, effort, reporter(model, progress), rows)
     cost, rollouts = found.cost_of(rows), 1 + found.rollouts
     if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:

@@ -31,6 +31,10 @@ TRUSTED = 0.6
 """A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
 MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
+WIDE = 2.0
+"""Standard deviations of an unknown by the data: how far to either side its sensitivity is measured where an effort
+says how far that may be. Outlines of a moved body change by hundredths of a pixel that only its particles cause, which
+over a shorter way look like information: intervals become too narrow, and what is predicted of other data wrong."""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
 Report = Callable[[int, float, np.ndarray], None]
@@ -74,12 +78,15 @@ class Effort:
     confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the last
         iteration.
     remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
+    widest: how far to either side of each coordinate a Jacobian is measured again at most, across :data:`WIDE` errors
+        of it [(K,)], where residuals are in units of their errors; None: a short way to one side.
     """
 
     iterations: int
     abort_above: float | None = None
     confirm: bool = True
     remeasured: float = np.inf
+    widest: np.ndarray | None = None
 
 
 Start = np.ndarray | Fit
@@ -140,8 +147,10 @@ class _Descent:
         self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
         self.damping, self.longest, self.age, self.surprises, self.remeasured = 1e-2, LONGEST_STEP, 1, 0, np.inf
+        self.across, self.final = np.full(len(scales), PROBES[0]), effort.widest is None
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
-            self._measure()
+            self.scaled, used = _jacobian(residual, self.free, self.now, scales, bounds)
+            self.scaled, self.age, self.rollouts = self.scaled * scales, 0, self.rollouts + used
         else:
             self.scaled = known.jacobian * scales
         self.remeasured = effort.remeasured
@@ -165,7 +174,7 @@ class _Descent:
             small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
                 break
-            if small and (self.age <= 1 or not confirm):
+            if small and ((self.age <= 1 and self.final) or not confirm):
                 break
             self.surprises += not kept
             last = iteration + 1 == iterations
@@ -200,10 +209,10 @@ class _Descent:
                 self.longest *= 2 if stretched else 1
                 self.damping, self.age = max(self.damping / 5, 1e-7), self.age + 1
                 self.free, self.now = trial, after
-                if moved > 0:
+                if (np.abs(step) > self.across).any():  # a shorter one says less than how it was measured
                     self.scaled = self.scaled + np.outer(change, step) / (step @ step)
                 return float(moved), kept, stretched
-            if self.age > 0 and self.remeasured > 0:
+            if (self.age > 0 or (self.effort.confirm and not self.final)) and self.remeasured > 0:
                 self._measure()
                 moved = np.inf
             else:
@@ -211,8 +220,16 @@ class _Descent:
         return None
 
     def _measure(self) -> None:
-        jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
-        self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
+        """The Jacobian again."""
+        at, widest, used = (self.residual, self.free), self.effort.widest, 2 * len(self.free)
+        if widest is None:
+            jacobian, used = _jacobian(*at, self.now, self.scales, self.bounds)
+        else:
+            seen = self.scaled[self.rows]
+            errors = np.sqrt(np.diag(np.linalg.pinv(seen.T @ seen)))
+            self.across = np.maximum(np.minimum(WIDE * errors, widest / self.scales), PROBES[0])
+            jacobian = wide_sensitivities(*at, self.across * self.scales, self.bounds)
+        self.scaled, self.age, self.surprises, self.final = jacobian * self.scales, 0, 0, True
         self.rollouts += used
         self.remeasured -= 1
 

@@ -6,11 +6,13 @@ import numpy as np
 
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit
+from pacnerf_lpo.identification.least_squares import Effort, Fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.inference.noise import NoiseModel
 
 Prior = tuple[np.ndarray, np.ndarray]
+WIDEST = 0.5
+"""Of the standard deviation of an unknown's prior: how far to either side its sensitivity is measured at most."""
 
 
 class StandardisedObjective:
@@ -34,6 +36,10 @@ class StandardisedObjective:
         self._residual, self._inside = problem.residual_of(model, problem.usable), mask[problem.usable]
         minimised = self._inside.sum() + len(self.mean)
         self.rows = np.arange(minimised + len(self._inside)) < minimised
+
+    def effort(self, iterations: int, abort_above: float | None = None, confirm: bool = True) -> Effort:
+        """Of a fit, with sensitivities that are measured as widely as the unknowns are known."""
+        return Effort(iterations, abort_above, confirm, widest=WIDEST * self.deviation)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before

@@ -94,7 +94,7 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
     for first, expected in ((-5.0, ["First", "Second"]), (30.0, ["First"])):
         kept["First"] = first
         fitted.clear()
-        lines = {"First": 23.0, "Second": 9.6, "Third": 1.0}
+        lines = {"First": 23.0, "Second": 7.0, "Third": 1.0}
         scores = [SimpleNamespace(name=name, log_bayes_factor=score) for name, score in lines.items()]
         screening = SimpleNamespace(scores=scores, threshold=6.0, outside=())
         candidates = [SimpleNamespace(name=name, discrete=False, observes=False) for name in lines]

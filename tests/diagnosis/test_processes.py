@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pacnerf_lpo.diagnosis import comparison as comparison_module
 from pacnerf_lpo.diagnosis.catalogue import whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import compare
+from pacnerf_lpo.identification import model_errors
 from pacnerf_lpo.identification.processes import processes
 from tests.diagnosis.examples import screened
 from tests.diagnosis.test_points import GUESS, Ball, points, tracked
@@ -21,8 +21,8 @@ def test_a_diagnosis_is_the_same(small_threads, monkeypatch):
     """Fit, replicates and scores of a ball whose tracks show drag."""
     problem = Ball(points(tracked(), None))
     no_force = np.zeros((*problem.usable.shape, 1))  # saves 120 simulations
-    monkeypatch.setattr(comparison_module, "force_changes", lambda *_: no_force)
-    monkeypatch.setattr(comparison_module, "contact_accelerations", lambda *_: np.zeros(1))
+    monkeypatch.setattr(model_errors, "force_changes", lambda *_: no_force)
+    monkeypatch.setattr(model_errors, "contact_accelerations", lambda *_: np.zeros(1))
     found = []
     for jobs in (1, 2):
         with processes(jobs):

@@ -57,7 +57,7 @@ def test_a_solver_that_errs_like_a_change_of_a_velocity_moves_it_by_as_much(fitt
     problem, comparison = fitted
     place = comparison.names.index("v_x")
     errs = comparison.jacobian[..., [place, place]] * [0.03, -0.04]
-    found = solver_shifts(problem, (), replace(comparison, discretisation=errs))
+    found = solver_shifts(problem, (), replace(comparison, errors=replace(comparison.errors, solver=errs)))
     assert found["v_x"] == pytest.approx(0.05, rel=0.02)
     assert found["v_z"] < 0.001
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.least_squares import Effort, fit, sensitivities, wide_sensitivities
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit, sensitivities, wide_sensitivities
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -60,6 +60,33 @@ def test_sensitivities_across_an_interval_do_not_take_noise_for_information():
     wide = wide_sensitivities(rough, free, np.array([1.0]), bounds)
     assert np.std(narrow) > 1.5 and np.std(wide) < 0.05
     assert wide.mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_fit_ends_with_sensitivities_that_are_as_wide_as_the_unknowns_are_known():
+    """Whether its start has sensitivities or not, and is the minimum or not. Data of errors 1 that determine two
+    unknowns to 0.1 and to 0.03, and are rough along a way that is short beside that.
+    """
+    directions = np.random.default_rng(0).standard_normal((100, 2)) * [1.0, 3.0]
+
+    def rough(x: np.ndarray) -> np.ndarray:
+        noise = 0.02 * np.sin(400 * directions @ x + np.arange(100))
+        return directions @ (x - 0.5) + noise
+
+    scales = np.full(2, 0.002)
+    at_once = Fit(
+        np.full(2, 0.5),
+        rough(np.full(2, 0.5)),
+        sensitivities(rough, np.full(2, 0.5), rough(np.full(2, 0.5)), scales, FREE),
+        1,
+        rough,
+    )
+    for start in (np.zeros(2), at_once):
+        narrow, wide = (fit(rough, start, scales, FREE, Effort(20, widest=widest)) for widest in (None, np.ones(2)))
+        assert narrow.jacobian is not None and wide.jacobian is not None
+        assert np.std(narrow.jacobian - directions) > 1.0 and np.std(wide.jacobian - directions) < 0.3
+        assert wide.free == pytest.approx([0.5, 0.5], abs=0.02)
+    short = fit(rough, np.zeros(2), scales, FREE, Effort(20, widest=np.full(2, 0.01)))
+    assert short.jacobian is not None and np.std(short.jacobian - directions) > 0.5
 
 
 def test_wide_sensitivities_end_at_a_bound_and_where_the_motion_is_unstable():

@@ -24,7 +24,7 @@ NUMERICAL = {
     "inference/layout.py": {"AT_REST"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "CLIPPED"},
-    "diagnosis/comparison.py": {"WHITENED_ITERATIONS", "WIDE", "WIDEST"},
+    "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "PARALLEL", "EFFICIENCY"},
     "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK", "GIVE_UP"},
     "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
