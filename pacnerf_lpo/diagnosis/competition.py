@@ -8,12 +8,13 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.refitting import Ahead, How, Refit, bent, refit
-from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import Screening
+from pacnerf_lpo.diagnosis.rounds import Round, discrepancy_wins
+from pacnerf_lpo.diagnosis.screening import FORCE, Screening
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, prefixed
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, LINEAR, explains_most, worth_refitting
+from pacnerf_lpo.mpm.effects.base import BodyForce
 
 MOST_AGAIN = 3
 """Times that a round begins again from a better optimum of its model; after that, evidence is only counted against it.
@@ -22,10 +23,10 @@ MOST_AGAIN = 3
 
 class Competition:
     """Fits of every hypothesis that could win in a round: of those whose linear change says so, and in a widened round
-    of those whose linear change is no accident, or of all effects where the model has moved so far that a straight line
-    from there says little. While more than noise is left, non-local ones, of which a line never says much, are fitted
-    from their probes, and where the model without them has gone far from what was expected and no effect explains the
-    most of it, by a search of their own parameter space, too.
+    of those whose linear change is no accident, and of effects of which a straight line says little. While more than
+    noise is left, non-local ones, of which a line never says much, are fitted from their probes, and where the model
+    without them has gone far from what was expected and no effect explains the most of it, by a search of their own
+    parameter space, too.
 
     Args:
         problem, store: what is under diagnosis, and where results are kept.
@@ -85,11 +86,18 @@ class Competition:
             if again.name in scored:
                 scored[again.name] = min(again.log_bayes_factor, scored[again.name])
         names = worth_refitting(list(scored.items()), screening.threshold, 0.0 if found.widened else LINEAR)
-        if found.widened and bent(found.comparison):
-            names += [name for name in scored if name not in names and not by_name[name].observes]
+        if found.widened:
+            names += [name for name in scored if name not in names and self._no_line_leads_to(by_name[name])]
         if found.beside not in by_name:
             return names
         return [found.beside, *(name for name in names if name != found.beside)]
+
+    def _no_line_leads_to(self, candidate: Candidate) -> bool:
+        """Whether a straight line from the model says little of an effect: where that has moved far, and of a force,
+        where one of which nothing is known explains the recording.
+        """
+        force = isinstance(candidate.effect, BodyForce) and discrepancy_wins(self.found, FORCE)
+        return not candidate.observes and (force or bent(self.found.comparison))
 
     def _leader(self) -> Refit | None:
         """The best refit that is decisively better than none. A fault of a held-out camera is fitted to other data."""
