@@ -6,15 +6,20 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from pacnerf_lpo.diagnosis import competition, diagnose
+from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.diagnose import Options, _Diagnosis
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import accepted_names, verdict
 from pacnerf_lpo.diagnosis.store import Store
+from pacnerf_lpo.mpm.effects import KelvinVoigt, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.render.camera_faults import CameraShift
 from tests.diagnosis import falling
+from tests.diagnosis.examples import round_of, screening
 
 ORDER = ["UniformForce", "LinearDrag"]
 HIDDEN = {"push_x": 2.5, "push_z": -1.0, "ground_friction": 0.2}
@@ -105,3 +110,27 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
         problem = SimpleNamespace(fitted=np.ones(3, bool))
         competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
         assert list(dict.fromkeys(fitted)) == expected
+
+
+@pytest.mark.parametrize(
+    ("force", "widened", "moved", "expected"),
+    [
+        (25.0, True, False, {"UniformForce", "LinearDrag"}),
+        (25.0, False, False, set()),
+        (-1.0, True, False, set()),
+        (-1.0, True, True, {"UniformForce", "LinearDrag", "KelvinVoigt"}),
+    ],
+)
+def test_every_force_is_fitted_where_only_an_unknown_one_explains_the_recording(
+    monkeypatch, force: float, widened: bool, moved: bool, expected: set[str]
+):
+    """Straight lines speak against all effects, and the rounds would end with an unknown cause."""
+    fitted: list[str] = []
+    monkeypatch.setattr(competition.Competition, "_attempt", lambda _, candidate, *__: fitted.append(candidate.name))
+    monkeypatch.setattr(competition, "bent", lambda _: moved)
+    effects = UniformForce(), LinearDrag(), KelvinVoigt(), CameraShift(view=1)
+    lines = {name_of(effect): -0.1 - number for number, effect in enumerate(effects)}
+    found = round_of(effects, screened=screening(**lines, UnknownForce=force, WrongShape=-3.0), widened=widened)
+    problem = SimpleNamespace(fitted=np.ones(3, bool))
+    competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
+    assert set(fitted) == expected
