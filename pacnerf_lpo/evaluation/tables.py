@@ -46,7 +46,7 @@ def quality_rows(results: Mapping[str, Any]) -> tuple[list[tuple[str, str, str, 
 def view_rows(results: Mapping[str, Any]) -> tuple[list[int], list[int], list[int]]:
     """File ids of the views in the order of the rows of image metrics; the rows of training and of test views."""
     sets = results["views"]
-    order = sorted([*sets["train"], *sets["test"]])
+    order = sorted({*sets["train"], *sets["test"]})
     return order, [order.index(view) for view in sets["train"]], [order.index(view) for view in sets["test"]]
 
 

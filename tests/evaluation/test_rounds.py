@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pacnerf_lpo.evaluation.tables import markdown_table, remarks, result_phase, round_rows
+from pacnerf_lpo.evaluation.tables import markdown_table, remarks, result_phase, round_rows, view_rows
 from pacnerf_lpo.report.html import found_values, parameter_table
 
 
@@ -87,3 +87,11 @@ def test_the_chosen_round_is_marked_and_is_the_result():
     assert result_phase(found)["parameters"]["E"]["value"] == 2e5
     table = markdown_table(found)
     assert "| E | 1e+04 Pa | 2e+05 Pa |" in table and "| 3 | 23.00 | 22.00 |" in table
+
+
+def test_a_view_that_is_trained_on_and_tested_has_one_row():
+    """As of the baseline with all views: rows are those of the video, which has each view once."""
+    views = {"train": [0, 4, 8], "test": [2, 4, 7]}
+    order, train, test = view_rows({"views": views})
+    assert order == [0, 2, 4, 7, 8]
+    assert [order[row] for row in train] == views["train"] and [order[row] for row in test] == views["test"]
