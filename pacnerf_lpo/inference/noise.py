@@ -104,14 +104,13 @@ class Source:
 
     replicates: residuals of simulated nulls (T, D)
     sensor: S S^T + c c^T, by series
-    layout, series: view, frame and kind of every entry, and as courses in time
+    series: the entries as courses in time
     shrinkage: weight a of the structured target
     correlation: rho of neighbouring frames
     """
 
     replicates: np.ndarray = field(repr=False)
     sensor: np.ndarray = field(repr=False)
-    layout: Layout = field(repr=False)
     series: Series = field(repr=False)
     shrinkage: float
     correlation: float
@@ -199,7 +198,7 @@ class NoiseModel:
             _left_out_likelihood(deviations, smooth, _whitener(sensor + a * target), series, a) for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
-        source, rows = Source(replicates, sensor, layout, series, shrinkage, correlation), np.ones(len(own), bool)
+        source, rows = Source(replicates, sensor, series, shrinkage, correlation), np.ones(len(own), bool)
         return cls._of(source, rows, np.zeros((len(own), 0)) if directions is None else directions)
 
     @classmethod

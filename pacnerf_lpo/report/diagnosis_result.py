@@ -114,7 +114,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),
         "check_held": _check(found.held),
-        "shape_errors": comparison.errors.size,
+        "shape_errors": comparison.errors.size if comparison.errors.shape.shape[-1] else None,
         "phases": found.phases[0],
         "excess": plain(localising.excess(comparison.residual, comparison)[: problem.views]),
         "floor": plain(localising.mean_of_outlines(localising.floor(comparison)[1][: problem.views])),
