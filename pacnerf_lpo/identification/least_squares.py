@@ -35,6 +35,8 @@ WIDE = 2.0
 """Standard deviations of an unknown by the data: how far to either side its sensitivity is measured where an effort
 says how far that may be. Outlines of a moved body change by hundredths of a pixel that only its particles cause, which
 over a shorter way look like information: intervals become too narrow, and what is predicted of other data wrong."""
+MOST_WIDE = 3
+"""Times that it is measured so before a fit goes on."""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
 Report = Callable[[int, float, np.ndarray], None]
@@ -147,7 +149,7 @@ class _Descent:
         self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
         self.damping, self.longest, self.age, self.surprises, self.remeasured = 1e-2, LONGEST_STEP, 1, 0, np.inf
-        self.across, self.final = np.full(len(scales), PROBES[0]), effort.widest is None
+        self.across, self.wide = np.full(len(scales), PROBES[0]), False
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
             self.scaled, used = _jacobian(residual, self.free, self.now, scales, bounds)
             self.scaled, self.age, self.rollouts = self.scaled * scales, 0, self.rollouts + used
@@ -158,6 +160,11 @@ class _Descent:
     @property
     def cost(self) -> float:
         return _square(self.now[self.rows])
+
+    @property
+    def final(self) -> bool:
+        """Whether a fit can end with the Jacobian: measured here, or as widely as it has moved since."""
+        return self.age <= 1 if self.effort.widest is None else self.wide
 
     def run(self, report: Report) -> Fit:
         """Steps until nothing is gained."""
@@ -174,13 +181,12 @@ class _Descent:
             small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
                 break
-            if small and ((self.age <= 1 and self.final) or not confirm):
+            if small and (self.final or not confirm):
                 break
             self.surprises += not kept
-            last = iteration + 1 == iterations
-            uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
-            if uncertain and self.remeasured > 0:
-                self._measure()
+            ends = confirm and not self.final and (small or iteration + 1 == iterations)
+            if (ends or (self.surprises >= MOST_SURPRISES and not self.wide)) and self.remeasured > 0:
+                self._measure(ends)
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
 
     def _step(self) -> tuple[float, bool, bool] | None:
@@ -210,28 +216,42 @@ class _Descent:
                 self.damping, self.age = max(self.damping / 5, 1e-7), self.age + 1
                 self.free, self.now = trial, after
                 if (np.abs(step) > self.across).any():  # a shorter one says less than how it was measured
+                    self.wide = False
                     self.scaled = self.scaled + np.outer(change, step) / (step @ step)
                 return float(moved), kept, stretched
-            if (self.age > 0 or (self.effort.confirm and not self.final)) and self.remeasured > 0:
+            if self.age > 0 and not self.wide and self.remeasured > 0:
                 self._measure()
                 moved = np.inf
             else:
                 self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
         return None
 
-    def _measure(self) -> None:
-        """The Jacobian again."""
-        at, widest, used = (self.residual, self.free), self.effort.widest, 2 * len(self.free)
-        if widest is None:
-            jacobian, used = _jacobian(*at, self.now, self.scales, self.bounds)
+    def _measure(self, ends: bool = True) -> None:
+        """The Jacobian again, as one to end with or on the way."""
+        widest = self.effort.widest
+        self.wide = ends and widest is not None
+        if widest is not None and ends:
+            self._measure_widely(widest)
         else:
+            self.across = np.full(len(self.free), PROBES[0])
+            jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
+            self.scaled, self.rollouts = jacobian * self.scales, self.rollouts + used
+        self.age, self.surprises = 0, 0
+        self.remeasured -= 1
+
+    def _measure_widely(self, widest: np.ndarray) -> None:
+        """As far as the unknowns are known by the Jacobian so far, and once more where by the new one that is much
+        less: over a short way, roughness makes them look well known.
+        """
+        self.across = np.zeros(len(self.free))
+        for _ in range(MOST_WIDE):
             seen = self.scaled[self.rows]
             errors = np.sqrt(np.diag(np.linalg.pinv(seen.T @ seen)))
-            self.across = np.maximum(np.minimum(WIDE * errors, widest / self.scales), PROBES[0])
-            jacobian = wide_sensitivities(*at, self.across * self.scales, self.bounds)
-        self.scaled, self.age, self.surprises, self.final = jacobian * self.scales, 0, 0, True
-        self.rollouts += used
-        self.remeasured -= 1
+            across = np.maximum(np.minimum(WIDE * errors, widest / self.scales), PROBES[0])
+            if (across < 2 * self.across).all():
+                return
+            self.across, self.rollouts = across, self.rollouts + 2 * len(across)
+            self.scaled = wide_sensitivities(self.residual, self.free, across * self.scales, self.bounds) * self.scales
 
     def _at(self, free: np.ndarray) -> np.ndarray:
         self.rollouts += 1
