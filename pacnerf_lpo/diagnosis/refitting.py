@@ -350,12 +350,14 @@ def better_null(
         promised = now[rows] + start.jacobian[rows] @ step
         if promised @ promised > without:
             return none
-    effort = objective.effort(QUICK.iterations, without, confirm=False)
+    effort = Effort(QUICK.iterations, without, confirm=False)
     found = fit(objective, start, model.scales, model.bounds, effort, reporter(model, progress), rows)
     cost, rollouts = found.cost_of(rows), 1 + found.rollouts
     if log_bayes_factor(without, cost, int(mask.sum()), 0.0, 1.0) <= DECISIVE:
         return BetterNull(min(cost, without), None, None, rollouts)
-    held = _predicted(problem, mask, whole, *objective.seen(found), comparison.deviation)
+    residual, jacobian = objective.seen(found)
+    seen = residual, jacobian if changes is None else changes
+    held = _predicted(problem, mask, whole, *seen, comparison.deviation)
     return BetterNull(cost, model.physical(found.free), held, rollouts)
 
 

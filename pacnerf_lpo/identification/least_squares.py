@@ -31,12 +31,11 @@ TRUSTED = 0.6
 """A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
 MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
-WIDE = 2.0
-"""Standard deviations of an unknown by the data: how far to either side its sensitivity is measured where an effort
-says how far that may be. Outlines of a moved body change by hundredths of a pixel that only its particles cause, which
-over a shorter way look like information: intervals become too narrow, and what is predicted of other data wrong."""
-MOST_WIDE = 3
-"""Times that it is measured so before a fit goes on."""
+WIDE, MOST_WIDE = 2.0, 2
+"""Standard deviations of an unknown by the data: how far to either side its sensitivity is measured at the end of a fit
+whose effort says how far that may be, and how often at most. Outlines of a moved body change by hundredths of a pixel
+that only its particles cause, which over a shorter way look like information: intervals become too narrow, and what is
+predicted of other data wrong."""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
 Report = Callable[[int, float, np.ndarray], None]
@@ -80,8 +79,8 @@ class Effort:
     confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the last
         iteration.
     remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
-    widest: how far to either side of each coordinate a Jacobian is measured again at most, across :data:`WIDE` errors
-        of it [(K,)], where residuals are in units of their errors; None: a short way to one side.
+    widest: how far to either side of each coordinate the last Jacobian is measured at most, across :data:`WIDE` errors
+        of it [(K,)], where residuals are in units of their errors; None: it is as it is.
     """
 
     iterations: int
@@ -149,10 +148,8 @@ class _Descent:
         self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
         self.damping, self.longest, self.age, self.surprises, self.remeasured = 1e-2, LONGEST_STEP, 1, 0, np.inf
-        self.across, self.wide = np.full(len(scales), PROBES[0]), False
         if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
-            self.scaled, used = _jacobian(residual, self.free, self.now, scales, bounds)
-            self.scaled, self.age, self.rollouts = self.scaled * scales, 0, self.rollouts + used
+            self._measure()
         else:
             self.scaled = known.jacobian * scales
         self.remeasured = effort.remeasured
@@ -160,11 +157,6 @@ class _Descent:
     @property
     def cost(self) -> float:
         return _square(self.now[self.rows])
-
-    @property
-    def final(self) -> bool:
-        """Whether a fit can end with the Jacobian: measured here, or as widely as it has moved since."""
-        return self.age <= 1 if self.effort.widest is None else self.wide
 
     def run(self, report: Report) -> Fit:
         """Steps until nothing is gained."""
@@ -180,13 +172,19 @@ class _Descent:
             far = most is not None and self.cost > most
             small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
-                break
-            if small and (self.final or not confirm):
+                return self._ended()
+            if small and (self.age <= 1 or not confirm):
                 break
             self.surprises += not kept
-            ends = confirm and not self.final and (small or iteration + 1 == iterations)
-            if (ends or (self.surprises >= MOST_SURPRISES and not self.wide)) and self.remeasured > 0:
-                self._measure(ends)
+            last = iteration + 1 == iterations
+            uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
+            if uncertain and self.remeasured > 0:
+                self._measure()
+        if self.effort.widest is not None:
+            self._measure_widely(self.effort.widest)
+        return self._ended()
+
+    def _ended(self) -> Fit:
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
 
     def _step(self) -> tuple[float, bool, bool] | None:
@@ -215,42 +213,34 @@ class _Descent:
                 self.longest *= 2 if stretched else 1
                 self.damping, self.age = max(self.damping / 5, 1e-7), self.age + 1
                 self.free, self.now = trial, after
-                if (np.abs(step) > self.across).any():  # a shorter one says less than how it was measured
-                    self.wide = False
+                if moved > 0:
                     self.scaled = self.scaled + np.outer(change, step) / (step @ step)
                 return float(moved), kept, stretched
-            if self.age > 0 and not self.wide and self.remeasured > 0:
+            if self.age > 0 and self.remeasured > 0:
                 self._measure()
                 moved = np.inf
             else:
                 self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
         return None
 
-    def _measure(self, ends: bool = True) -> None:
-        """The Jacobian again, as one to end with or on the way."""
-        widest = self.effort.widest
-        self.wide = ends and widest is not None
-        if widest is not None and ends:
-            self._measure_widely(widest)
-        else:
-            self.across = np.full(len(self.free), PROBES[0])
-            jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
-            self.scaled, self.rollouts = jacobian * self.scales, self.rollouts + used
-        self.age, self.surprises = 0, 0
+    def _measure(self) -> None:
+        jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
+        self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
+        self.rollouts += used
         self.remeasured -= 1
 
     def _measure_widely(self, widest: np.ndarray) -> None:
-        """As far as the unknowns are known by the Jacobian so far, and once more where by the new one that is much
-        less: over a short way, roughness makes them look well known.
+        """As far as the unknowns are known by the Jacobian so far, and again where by the new one that is much less:
+        over a short way, roughness makes them look well known.
         """
-        self.across = np.zeros(len(self.free))
+        reached = np.zeros(len(self.free))
         for _ in range(MOST_WIDE):
             seen = self.scaled[self.rows]
             errors = np.sqrt(np.diag(np.linalg.pinv(seen.T @ seen)))
             across = np.maximum(np.minimum(WIDE * errors, widest / self.scales), PROBES[0])
-            if (across < 2 * self.across).all():
+            if (across < 2 * reached).all():
                 return
-            self.across, self.rollouts = across, self.rollouts + 2 * len(across)
+            reached, self.rollouts = across, self.rollouts + 2 * len(across)
             self.scaled = wide_sensitivities(self.residual, self.free, across * self.scales, self.bounds) * self.scales
 
     def _at(self, free: np.ndarray) -> np.ndarray:

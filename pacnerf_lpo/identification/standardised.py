@@ -37,9 +37,9 @@ class StandardisedObjective:
         minimised = self._inside.sum() + len(self.mean)
         self.rows = np.arange(minimised + len(self._inside)) < minimised
 
-    def effort(self, iterations: int, abort_above: float | None = None, confirm: bool = True) -> Effort:
-        """Of a fit, with sensitivities that are measured as widely as the unknowns are known."""
-        return Effort(iterations, abort_above, confirm, widest=WIDEST * self.deviation)
+    def effort(self, iterations: int) -> Effort:
+        """Of a fit that ends with sensitivities that are measured as widely as the unknowns are known."""
+        return Effort(iterations, widest=WIDEST * self.deviation)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before

@@ -84,13 +84,16 @@ class Recording(SimpleNamespace):
     """As much of a recording as replicates ask for."""
 
     spacing, views, least_shape_error, errors, sensor = 0.1, 0, 0.1, None, np.zeros((1, 2, 11))
-    body = ball(0.1)
+    body = coarse_body = ball(0.1)
 
     def sample(self, spacing: float, seed: int) -> Body:
         return ball(spacing)
 
     def model(self, effects: object, known: object, body: Body) -> Squares:
         return Squares(body, self.physics)
+
+    def coarse_model(self, effects: object, known: object) -> Squares:
+        return self.model(effects, known, self.coarse_body)
 
     def relative(self, values: np.ndarray) -> np.ndarray:
         return values
