@@ -45,10 +45,8 @@ def residual_force(
     """
     mask, parts = problem.fitted, problem.parts(effects, comparison.known)
     noise = comparison.marginal(problem, mask)
-    left, design = (
-        noise.whiten_residual(comparison.residual[mask]),
-        noise.whiten(comparison.errors.force[mask]) * deviation,
-    )
+    left = noise.whiten_residual(comparison.residual[mask])
+    design = noise.whiten(comparison.errors.force[mask]) * deviation
     solution = deviation * np.linalg.solve(design.T @ design + np.eye(design.shape[1]), design.T @ left)
     fields = solution.reshape(len(parts), KNOTS, len(parts_on(problem)), len(AXES))
     rest, size = left - design @ (solution / deviation), len(left)

@@ -138,10 +138,8 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
     """What is no effect of the catalogue, in the entries of a mask [(R, F, 11), bool]."""
-    found, reconstruction = (
-        [_discrepancy(FORCE, comparison.errors.force[mask], FORCES)],
-        comparison.errors.reconstruction,
-    )
+    found = [_discrepancy(FORCE, comparison.errors.force[mask], FORCES)]
+    reconstruction = comparison.errors.reconstruction
     if reconstruction.shape[-1]:
         found.append(_discrepancy(SHAPE, reconstruction[mask], [size for size in SHAPES if size > 1]))
     return found
