@@ -22,11 +22,11 @@ viscous than the model's (13 Pa s, p = 0.0005): how much a solver dissipates is 
 
 **Intervals are of the solver as it is**, and too narrow for bodies that another one has moved: those of E miss in
 three of four, by 0.01 to 0.05 in log10, the cat's friction misses as well, and Poisson's ratio comes out too large:
-0.362 [0.343, 0.378], 0.378 [0.362, 0.401] and 0.323 [0.314, 0.330] in torus, cat and bird, for 0.3. Beside them the
+0.362 [0.343, 0.378], 0.378 [0.362, 0.401] and 0.323 [0.315, 0.329] in torus, cat and bird, for 0.3. Beside them the
 page of a diagnosis says how far another solver moves a value: E by 3 to 9 kPa, the torus's drag by 0.02, the
 cat's friction by 0.03, Poisson's ratio by 0.01 to 0.04. That is as large as most of what they miss by.
 
-The times are by the clock, on two cores; those of cat and bird are of one core, with other work on the other one.
+The times are by the clock, on two idle cores.
 """
 COMMANDS = """
 ```sh
