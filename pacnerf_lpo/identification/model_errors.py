@@ -65,8 +65,16 @@ class ModelErrors:
         settings: tuple[int, int],
         progress: Progress,
     ) -> ModelErrors:
-        """Of a model with some effects at free coordinates [(K,)], by simulations; ``settings`` are the number of
-        replicates and their seed. Raises SimulationError where those are unstable.
+        """By simulations around a model.
+
+        Args:
+            problem: the run.
+            effects, model, free: of the model, it, and its free coordinates [(K,)]
+            settings: number of replicates, and their seed.
+            progress: receives a line about each step.
+
+        Raises:
+            SimulationError: the motion is unstable on finer grids, or on the coarse one.
         """
         count, seed = settings
         found, sensor, bias = replicates(
@@ -79,7 +87,7 @@ class ModelErrors:
 
     @property
     def simulations(self) -> int:
-        """How many each of them took, but for two of the acceleration by contact."""
+        """How many all of them took, but for two or three of each recording."""
         return self.shape.shape[-1] + self.solver.shape[-1] + self.force.shape[-1] + 2 * len(self.replicates)
 
     def solver_at(self, problem: Problem, model: Model, free: np.ndarray) -> ModelErrors:

@@ -99,8 +99,8 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Source:
-    """What the covariance of all entries is made of, before known errors.
+class Learnt:
+    """What replicates have shown of the noise of all entries, before known errors.
 
     replicates: residuals of simulated nulls (T, D)
     sensor: S S^T + c c^T, by series
@@ -128,7 +128,7 @@ class Source:
         return mean, self.sensor + self.shrinkage * target, shown
 
     @cached_property
-    def left_out(self) -> list[Source]:
+    def left_out(self) -> list[Learnt]:
         """The same without one of the replicates each (T)."""
         kept = [np.delete(self.replicates, index, axis=0) for index in range(len(self.replicates))]
         return [replace(self, replicates=others) for others in kept]
@@ -142,7 +142,7 @@ class Source:
 class NoiseModel:
     """Mean and covariance of the residual under the null model, in all entries or in some of them.
 
-    source: what it was learnt from, of all entries
+    learnt: what it was learnt from, of all entries
     rows: which of all entries [(D',), bool]; D of them are
     mean: the model's numerical bias (D,)
     directions: B, one column for each known error (D, M)
@@ -151,7 +151,7 @@ class NoiseModel:
     basis, weights: orthonormal (D, q) and (q,): L^-1 C L^-T = I + basis diag(weights^2) basis^T
     """
 
-    source: Source
+    learnt: Learnt
     rows: np.ndarray = field(repr=False)
     mean: np.ndarray
     directions: np.ndarray = field(repr=False)
@@ -198,33 +198,33 @@ class NoiseModel:
             _left_out_likelihood(deviations, smooth, _whitener(sensor + a * target), series, a) for a in SHRINKAGES
         ]
         shrinkage = SHRINKAGES[int(np.argmax(likelihoods))]
-        source, rows = Source(replicates, sensor, series, shrinkage, correlation), np.ones(len(own), bool)
-        return cls._of(source, rows, np.zeros((len(own), 0)) if directions is None else directions)
+        learnt, rows = Learnt(replicates, sensor, series, shrinkage, correlation), np.ones(len(own), bool)
+        return cls._of(learnt, rows, np.zeros((len(own), 0)) if directions is None else directions)
 
     @classmethod
-    def _of(cls, source: Source, rows: np.ndarray, directions: np.ndarray) -> NoiseModel:
-        mean, blocks, shown = source.parts
-        series = source.series
+    def _of(cls, learnt: Learnt, rows: np.ndarray, directions: np.ndarray) -> NoiseModel:
+        mean, blocks, shown = learnt.parts
+        series = learnt.series
         if not rows.all():
             series, blocks = series.among(rows, blocks)
         whitener = _whitener(blocks)
         low_rank = series.multiply(whitener, np.concatenate((shown[rows], directions), axis=1))
-        return cls(source, rows, mean[rows], directions, series, whitener, *_principal(low_rank))
+        return cls(learnt, rows, mean[rows], directions, series, whitener, *_principal(low_rank))
 
     @property
     def shrinkage(self) -> float:
         """Weight a of the structured target."""
-        return self.source.shrinkage
+        return self.learnt.shrinkage
 
     @property
     def correlation(self) -> float:
         """rho of neighbouring frames."""
-        return self.source.correlation
+        return self.learnt.correlation
 
     @property
     def replicates(self) -> np.ndarray:
         """What it was learnt from (T, D)."""
-        return self.source.replicates[:, self.rows]
+        return self.learnt.replicates[:, self.rows]
 
     def among(self, rows: np.ndarray) -> NoiseModel:
         """Of some of its entries [(D,), bool] as they are among all: their block of mean and covariance. Learnt of
@@ -232,7 +232,7 @@ class NoiseModel:
         """
         inside = self.rows.copy()
         inside[self.rows] = rows
-        return self._of(self.source, inside, self.directions[rows])
+        return self._of(self.learnt, inside, self.directions[rows])
 
     def whiten(self, changes: np.ndarray) -> np.ndarray:
         """Differences of residuals (D,) or (D, m) in units of the noise: W x, with W ((1 + 1/T) C) W^T = I.
@@ -261,7 +261,7 @@ class NoiseModel:
 
     def with_directions(self, changes: np.ndarray) -> NoiseModel:
         """The same with further known errors, one column for each of one standard deviation (D, M)."""
-        shown, directions = self.source.parts[2][self.rows], np.concatenate((self.directions, changes), axis=1)
+        shown, directions = self.learnt.parts[2][self.rows], np.concatenate((self.directions, changes), axis=1)
         found = _principal(self.series.multiply(self.whitener, np.concatenate((shown, directions), axis=1)))
         return replace(self, directions=directions, basis=found[0], weights=found[1])
 
@@ -270,7 +270,7 @@ class NoiseModel:
         """For each replicate: the model learnt from the others (shrinkage and correlation kept), and itself (D,)."""
         return [
             (self._of(others, self.rows, self.directions), replicate)
-            for others, replicate in zip(self.source.left_out, self.replicates, strict=True)
+            for others, replicate in zip(self.learnt.left_out, self.replicates, strict=True)
         ]
 
 
