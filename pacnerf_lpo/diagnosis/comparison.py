@@ -174,23 +174,11 @@ def standardised(
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
-    """90 % intervals of every unknown [SI], and what the recording does not determine, in words.
-
-    Their values are those of the fit. Their middle is where the cost is least by the sensitivities across them, at most
-    a posterior standard deviation away: a fit ends in one of the small dents that the cost has, as outlines of a moved
-    body change by more than what parameters cause.
-    """
+    """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
     mask, model = problem.fitted, problem.model(effects, comparison.known)
     noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
     along, rows = spread_along(noise, comparison.residual[mask], changes), noise.whiten(changes)
-    slope = rows.T @ noise.whiten_residual(comparison.residual[mask])
-    slope += (comparison.free - comparison.mean) / comparison.deviation
-    covariance = _posterior(rows)
-    farthest = np.sqrt(np.diag(covariance))
-    step = np.clip(covariance @ slope, -farthest, farthest) * comparison.deviation
-    middle = np.clip(comparison.free - step, *model.bounds)
-    found, undetermined = intervals_in_si(model, middle, comparison.deviation, rows, along, noise)
-    return [replace(one, value=comparison.known[one.name]) for one in found], undetermined
+    return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
 
 
 def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> dict[str, float]:

@@ -297,7 +297,8 @@ def against_without(
     fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
     places = [comparison.names.index(other) for other in fits.model.names]
     free, jacobian = comparison.free[places], fits.objective.derivative(comparison.jacobian[..., places])
-    again = fits.scored(Fit(free, fits.objective(free), jacobian, 1, fits.objective), screening, found.rollouts)
+    rows = fits.objective.rows_of(comparison.residual[problem.usable], free)
+    again = fits.scored(Fit(free, rows, jacobian), screening, found.rollouts)
     return again, without.known
 
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.linalg import eigh
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations, damped_step
+from pacnerf_lpo.identification.linearisation import line_around
 from pacnerf_lpo.identification.processes import each
 
 LONGEST_STEP = 5.0
@@ -31,11 +33,15 @@ TRUSTED = 0.6
 """A Jacobian is updated, not measured again, while steps gain this part of what it promises."""
 MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
-WIDE, MOST_WIDE = 2.0, 2
-"""Standard deviations of an unknown by the data: how far to either side its sensitivity is measured at the end of a fit
-whose effort says how far that may be, and how often at most. Outlines of a moved body change by hundredths of a pixel
-that only its particles cause, which over a shorter way look like information: intervals become too narrow, and what is
-predicted of other data wrong."""
+LINES, CLOSE, FARTHEST = 4, 0.5, 4.0
+"""A fit that ends with lines through the residual has at most so many, each around the optimum of the one before it; a
+step of so many posterior standard deviations is not worth another line, and none is longer than so many."""
+TOO_SHORT = 0.25
+"""Of the information that was expected along some axis: a line that finds less goes through points that are less than
+half as far apart as they should be."""
+TOLERATED = 1.0
+"""Rise of the cost on such a step, in units of the noise: that of one unknown by one standard deviation, and of a dent.
+"""
 Residual = Callable[[np.ndarray], np.ndarray]
 Bounds = tuple[np.ndarray, np.ndarray]
 Report = Callable[[int, float, np.ndarray], None]
@@ -46,10 +52,10 @@ class Fit:
     """Where a fit ended.
 
     free: coordinates [(K,)]
-    residual: there, in units of its error [(D,)]
+    residual: there, in units of its error, as it is or by a line [(D,)]
     jacobian: derivative of the residual, measured or updated there [(D, K)]; None: not known.
     rollouts: how often the residual was computed.
-    of: the residual that was minimised, as a function; None: another one.
+    of: the function that has this residual there; None: another one.
     """
 
     free: np.ndarray
@@ -79,8 +85,9 @@ class Effort:
     confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the last
         iteration.
     remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
-    widest: how far to either side of each coordinate the last Jacobian is measured at most, across :data:`WIDE` errors
-        of it [(K,)], where residuals are in units of their errors; None: it is as it is.
+    widest: the fit ends with lines through the residual (:mod:`~.linearisation`) at points that are so far from each
+        coordinate at most [(K,)], where residuals are in units of their errors, and not with a measured Jacobian; None:
+        it ends where the descent does.
     """
 
     iterations: int
@@ -160,7 +167,8 @@ class _Descent:
 
     def run(self, report: Report) -> Fit:
         """Steps until nothing is gained."""
-        iterations, confirm, most = self.effort.iterations, self.effort.confirm, self.effort.abort_above
+        iterations, most = self.effort.iterations, self.effort.abort_above
+        confirm = self.effort.confirm and self.effort.widest is None
         for iteration in range(iterations):
             report(iteration, self.cost, self.free)
             before = self.cost
@@ -180,9 +188,7 @@ class _Descent:
             uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
             if uncertain and self.remeasured > 0:
                 self._measure()
-        if self.effort.widest is not None:
-            self._measure_widely(self.effort.widest)
-        return self._ended()
+        return self._ended() if self.effort.widest is None else self._on_lines(self.effort.widest)
 
     def _ended(self) -> Fit:
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
@@ -229,19 +235,40 @@ class _Descent:
         self.rollouts += used
         self.remeasured -= 1
 
-    def _measure_widely(self, widest: np.ndarray) -> None:
-        """As far as the unknowns are known by the Jacobian so far, and again where by the new one that is much less:
-        over a short way, roughness makes them look well known.
-        """
-        reached = np.zeros(len(self.free))
-        for _ in range(MOST_WIDE):
-            seen = self.scaled[self.rows]
-            errors = np.sqrt(np.diag(np.linalg.pinv(seen.T @ seen)))
-            across = np.maximum(np.minimum(WIDE * errors, widest / self.scales), PROBES[0])
-            if (across < 2 * reached).all():
-                return
-            reached, self.rollouts = across, self.rollouts + 2 * len(across)
-            self.scaled = wide_sensitivities(self.residual, self.free, across * self.scales, self.bounds) * self.scales
+    def _on_lines(self, widest: np.ndarray) -> Fit:
+        """The optimum of a line through the residual around the optimum of the one before it."""
+        slopes = self.scaled / self.scales
+        for left in reversed(range(LINES)):
+            before = slopes[self.rows] * widest
+            value, slopes, used = line_around(self.residual, self.free, slopes[self.rows], widest, self.bounds)
+            self.rollouts += used
+            seen, now = slopes[self.rows] * widest, value[self.rows]
+            model = NormalEquations(_square(now), torch.as_tensor(seen.T @ now), torch.as_tensor(seen.T @ seen))
+            low, high = np.clip((np.stack(self.bounds) - self.free) / widest, -FARTHEST, FARTHEST)
+            step = damped_step(model, 0.0, torch.as_tensor(low), torch.as_tensor(high)).numpy()
+            length = float(np.linalg.norm(seen @ step))
+            kept = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
+            moved = left and length > CLOSE and self._moved(step * widest, length)
+            if not left or not (moved or kept < TOO_SHORT):
+                break
+        step = step * widest * min(1.0, CLOSE / max(length, CLOSE))
+        return Fit(self.free + step, value + slopes @ step, slopes, self.rollouts)
+
+    def _moved(self, step: np.ndarray, length: float) -> bool:
+        """Go as much of a step of so many standard deviations as does not raise the cost; whether that is any."""
+        part = min(1.0, FARTHEST / length)
+        while part * length > CLOSE:
+            trial = np.clip(self.free + part * step, *self.bounds)
+            try:
+                after = self._at(trial)
+            except SimulationError:
+                part /= 2
+                continue
+            if _square(after[self.rows]) <= self.cost + TOLERATED:
+                self.free, self.now = trial, after
+                return True
+            part /= 2
+        return False
 
     def _at(self, free: np.ndarray) -> np.ndarray:
         self.rollouts += 1
@@ -279,26 +306,6 @@ def column(
         except SimulationError:
             continue
     return np.zeros_like(now), len(PROBES)
-
-
-def wide_sensitivities(residual: Residual, free: np.ndarray, steps: np.ndarray, bounds: Bounds) -> np.ndarray:
-    """Derivative of the residual [(D, K)] by differences across ``steps`` to either side [(K,)], within the bounds, or
-    as much of them as the motion is stable for; 0 where that is nothing.
-    """
-    ends = zip(*np.clip((free - steps, free + steps), *bounds), strict=True)
-    return np.stack(list(each(_across, ((residual, free, k, *pair) for k, pair in enumerate(ends)))), axis=1)
-
-
-def _across(residual: Residual, free: np.ndarray, index: int, low: float, high: float) -> np.ndarray:
-    """Derivative of the residual by one unknown [(D,)] between two values of it."""
-    for _ in PROBES:
-        below, above = free.copy(), free.copy()
-        below[index], above[index] = low, high
-        try:
-            return (residual(above) - residual(below)) / (high - low)
-        except SimulationError:
-            low, high = (low + free[index]) / 2, (high + free[index]) / 2
-    return np.zeros_like(residual(free))
 
 
 def _square(values: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from pacnerf_lpo.inference.noise import NoiseModel
 
 Prior = tuple[np.ndarray, np.ndarray]
 WIDEST = 0.5
-"""Of the standard deviation of an unknown's prior: how far to either side its sensitivity is measured at most."""
+"""Of the standard deviation of an unknown's prior: how far points are away at most that a line is fitted to."""
 
 
 class StandardisedObjective:
@@ -38,12 +38,15 @@ class StandardisedObjective:
         self.rows = np.arange(minimised + len(self._inside)) < minimised
 
     def effort(self, iterations: int) -> Effort:
-        """Of a fit that ends with sensitivities that are measured as widely as the unknowns are known."""
+        """Of a fit that ends with a line through the residual, as wide as the unknowns are known."""
         return Effort(iterations, widest=WIDEST * self.deviation)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
-        residual = self._residual(free)
+        return self.rows_of(self._residual(free), free)
+
+    def rows_of(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """The function where the residual in all usable entries is [(U,)]."""
         standardised = self.noise.whiten_residual(residual[self._inside])
         return np.concatenate((standardised, (free - self.mean) / self.deviation, residual))
 

@@ -1,0 +1,64 @@
+"""A line through a rough residual, fitted where the unknowns may be by the data.
+
+Outlines of a moved body change by hundredths of a pixel that only its particles cause. A derivative over a short way
+takes that for information, and a descent ends in one of the dents that it makes. So the residual is computed at points
+that are spread as the unknowns are by the data, and a line through them says how it changes, and what it is in the
+middle without the roughness there (statistical linear regression; García-Fernández, Svensson, Morelande and Särkkä
+2015, iterated posterior linearisation).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.processes import each
+
+REACH = 2.0
+"""Standard deviations of the posterior along each of its axes, to either side, at which the residual is computed."""
+NEARER = 4
+"""Times that a point at which the motion is unstable is moved half of the way to the middle."""
+
+
+def line_around(
+    residual: Callable[[np.ndarray], np.ndarray],
+    middle: np.ndarray,
+    slopes: np.ndarray,
+    widest: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Value in the middle [(D,)] and slopes [(D, K)] of a line through a residual, and how often that was computed.
+
+    Args:
+        residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
+        middle: of the points [(K,)]
+        slopes: by which the posterior is known so far, of the rows that count, in units of their errors [(D', K)]
+        widest: how far a point is away at most [(K,)]
+        bounds: least and largest value of each coordinate [(K,), (K,)]
+
+    Raises:
+        SimulationError: the motion is unstable everywhere.
+    """
+    seen = slopes * widest
+    precisions, axes = np.linalg.eigh(seen.T @ seen)
+    lengths = np.minimum(REACH / np.sqrt(np.maximum(precisions, 1e-12)), 1.0)
+    ends = [middle + side * step * widest for step in (lengths * axes).T for side in (1, -1)]
+    tried = list(each(_near, ((residual, middle, np.clip(end, *bounds)) for end in ends)))
+    stable = [(point, value) for point, value, _ in tried if value is not None] or [(middle, residual(middle))]
+    design = np.array([(1.0, *((point - middle) / widest)) for point, _ in stable])
+    found = np.linalg.lstsq(design, np.array([value for _, value in stable]), rcond=1e-10)[0]
+    return found[0], found[1:].T / widest, sum(used for _, _, used in tried)
+
+
+def _near(
+    residual: Callable[[np.ndarray], np.ndarray], middle: np.ndarray, point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None, int]:
+    """A point from which the motion is stable, the residual there, and how often it was computed; None: there is none
+    on the way to the middle.
+    """
+    for used in range(1, NEARER + 1):
+        try:
+            return point, residual(point), used
+        except SimulationError:
+            point = (point + middle) / 2
+    return point, None, NEARER

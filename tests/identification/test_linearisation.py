@@ -1,0 +1,69 @@
+"""Lines through a residual that is rough, bounded or unstable somewhere."""
+
+import numpy as np
+import pytest
+
+from pacnerf_lpo.errors import SimulationError
+from pacnerf_lpo.identification.linearisation import REACH, line_around
+
+FREE = (np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def test_a_straight_residual_is_its_own_line():
+    slopes = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
+    value, found, used = line_around(lambda x: slopes @ x + 7, np.array([2.0, -1.0]), 2 * slopes, np.ones(2), FREE)
+    assert value == pytest.approx(slopes @ [2.0, -1.0] + 7)
+    assert found == pytest.approx(slopes) and used == 4
+
+
+def test_points_are_spread_along_the_axes_of_the_posterior_and_no_farther_than_allowed():
+    """Data that determine the sum of two unknowns to 0.1, and their difference to 50."""
+    slopes = np.array([[10.0, 10.0], [0.02, -0.02]]) / np.sqrt(2)
+    asked: list[np.ndarray] = []
+
+    def straight(x: np.ndarray) -> np.ndarray:
+        asked.append(x)
+        return slopes @ x
+
+    line_around(straight, np.zeros(2), slopes, np.ones(2), FREE)
+    ends = np.array(asked) @ np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    assert np.abs(ends).max(0) == pytest.approx([REACH * 0.1, 1.0])
+
+
+def test_roughness_is_not_taken_for_information():
+    """Noise of 0.02 at every point, other noise next to it, on data that determine an unknown to 0.14."""
+    noise = np.random.default_rng(0)
+
+    def rough(x: np.ndarray) -> np.ndarray:
+        return np.full(50, x[0]) + 0.02 * noise.standard_normal(50)
+
+    bounds = np.full(1, -np.inf), np.full(1, np.inf)
+    value, slopes, _ = line_around(rough, np.zeros(1), np.ones((50, 1)), np.ones(1), bounds)
+    assert np.std(slopes) < 0.1 and slopes.mean() == pytest.approx(1.0, abs=0.02)
+    assert np.std(value) < 0.02
+
+
+def test_points_stay_within_bounds_and_where_the_motion_is_stable():
+    asked: list[float] = []
+
+    def curved(x: np.ndarray) -> np.ndarray:
+        asked.append(float(x[0]))
+        if x[0] > 1.5:
+            raise SimulationError(3, 7, "too fast")
+        return np.array([x[0] ** 2])
+
+    bounds = np.array([0.0]), np.array([9.0])
+    value, slope, used = line_around(curved, np.array([1.0]), np.array([[0.1]]), np.array([2.0]), bounds)
+    assert slope[0, 0] == pytest.approx(1.5) and value[0] == pytest.approx(1.5)  # through (0, 0) and (1.5, 2.25)
+    assert min(asked) == 0.0 and used == 4
+
+
+def test_where_the_motion_is_unstable_all_around_there_is_no_slope():
+    def alone(x: np.ndarray) -> np.ndarray:
+        if x[0] != 1.0:
+            raise SimulationError(3, 7, "too fast")
+        return np.array([5.0])
+
+    bounds = np.array([0.0]), np.array([9.0])
+    value, slope, _ = line_around(alone, np.ones(1), np.ones((1, 1)), np.ones(1), bounds)
+    assert value[0] == pytest.approx(5.0) and slope[0, 0] == 0.0
