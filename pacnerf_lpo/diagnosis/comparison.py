@@ -47,6 +47,7 @@ class Comparison:
     errors: what it may get wrong where nothing is missing.
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
+    whole: whether it is fitted to all data, those that are held out among them.
     """
 
     names: tuple[str, ...]
@@ -60,6 +61,11 @@ class Comparison:
     errors: ModelErrors
     notes: tuple[str, ...]
     rollouts: int
+    whole: bool = False
+
+    def mask(self, problem: Problem) -> np.ndarray:
+        """Entries that it is fitted to [(R, F, 11), bool]."""
+        return problem.usable if self.whole else problem.fitted
 
     @staticmethod
     def at(
@@ -159,23 +165,35 @@ def standardised(
     changes: np.ndarray | None,
     errors: ModelErrors,
     progress: Progress,
+    whole: bool = False,
 ) -> Comparison:
     """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
-    unknowns there [(R, F, 11, K)], where they are known.
+    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data.
     """
-    objective = StandardisedObjective(problem, model, problem.fitted, errors.noise(problem, problem.fitted))
+    mask = problem.usable if whole else problem.fitted
+    objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask))
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     effort = objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
-    return Comparison.at(model, best.free, prior, objective.seen(best), errors, cost, doubts, best.rollouts)
+    found = Comparison.at(model, best.free, prior, objective.seen(best), errors, cost, doubts, best.rollouts)
+    return replace(found, whole=whole)
+
+
+def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress) -> Comparison:
+    """A model fitted to all data, from where it was fitted to those that are not held out: all of them may tell apart
+    what these cannot. For its values and intervals alone, once it is decided which model that is: it holds nothing out.
+    """
+    model = problem.model(effects, comparison.known)
+    at = comparison.free, comparison.jacobian, comparison.errors
+    return standardised(problem, model, *at, progress, whole=True)
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
-    mask, model = problem.fitted, problem.model(effects, comparison.known)
+    mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
     along, rows = spread_along(noise, comparison.residual[mask], changes), noise.whiten(changes)
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
@@ -190,7 +208,7 @@ def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Compa
     stiffness may still be that of another grid. The change of an estimate with the discretisation is the usual measure
     of that error (ASME V&V 20, 2009).
     """
-    mask, model = problem.fitted, problem.model(effects, comparison.known)
+    mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise = comparison.errors.but_of_solver.noise(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
     targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))

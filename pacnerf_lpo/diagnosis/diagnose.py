@@ -8,7 +8,7 @@ from typing import Literal
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals
 from pacnerf_lpo.diagnosis.competition import MOST_AGAIN, Competition
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, better_null
@@ -138,15 +138,26 @@ class _Diagnosis:
             gone = [look for look in looks if look.superfluous]
             changed = self._remove(gone) if gone else self._choose_again(looks)
         last = rounds[-1]
+        if options.until == "refit":
+            self._estimate(last)
         if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
             asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
             last.force = store.once(f"{len(rounds)}_force", asked)
         if options.profile is not None:
             told = prefixed(self.progress, "profile likelihood: ")
-            followed = partial(profile, problem, last.effects, last.comparison, options.profile, told)
+            followed = partial(profile, problem, last.effects, last.best, options.profile, told)
             last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
         self.keep(rounds)
         return rounds
+
+    def _estimate(self, last: Round) -> None:
+        """Fit the model that the rounds have ended with to all data."""
+        number = _number(len(self.rounds), last.again, self.rounds, last.beside)
+        told = prefixed(self.progress, "estimate from all data: ")
+        step = partial(estimate, self.problem, last.effects, last.comparison, told)
+        last.estimate = self.store.once(f"{number}_estimate", step)
+        last.parameters, last.undetermined = intervals(self.problem, last.effects, last.estimate)
+        last.effort["estimate"] = self._effort([f"{number}_estimate"], last.estimate.rollouts)
 
     def _remove(self, gone: Sequence[Without]) -> bool:
         """Another round without some effects; whether several are left."""

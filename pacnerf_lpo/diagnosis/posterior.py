@@ -6,7 +6,7 @@ from functools import partial
 
 import torch
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, intervals, solver_shifts
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, estimate, intervals, solver_shifts
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -23,10 +23,11 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     it, what the recording does not determine, and from which phase.
 
     A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
-    grids and by errors of the reconstructed shape; kept step by step like those of a diagnosis, and with the same data
-    held out. After a phase that was fitted to images it searches on a coarse body first: their optimum may lie in
-    another valley of the outlines. It has more particles than the phase, and does not have to believe in the
-    reconstructed shape. So its values take the place of those of the phase, as long as nothing was corrected with them.
+    grids and by errors of the reconstructed shape, first with the same data held out as in a diagnosis, then to all of
+    them; kept step by step like those of a diagnosis. After a phase that was fitted to images it searches on a coarse
+    body first: their optimum may lie in another valley of the outlines. It has more particles than the phase, and does
+    not have to believe in the reconstructed shape. So its values take the place of those of the phase, as long as
+    nothing was corrected with them.
 
     Args:
         run: of which a phase with a motion is finished.
@@ -46,8 +47,9 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
     step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
     comparison = store.once("intervals", step)
-    found, undetermined = intervals(problem, effects, comparison)
-    shifts = solver_shifts(problem, effects, comparison)
+    best = store.once("estimate", partial(estimate, problem, effects, comparison, progress))
+    found, undetermined = intervals(problem, effects, best)
+    shifts = solver_shifts(problem, effects, best)
     content = {
         "phase": problem.stage.stem,
         "level": CONFIDENCE,
@@ -63,11 +65,11 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
         },
         "undetermined": undetermined,
         "p_value": comparison.checks(problem)[0].p_value,
-        "seconds": store.seconds["intervals"],
+        "seconds": sum(store.seconds.values()),
     }
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:
-        take_over(run, problem.stage, comparison.known)
+        take_over(run, problem.stage, best.known)
 
 
 def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:

@@ -51,6 +51,7 @@ class Round:
     beside, incumbent: name of the earlier effect in whose place they compete beside the others, it among them, and the
         values of the model with it [SI]; empty in rounds that add one.
     second: the round in which the accepted effect has won again beside later ones; None: there was none.
+    estimate: the model fitted to all data, for its values and intervals; None but in the last round.
     """
 
     effects: tuple[Effect, ...]
@@ -79,6 +80,12 @@ class Round:
     beside: str = ""
     incumbent: dict[str, float] = field(default_factory=dict)
     second: Round | None = None
+    estimate: Comparison | None = None
+
+    @property
+    def best(self) -> Comparison:
+        """The model where it is known best."""
+        return self.estimate or self.comparison
 
     @property
     def better(self) -> dict[str, float] | None:

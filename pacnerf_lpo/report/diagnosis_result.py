@@ -39,7 +39,7 @@ def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
     if verdict(rounds).kind in ("missing", "camera"):
         last = rounds[-1]
         more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
-        values = last.comparison.known if last.accepted is None else last.accepted.known
+        values = last.best.known if last.accepted is None else last.accepted.known
         for part in problem.parts([*last.effects, *more], values):
             name = OVERLAY if part.recording is problem else OVERLAY_OF.format(part.name)
             write_atomically(folder / name, overlay(part.recording, part.effects, part.known).encode())
@@ -101,14 +101,14 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
     odds, effects = {}, [name_of(effect) for effect in found.effects]
-    shifts = solver_shifts(problem, found.effects, comparison)
+    shifts = solver_shifts(problem, found.effects, found.best)
     if found.screening is not None:
         contenders = [again.contender for again in found.refits]
         odds = log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
     return {
         "effects": effects,
         "parameters": [{**one, "solver": shifts[one["name"]]} for one in _intervals(found.parameters, unknowns)],
-        "notes": list(comparison.notes),
+        "notes": list(found.best.notes),
         "left_out": [wording.unstable(name, name in effects, why) for name, why in found.left_out.items()],
         "undetermined": found.undetermined,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},

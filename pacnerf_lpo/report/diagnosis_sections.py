@@ -13,7 +13,12 @@ from pacnerf_lpo.report.page import parts, shown
 from pacnerf_lpo.report.wording import listed, readable
 
 PARTS = parts("diagnosis")
-STEPS = {"compare": "compare (fit, null replicates)", "screen": "screen (one probe each)", "refit": "refit"}
+STEPS = {
+    "compare": "compare (fit, null replicates)",
+    "screen": "screen (one probe each)",
+    "refit": "refit",
+    "estimate": "estimate (fit to all data)",
+}
 RANKED, CONFOUNDED = 15, 12
 DISCREPANCIES = {
     "UnknownForce": ("unknown force", "a smooth force on the body that none of the known effects makes"),

@@ -92,7 +92,7 @@ def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]
     if last.force is not None:
         determined = force_is_determined(last, said)
         found += force(last.force.explained, last.force.law) if determined else [NO_FORCE]
-    return [*found, *(last.comparison.notes if last.accepted is None else last.accepted.notes)]
+    return [*found, *(last.best.notes if last.accepted is None else last.accepted.notes)]
 
 
 def doubt(last: Round) -> str | None:
