@@ -13,7 +13,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, spread
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
-from pacnerf_lpo.inference.intervals import Interval, posterior_intervals, spread_along
+from pacnerf_lpo.inference.intervals import Interval, disagreement, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
@@ -48,6 +48,7 @@ class Comparison:
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
     whole: whether it is fitted to all data, those that are held out among them.
+    dispersion: of the unknowns, in units of their variances: by how far they have moved then, at least 1.
     """
 
     names: tuple[str, ...]
@@ -62,6 +63,7 @@ class Comparison:
     notes: tuple[str, ...]
     rollouts: int
     whole: bool = False
+    dispersion: float = 1.0
 
     def mask(self, problem: Problem) -> np.ndarray:
         """Entries that it is fitted to [(R, F, 11), bool]."""
@@ -84,6 +86,12 @@ class Comparison:
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
         return self.errors.noise(problem, mask)
+
+    def along(self, problem: Problem) -> np.ndarray:
+        """Factor on the error of each unknown, at least 1 [(K,)]"""
+        mask = self.mask(problem)
+        found = spread_along(self.noise(problem, mask), self.residual[mask], self.jacobian[mask] * self.deviation)
+        return found * np.sqrt(self.dispersion)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
@@ -185,17 +193,23 @@ def standardised(
 def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress) -> Comparison:
     """A model fitted to all data, from where it was fitted to those that are not held out: all of them may tell apart
     what these cannot. For its values and intervals alone, once it is decided which model that is: it holds nothing out.
+    How far the values move tells how well the intervals know how wrong they may be.
     """
     model = problem.model(effects, comparison.known)
     at = comparison.free, comparison.jacobian, comparison.errors
-    return standardised(problem, model, *at, progress, whole=True)
+    found = standardised(problem, model, *at, progress, whole=True)
+    noise, along = found.noise(problem, problem.usable), found.along(problem)
+    fitted, changes = problem.fitted[problem.usable], found.jacobian[problem.usable] * found.deviation / along
+    shift = (found.free - comparison.free) / found.deviation
+    moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes))
+    return replace(found, dispersion=moved)
 
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
     mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
-    along, rows = spread_along(noise, comparison.residual[mask], changes), noise.whiten(changes)
+    along, rows = comparison.along(problem), noise.whiten(changes)
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
 
 

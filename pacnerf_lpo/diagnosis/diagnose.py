@@ -155,7 +155,11 @@ class _Diagnosis:
         number = _number(len(self.rounds), last.again, self.rounds, last.beside)
         told = prefixed(self.progress, "estimate from all data: ")
         step = partial(estimate, self.problem, last.effects, last.comparison, told)
-        last.estimate = self.store.once(f"{number}_estimate", step)
+        try:
+            last.estimate = self.store.once(f"{number}_estimate", step)
+        except SimulationError as error:
+            told(f"the values are those of the fit to a part of them ({error})")
+            return
         last.parameters, last.undetermined = intervals(self.problem, last.effects, last.estimate)
         last.effort["estimate"] = self._effort([f"{number}_estimate"], last.estimate.rollouts)
 

@@ -10,7 +10,7 @@ from pacnerf_lpo.identification.least_squares import Effort, fit
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Held, StandardisedObjective
-from pacnerf_lpo.inference.intervals import Profile, profile_likelihood, spread_along
+from pacnerf_lpo.inference.intervals import Profile, profile_likelihood
 from pacnerf_lpo.mpm.effects.base import Effect
 
 ITERATIONS = 3
@@ -41,7 +41,7 @@ def profile(
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     others = np.flatnonzero(np.arange(len(comparison.names)) != index)
     changes = comparison.jacobian[mask] * comparison.deviation
-    spread = float(spread_along(noise, comparison.residual[mask], changes)[index])
+    spread = float(comparison.along(problem)[index])
     left = noise.with_directions(changes[:, others]).whiten(changes[:, index])
     error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
     physical, rows = model.unknowns[index].physical, objective.rows

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations, damped_step
-from pacnerf_lpo.identification.linearisation import line_around
+from pacnerf_lpo.identification.linearisation import slopes_around
 from pacnerf_lpo.identification.processes import each
 
 LONGEST_STEP = 5.0
@@ -35,7 +35,7 @@ MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
 LINES, CLOSE, FARTHEST = 4, 0.5, 4.0
 """A fit that ends with lines through the residual has at most so many, each around the optimum of the one before it; a
-step of so many posterior standard deviations is not worth another line, and none is longer than so many."""
+step of so many posterior standard deviations is not worth another line, and one of so many is made by a descent."""
 TOO_SHORT = 0.25
 """Of the information that was expected along some axis: a line that finds less goes through points that are less than
 half as far apart as they should be."""
@@ -166,8 +166,14 @@ class _Descent:
         return _square(self.now[self.rows])
 
     def run(self, report: Report) -> Fit:
-        """Steps until nothing is gained."""
+        """Steps until nothing is gained, then lines, if it ends with these."""
+        near = self._descend(report)
+        return self._on_lines(report, self.effort.widest) if near and self.effort.widest is not None else self._ended()
+
+    def _descend(self, report: Report) -> bool:
+        """Steps until nothing is gained; False where the fit is given up."""
         iterations, most = self.effort.iterations, self.effort.abort_above
+        least = LEAST_GAIN if self.effort.confirm else ROUGH_GAIN
         confirm = self.effort.confirm and self.effort.widest is None
         for iteration in range(iterations):
             report(iteration, self.cost, self.free)
@@ -178,9 +184,9 @@ class _Descent:
             moved, kept, stretched = stepped
             gain = 1 - self.cost / before
             far = most is not None and self.cost > most
-            small = moved < CONVERGED or gain < (LEAST_GAIN if confirm else ROUGH_GAIN)
+            small = moved < CONVERGED or gain < least
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
-                return self._ended()
+                return False
             if small and (self.age <= 1 or not confirm):
                 break
             self.surprises += not kept
@@ -188,7 +194,7 @@ class _Descent:
             uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
             if uncertain and self.remeasured > 0:
                 self._measure()
-        return self._ended() if self.effort.widest is None else self._on_lines(self.effort.widest)
+        return True
 
     def _ended(self) -> Fit:
         return Fit(self.free, self.now, self.scaled / self.scales, self.rollouts, self.residual)
@@ -235,28 +241,35 @@ class _Descent:
         self.rollouts += used
         self.remeasured -= 1
 
-    def _on_lines(self, widest: np.ndarray) -> Fit:
-        """The optimum of a line through the residual around the optimum of the one before it."""
-        slopes = self.scaled / self.scales
+    def _on_lines(self, report: Report, widest: np.ndarray) -> Fit:
+        """The optimum of a line through the residual, around the optimum of the one before or where a descent by its
+        slopes ends.
+        """
+        slopes, least = self.scaled / self.scales, PROBES[0] * self.scales
         for left in reversed(range(LINES)):
             before = slopes[self.rows] * widest
-            value, slopes, used = line_around(self.residual, self.free, slopes[self.rows], widest, self.bounds)
+            slopes, used = slopes_around(self.residual, self.free, slopes[self.rows], least, widest, self.bounds)
             self.rollouts += used
-            seen, now = slopes[self.rows] * widest, value[self.rows]
+            seen, now = slopes[self.rows] * widest, self.now[self.rows]
             model = NormalEquations(_square(now), torch.as_tensor(seen.T @ now), torch.as_tensor(seen.T @ seen))
             low, high = np.clip((np.stack(self.bounds) - self.free) / widest, -FARTHEST, FARTHEST)
             step = damped_step(model, 0.0, torch.as_tensor(low), torch.as_tensor(high)).numpy()
             length = float(np.linalg.norm(seen @ step))
             kept = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
-            moved = left and length > CLOSE and self._moved(step * widest, length)
-            if not left or not (moved or kept < TOO_SHORT):
+            if not left or (length <= CLOSE and kept >= TOO_SHORT):
+                break
+            if length > FARTHEST:
+                self.scaled, self.age, self.surprises = slopes * self.scales, 0, 0
+                if not self._descend(report):
+                    return self._ended()
+            elif length > CLOSE and not self._moved(step * widest, length) and kept >= TOO_SHORT:
                 break
         step = step * widest * min(1.0, CLOSE / max(length, CLOSE))
-        return Fit(self.free + step, value + slopes @ step, slopes, self.rollouts)
+        return Fit(self.free + step, self.now + slopes @ step, slopes, self.rollouts)
 
     def _moved(self, step: np.ndarray, length: float) -> bool:
         """Go as much of a step of so many standard deviations as does not raise the cost; whether that is any."""
-        part = min(1.0, FARTHEST / length)
+        part = 1.0
         while part * length > CLOSE:
             trial = np.clip(self.free + part * step, *self.bounds)
             try:

@@ -1,10 +1,9 @@
-"""A line through a rough residual, fitted where the unknowns may be by the data.
+"""Slopes of a rough residual where the unknowns may be by the data.
 
-Outlines of a moved body change by hundredths of a pixel that only its particles cause. A derivative over a short way
-takes that for information, and a descent ends in one of the dents that it makes. So the residual is computed at points
-that are spread as the unknowns are by the data, and a line through them says how it changes, and what it is in the
-middle without the roughness there (statistical linear regression; García-Fernández, Svensson, Morelande and Särkkä
-2015, iterated posterior linearisation).
+Outlines of a moved body change by hundredths of a pixel that only its particles cause, and a derivative over a short
+way takes that for information. So the residual is computed at points that are spread as the unknowns are by the data,
+and a line is fitted to it there (statistical linear regression; García-Fernández, Svensson, Morelande and Särkkä 2015,
+iterated posterior linearisation).
 """
 
 from collections.abc import Callable
@@ -20,34 +19,40 @@ NEARER = 4
 """Times that a point at which the motion is unstable is moved half of the way to the middle."""
 
 
-def line_around(
+def slopes_around(
     residual: Callable[[np.ndarray], np.ndarray],
     middle: np.ndarray,
     slopes: np.ndarray,
+    least: np.ndarray,
     widest: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Value in the middle [(D,)] and slopes [(D, K)] of a line through a residual, and how often that was computed.
+) -> tuple[np.ndarray, int]:
+    """Slopes of a line through a residual [(D, K)], and how often that was computed.
 
     Args:
         residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
         middle: of the points [(K,)]
         slopes: by which the posterior is known so far, of the rows that count, in units of their errors [(D', K)]
-        widest: how far a point is away at most [(K,)]
+        least: a point is as far away as this in at least one coordinate [(K,)]
+        widest: how far it is away at most [(K,)]
         bounds: least and largest value of each coordinate [(K,), (K,)]
 
-    Raises:
-        SimulationError: the motion is unstable everywhere.
+    Returns:
+        0 where the motion is unstable at all points.
     """
     seen = slopes * widest
     precisions, axes = np.linalg.eigh(seen.T @ seen)
-    lengths = np.minimum(REACH / np.sqrt(np.maximum(precisions, 1e-12)), 1.0)
+    shortest = 1 / np.abs(axes * (widest / least)[:, None]).max(0)
+    lengths = np.minimum(np.maximum(REACH / np.sqrt(np.maximum(precisions, 1e-12)), shortest), 1.0)
     ends = [middle + side * step * widest for step in (lengths * axes).T for side in (1, -1)]
     tried = list(each(_near, ((residual, middle, np.clip(end, *bounds)) for end in ends)))
-    stable = [(point, value) for point, value, _ in tried if value is not None] or [(middle, residual(middle))]
+    stable = [(point, value) for point, value, _ in tried if value is not None]
+    used = sum(used for _, _, used in tried)
+    if not stable:
+        return np.zeros((len(residual(middle)), len(middle))), used + 1
     design = np.array([(1.0, *((point - middle) / widest)) for point, _ in stable])
     found = np.linalg.lstsq(design, np.array([value for _, value in stable]), rcond=1e-10)[0]
-    return found[0], found[1:].T / widest, sum(used for _, _, used in tried)
+    return found[1:].T / widest, used
 
 
 def _near(

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.linearisation import REACH, line_around
+from pacnerf_lpo.identification.linearisation import REACH, slopes_around
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
 
 def test_a_straight_residual_is_its_own_line():
     slopes = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
-    value, found, used = line_around(lambda x: slopes @ x + 7, np.array([2.0, -1.0]), 2 * slopes, np.ones(2), FREE)
-    assert value == pytest.approx(slopes @ [2.0, -1.0] + 7)
+    found, used = slopes_around(
+        lambda x: slopes @ x + 7, np.array([2.0, -1.0]), 2 * slopes, np.full(2, 1e-3), np.ones(2), FREE
+    )
     assert found == pytest.approx(slopes) and used == 4
 
 
@@ -25,9 +26,12 @@ def test_points_are_spread_along_the_axes_of_the_posterior_and_no_farther_than_a
         asked.append(x)
         return slopes @ x
 
-    line_around(straight, np.zeros(2), slopes, np.ones(2), FREE)
-    ends = np.array(asked) @ np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
-    assert np.abs(ends).max(0) == pytest.approx([REACH * 0.1, 1.0])
+    slopes_around(straight, np.zeros(2), slopes, np.full(2, 1e-3), np.ones(2), FREE)
+    turn = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    assert np.abs(np.array(asked) @ turn).max(0) == pytest.approx([REACH * 0.1, 1.0])
+    asked.clear()
+    slopes_around(straight, np.zeros(2), slopes, np.full(2, 0.5), np.ones(2), FREE)  # nearer, nothing would be noticed
+    assert np.abs(np.array(asked) @ turn).max(0) == pytest.approx([0.5 * np.sqrt(2), 1.0])
 
 
 def test_roughness_is_not_taken_for_information():
@@ -38,9 +42,8 @@ def test_roughness_is_not_taken_for_information():
         return np.full(50, x[0]) + 0.02 * noise.standard_normal(50)
 
     bounds = np.full(1, -np.inf), np.full(1, np.inf)
-    value, slopes, _ = line_around(rough, np.zeros(1), np.ones((50, 1)), np.ones(1), bounds)
+    slopes, _ = slopes_around(rough, np.zeros(1), np.ones((50, 1)), np.full(1, 1e-3), np.ones(1), bounds)
     assert np.std(slopes) < 0.1 and slopes.mean() == pytest.approx(1.0, abs=0.02)
-    assert np.std(value) < 0.02
 
 
 def test_points_stay_within_bounds_and_where_the_motion_is_stable():
@@ -53,8 +56,8 @@ def test_points_stay_within_bounds_and_where_the_motion_is_stable():
         return np.array([x[0] ** 2])
 
     bounds = np.array([0.0]), np.array([9.0])
-    value, slope, used = line_around(curved, np.array([1.0]), np.array([[0.1]]), np.array([2.0]), bounds)
-    assert slope[0, 0] == pytest.approx(1.5) and value[0] == pytest.approx(1.5)  # through (0, 0) and (1.5, 2.25)
+    slope, used = slopes_around(curved, np.array([1.0]), np.array([[0.1]]), np.ones(1), np.array([2.0]), bounds)
+    assert slope[0, 0] == pytest.approx(1.5)  # through (0, 0) and (1.5, 2.25)
     assert min(asked) == 0.0 and used == 4
 
 
@@ -65,5 +68,5 @@ def test_where_the_motion_is_unstable_all_around_there_is_no_slope():
         return np.array([5.0])
 
     bounds = np.array([0.0]), np.array([9.0])
-    value, slope, _ = line_around(alone, np.ones(1), np.ones((1, 1)), np.ones(1), bounds)
-    assert value[0] == pytest.approx(5.0) and slope[0, 0] == 0.0
+    slope, _ = slopes_around(alone, np.ones(1), np.ones((1, 1)), np.full(1, 0.1), np.ones(1), bounds)
+    assert slope[0, 0] == 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm, t
 
-from pacnerf_lpo.inference.intervals import posterior_intervals, profile_likelihood, spread_along
+from pacnerf_lpo.inference.intervals import disagreement, posterior_intervals, profile_likelihood, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from tests.inference import toy
 
@@ -110,3 +110,23 @@ def test_profile_of_a_threshold_is_open_above():
     profile = profile_likelihood(lambda v: max(0.0, 30 * (2 - v)), 2.5, 1.0, (0.0, 8.0))
     assert profile.high_open and profile.high == 8.0
     assert not profile.low_open and profile.low == pytest.approx(2 - 2.706 / 30, abs=0.05)
+
+
+def test_estimates_of_a_part_and_of_all_data_disagree_as_much_as_the_noise_is_larger_than_presumed():
+    """Two thirds of 60 data and all of them, of three parameters; the noise is presumed to be 1."""
+    random = np.random.default_rng(3)
+    changes = random.standard_normal((60, 3)) * [1.0, 3.0, 0.3]
+    part = changes[:40]
+
+    def estimated(data: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(rows.T @ rows + np.eye(3), rows.T @ data)
+
+    for size in (1.0, 3.0):
+        found = []
+        for _ in range(300):
+            data = changes @ random.standard_normal(3) + size * random.standard_normal(60)
+            shift = estimated(data, changes) - estimated(data[:40], part)
+            found.append(disagreement(shift, part, changes))
+        assert min(found) >= 1.0
+        assert np.mean(found) == pytest.approx(1.4 if size == 1.0 else 9.0, rel=0.15)
+    assert disagreement(np.ones(3), changes, changes) == 1.0  # nothing was held out
