@@ -7,7 +7,7 @@ import numpy as np
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Fit, fit
+from pacnerf_lpo.identification.least_squares import CLOSE, Effort, Fit, fit
 from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
@@ -149,7 +149,7 @@ def compare(
         model, free, rollouts = begun.model, begun.free, begun.rollouts
         changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    first = standardised(problem, model, free, changes, errors, progress)
+    first = standardised(problem, model, free, changes, errors, progress, rough=True)
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)
@@ -174,15 +174,16 @@ def standardised(
     errors: ModelErrors,
     progress: Progress,
     whole: bool = False,
+    rough: bool = False,
 ) -> Comparison:
     """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
-    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data.
+    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data; ``rough``: another fit follows.
     """
     mask = problem.usable if whole else problem.fitted
     objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask))
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
-    effort = objective.effort(WHITENED_ITERATIONS)
+    effort = Effort(WHITENED_ITERATIONS, confirm=False) if rough else objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)
@@ -201,7 +202,7 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
     noise, along = found.noise(problem, problem.usable), found.along(problem)
     fitted, changes = problem.fitted[problem.usable], found.jacobian[problem.usable] * found.deviation / along
     shift = (found.free - comparison.free) / found.deviation
-    moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes))
+    moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes), CLOSE)
     return replace(found, dispersion=moved)
 
 

@@ -64,6 +64,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
             for one in found
         },
         "undetermined": undetermined,
+        "disagreement": best.dispersion,
         "p_value": comparison.checks(problem)[0].p_value,
         "seconds": sum(store.seconds.values()),
     }

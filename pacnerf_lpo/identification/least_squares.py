@@ -34,8 +34,9 @@ TRUSTED = 0.6
 MOST_SURPRISES = 2
 """Steps that gain less than that before the Jacobian is measured again."""
 LINES, CLOSE, FARTHEST = 4, 0.5, 4.0
-"""A fit that ends with lines through the residual has at most so many, each around the optimum of the one before it; a
-step of so many posterior standard deviations is not worth another line, and one of so many is made by a descent."""
+"""A fit that ends with lines through the residual has at most so many, each around the optimum of the one before it. A
+step of so many posterior standard deviations is not worth another line; after one of more than so many the descent goes
+on."""
 TOO_SHORT = 0.25
 """Of the information that was expected along some axis: a line that finds less goes through points that are less than
 half as far apart as they should be."""
@@ -174,7 +175,7 @@ class _Descent:
         """Steps until nothing is gained; False where the fit is given up."""
         iterations, most = self.effort.iterations, self.effort.abort_above
         least = LEAST_GAIN if self.effort.confirm else ROUGH_GAIN
-        confirm = self.effort.confirm and self.effort.widest is None
+        measured = self.effort.confirm and self.effort.widest is None
         for iteration in range(iterations):
             report(iteration, self.cost, self.free)
             before = self.cost
@@ -187,11 +188,11 @@ class _Descent:
             small = moved < CONVERGED or gain < least
             if far and iteration + 1 >= PATIENCE and gain < LIVELY and not stretched:
                 return False
-            if small and (self.age <= 1 or not confirm):
+            if small and (self.age <= 1 or not measured):
                 break
             self.surprises += not kept
             last = iteration + 1 == iterations
-            uncertain = confirm if last else small or self.surprises >= MOST_SURPRISES
+            uncertain = measured if last else small or self.surprises >= MOST_SURPRISES
             if uncertain and self.remeasured > 0:
                 self._measure()
         return True
@@ -248,7 +249,8 @@ class _Descent:
         slopes, least = self.scaled / self.scales, PROBES[0] * self.scales
         for left in reversed(range(LINES)):
             before = slopes[self.rows] * widest
-            slopes, used = slopes_around(self.residual, self.free, slopes[self.rows], least, widest, self.bounds)
+            at = self.free, self.now, slopes[self.rows]
+            slopes, used = slopes_around(self.residual, *at, least, widest, self.bounds)
             self.rollouts += used
             seen, now = slopes[self.rows] * widest, self.now[self.rows]
             model = NormalEquations(_square(now), torch.as_tensor(seen.T @ now), torch.as_tensor(seen.T @ seen))
@@ -258,12 +260,13 @@ class _Descent:
             kept = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
             if not left or (length <= CLOSE and kept >= TOO_SHORT):
                 break
-            if length > FARTHEST:
+            moved = length > CLOSE and self._moved(step * widest, length)
+            if not moved and kept >= TOO_SHORT:
+                break
+            if moved and length > FARTHEST:
                 self.scaled, self.age, self.surprises = slopes * self.scales, 0, 0
                 if not self._descend(report):
                     return self._ended()
-            elif length > CLOSE and not self._moved(step * widest, length) and kept >= TOO_SHORT:
-                break
         step = step * widest * min(1.0, CLOSE / max(length, CLOSE))
         return Fit(self.free + step, self.now + slopes @ step, slopes, self.rollouts)
 

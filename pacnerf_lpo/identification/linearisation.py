@@ -22,6 +22,7 @@ NEARER = 4
 def slopes_around(
     residual: Callable[[np.ndarray], np.ndarray],
     middle: np.ndarray,
+    now: np.ndarray,
     slopes: np.ndarray,
     least: np.ndarray,
     widest: np.ndarray,
@@ -31,7 +32,7 @@ def slopes_around(
 
     Args:
         residual: of free coordinates [(K,)] to [(D,)]; may raise SimulationError.
-        middle: of the points [(K,)]
+        middle, now: of the points [(K,)], and the residual there [(D,)]
         slopes: by which the posterior is known so far, of the rows that count, in units of their errors [(D', K)]
         least: a point is as far away as this in at least one coordinate [(K,)]
         widest: how far it is away at most [(K,)]
@@ -46,13 +47,12 @@ def slopes_around(
     lengths = np.minimum(np.maximum(REACH / np.sqrt(np.maximum(precisions, 1e-12)), shortest), 1.0)
     ends = [middle + side * step * widest for step in (lengths * axes).T for side in (1, -1)]
     tried = list(each(_near, ((residual, middle, np.clip(end, *bounds)) for end in ends)))
-    stable = [(point, value) for point, value, _ in tried if value is not None]
+    stable = [((point - middle) / widest, value - now) for point, value, _ in tried if value is not None]
     used = sum(used for _, _, used in tried)
     if not stable:
-        return np.zeros((len(residual(middle)), len(middle))), used + 1
-    design = np.array([(1.0, *((point - middle) / widest)) for point, _ in stable])
-    found = np.linalg.lstsq(design, np.array([value for _, value in stable]), rcond=1e-10)[0]
-    return found[1:].T / widest, used
+        return np.zeros((len(now), len(middle))), used
+    ways, changes = (np.array(part) for part in zip(*stable, strict=True))
+    return np.linalg.lstsq(ways, changes, rcond=1e-10)[0].T / widest, used
 
 
 def _near(

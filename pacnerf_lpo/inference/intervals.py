@@ -85,19 +85,19 @@ def spread_along(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) 
     return _replicate_scales(noise, jacobian) * np.sqrt(max(1.0, float(left @ left) / len(left)))
 
 
-def disagreement(shift: np.ndarray, part: np.ndarray, whole: np.ndarray) -> float:
+def disagreement(shift: np.ndarray, part: np.ndarray, whole: np.ndarray, found: float) -> float:
     """By how much the variance of an estimate is larger than its model says, at least 1, by how far it moves from where
-    a part of the data has it to where all have it (after Hausman 1978): the square of that in units of the posterior of
-    the whole, over what is expected of it, the difference of the two covariances.
+    a part of the data has it to where all have it, of which the difference of the two covariances is expected (Hausman
+    1978), and by how well an optimum is found.
 
     Args:
         shift: of the parameters, in prior standard deviations (P,)
         part, whole: change of the standardised residual of each by one prior standard deviation (D', P), (D, P)
+        found: to how many posterior standard deviations of all data
     """
-    precision = np.eye(len(shift)) + whole.T @ whole
-    covariance = np.linalg.inv(np.eye(len(shift)) + part.T @ part)
-    expected = float(np.trace(precision @ covariance)) - len(shift)
-    return max(1.0, float(shift @ precision @ shift) / expected) if expected > 0 else 1.0
+    prior = np.eye(len(shift))
+    first, last = (np.linalg.inv(prior + changes.T @ changes) for changes in (part, whole))
+    return max(1.0, float(shift @ np.linalg.solve(first - (1 - found**2) * last, shift)) / len(shift))
 
 
 def _replicate_scales(noise: NoiseModel, jacobian: np.ndarray) -> np.ndarray:

@@ -111,6 +111,7 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "notes": list(found.best.notes),
         "left_out": [wording.unstable(name, name in effects, why) for name, why in found.left_out.items()],
         "undetermined": found.undetermined,
+        "disagreement": found.best.dispersion,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},
         "check": _check(found.check),
         "check_held": _check(found.held),

@@ -20,6 +20,8 @@ STEPS = {
     "estimate": "estimate (fit to all data)",
 }
 RANKED, CONFOUNDED = 15, 12
+NOTICED = 1.2
+"""How many times as wide intervals have to be, as estimates disagree, that a reader is told."""
 DISCREPANCIES = {
     "UnknownForce": ("unknown force", "a smooth force on the body that none of the known effects makes"),
     "WrongShape": ("wrong shape", "errors of the reconstructed shape"),
@@ -62,7 +64,8 @@ def parameter_table(result: Result) -> str:
     solver = {p["name"]: p["solver"] for done in result["rounds"] for p in done["parameters"]}
     pairs = [(name, before.get(name), after.get(name)) for name in {**before, **after}]
     rows = [(name, old or new, old, new, interval_places(old, new), solver.get(name)) for name, old, new in pairs]
-    return PARTS.parameters(rows, bool(after), any(solver.values()))
+    wider = float(result["rounds"][-1]["disagreement"]) ** 0.5
+    return PARTS.parameters(rows, bool(after), any(solver.values()), wider if wider > NOTICED else None)
 
 
 def interval_places(

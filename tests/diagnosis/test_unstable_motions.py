@@ -70,7 +70,8 @@ def test_a_diagnosis_of_what_is_stable_names_the_drag(tmp_path, monkeypatch, sma
     found = verdict(rounds)
     assert (found.kind, found.names, found.more_than_noise) == ("missing", ["LinearDrag"], False)
     (drag,) = (interval for interval in rounds[-1].parameters if interval.name == "drag")
-    assert drag.low < 2.0 < drag.high
+    assert drag.value == pytest.approx(2.0, abs=0.1) and drag.high - drag.low < 0.3
+    assert rounds[-1].estimate is not None and "estimate" in rounds[-1].effort
 
 
 @pytest.mark.slow
@@ -123,6 +124,7 @@ def test_an_effect_stays_where_the_model_without_it_is_unstable(tmp_path, monkey
     assert rounds[-1].left_out == {
         name_of(left[0]): "simulation stopped in frame 3, substep 1: made unstable by a test"
     }
+    assert rounds[-1].estimate is None and rounds[-1].best is rounds[-1].comparison
 
 
 def test_a_base_model_that_is_never_stable_is_one_error(tmp_path, monkeypatch, small_threads):

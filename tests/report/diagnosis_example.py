@@ -107,6 +107,7 @@ def a_round(parameters: list[dict[str, Any]], refits: list[dict[str, Any]], acce
         "parameters": parameters,
         "notes": [],
         "left_out": [],
+        "disagreement": 1.0,
         "undetermined": ["raising nu while lowering E changes nothing that this recording shows"],
         "profiles": {},
         "check": check(9.0, 1e-7),

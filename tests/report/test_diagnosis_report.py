@@ -197,6 +197,13 @@ def test_refits_show_cost_evidence_coefficient_and_outcome_with_the_accepted_one
     assert sections.outcome(done["refits"][0], done) == "not separated from the added one"
 
 
+def test_intervals_that_are_wider_than_the_noise_alone_would_make_them_are_said_to_be():
+    result = example.missing()
+    assert "times as wide" not in sections.parameter_table(result)
+    result["rounds"][-1]["disagreement"] = 6.25
+    assert "2.5 times as wide" in sections.parameter_table(result)
+
+
 def test_effort_is_summed_over_the_steps():
     text = sections.effort_table(example.missing())
     assert "<td>compare (fit, null replicates)</td><td>40 s</td><td>60</td>" in text
