@@ -107,8 +107,9 @@ def compared(result: Result) -> str:
         what = f"The positions of {' and '.join(points)} in {frames} frames, with those"
         held = "Every third tracked point and the" if tracked else "The"
     return (
-        f"{what} that the model predicts. {held} last {last} were held out: no parameter was fitted to them, so they "
-        "count for whether a model predicts what it has not seen."
+        f"{what} that the model predicts. {held} last {last} were held out: no model that competes was fitted to them, "
+        "so they count for whether a model predicts what it has not seen. Once it is decided what is missing, values and "
+        "intervals come from all data."
     )
 
 
@@ -118,8 +119,8 @@ def _compared_flights(result: Result) -> str:
     samples = sum(len(one["times"]) for one in found)
     return (
         f"The positions that were measured in {samples} samples of {_count(len(found), 'flight')}, with those that the "
-        "model predicts. The last samples of each were held out: no parameter was fitted to them, so they check at the "
-        "end whether the model predicts what it has not seen."
+        "model predicts. The last samples of each were held out: no model that competes was fitted to them, so they "
+        "check whether a model predicts what it has not seen. Then values and intervals come from all samples."
     )
 
 
