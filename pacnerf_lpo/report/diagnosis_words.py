@@ -108,8 +108,8 @@ def compared(result: Result) -> str:
         held = "Every third tracked point and the" if tracked else "The"
     return (
         f"{what} that the model predicts. {held} last {last} were held out: no model that competes was fitted to them, "
-        "so they count for whether a model predicts what it has not seen. Once it is decided what is missing, values and "
-        "intervals come from all data."
+        "so they count for whether a model predicts what it has not seen. Once it is decided what is missing, values "
+        "and intervals come from all data."
     )
 
 
