@@ -42,7 +42,7 @@ class Shape:
 
 def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **more: Any) -> Any:
     candidate = SimpleNamespace(observes=False, effect=LinearDrag())
-    known = {"E": 7e4, "nu": 0.3}
+    fitted_model = SimpleNamespace(known={"E": 7e4, "nu": 0.3}, notes=())
     entries = {
         "check": check(3.0, fitted),
         "held": check(5.0, held),
@@ -53,7 +53,8 @@ def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **mo
         "removed": [],
         "force": None,
         "screening": None,
-        "comparison": SimpleNamespace(known=known, notes=()),
+        "comparison": fitted_model,
+        "best": fitted_model,
         "parameters": [Interval("E", 5e4, 4e4, 6e4, 6e3, True), Interval("nu", 0.3, 0.2, 0.4, 0.06, True)],
         "candidate": lambda name: candidate,
     }
