@@ -87,8 +87,10 @@ class Comparison:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
         return self.errors.noise(problem, mask)
 
-    def along(self, problem: Problem) -> np.ndarray:
-        """Factor on the error of each unknown, at least 1 [(K,)]"""
+    def error_scales(self, problem: Problem) -> np.ndarray:
+        """Factor on the standard deviation of each unknown, at least 1, by what left-out replicates, the residual and
+        the data that were held out show [(K,)].
+        """
         mask = self.mask(problem)
         found = spread_along(self.noise(problem, mask), self.residual[mask], self.jacobian[mask] * self.deviation)
         return found * np.sqrt(self.dispersion)
@@ -199,7 +201,7 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
     model = problem.model(effects, comparison.known)
     at = comparison.free, comparison.jacobian, comparison.errors
     found = standardised(problem, model, *at, progress, whole=True)
-    noise, along = found.noise(problem, problem.usable), found.along(problem)
+    noise, along = found.noise(problem, problem.usable), found.error_scales(problem)
     fitted, changes = problem.fitted[problem.usable], found.jacobian[problem.usable] * found.deviation / along
     shift = (found.free - comparison.free) / found.deviation
     moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes), CLOSE)
@@ -210,7 +212,7 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
     mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
-    along, rows = comparison.along(problem), noise.whiten(changes)
+    along, rows = comparison.error_scales(problem), noise.whiten(changes)
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
 
 

@@ -41,7 +41,7 @@ def profile(
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     others = np.flatnonzero(np.arange(len(comparison.names)) != index)
     changes = comparison.jacobian[mask] * comparison.deviation
-    spread = float(comparison.along(problem)[index])
+    spread = float(comparison.error_scales(problem)[index])
     left = noise.with_directions(changes[:, others]).whiten(changes[:, index])
     error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
     physical, rows = model.unknowns[index].physical, objective.rows

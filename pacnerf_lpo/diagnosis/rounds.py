@@ -84,7 +84,7 @@ class Round:
 
     @property
     def best(self) -> Comparison:
-        """The model where it is known best."""
+        """The model fitted to all data; where it was not, to those that are not held out."""
         return self.estimate or self.comparison
 
     @property

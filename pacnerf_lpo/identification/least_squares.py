@@ -1,7 +1,8 @@
 """Nonlinear least squares for few unknowns and residuals that cost a simulation each (Levenberg 1944, Marquardt 1963).
 
-The Jacobian is measured by one-sided differences and then updated by what the steps show (Broyden 1965). Where the
-residual cannot be computed, because the simulation is unstable, the step has failed, and the next one is shorter.
+The Jacobian is measured by one-sided differences and then updated by what the steps show (Broyden 1965). A fit that
+decides ends with lines through the residual, as wide as its unknowns are known. Where the residual cannot be computed,
+because the simulation is unstable, the step has failed, and the next one is shorter.
 """
 
 from collections.abc import Callable
@@ -86,9 +87,9 @@ class Effort:
     confirm: end only with a Jacobian that was measured, not updated: where no step gains anything, or after the last
         iteration.
     remeasured: how often the Jacobian is measured again at most; from then on it is only updated.
-    widest: the fit ends with lines through the residual (:mod:`~.linearisation`) at points that are so far from each
-        coordinate at most [(K,)], where residuals are in units of their errors, and not with a measured Jacobian; None:
-        it ends where the descent does.
+    widest: the fit ends with lines through the residual (:mod:`~.linearisation`), at points that are at most so far
+        away in each coordinate [(K,)], where residuals are in units of their errors, and not with a measured Jacobian;
+        None: it ends where the descent does.
     """
 
     iterations: int
@@ -257,11 +258,9 @@ class _Descent:
             low, high = np.clip((np.stack(self.bounds) - self.free) / widest, -FARTHEST, FARTHEST)
             step = damped_step(model, 0.0, torch.as_tensor(low), torch.as_tensor(high)).numpy()
             length = float(np.linalg.norm(seen @ step))
-            kept = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
-            if not left or (length <= CLOSE and kept >= TOO_SHORT):
-                break
-            moved = length > CLOSE and self._moved(step * widest, length)
-            if not moved and kept >= TOO_SHORT:
+            share = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
+            moved = left > 0 and length > CLOSE and self._moved(step * widest, length)
+            if not left or not (moved or share < TOO_SHORT):
                 break
             if moved and length > FARTHEST:
                 self.scaled, self.age, self.surprises = slopes * self.scales, 0, 0

@@ -46,7 +46,7 @@ class StandardisedObjective:
         return self.rows_of(self._residual(free), free)
 
     def rows_of(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """The function where the residual in all usable entries is [(U,)]."""
+        """The function at free coordinates [(K,)] where the residual in all usable entries is [pixels, (U,)]."""
         standardised = self.noise.whiten_residual(residual[self._inside])
         return np.concatenate((standardised, (free - self.mean) / self.deviation, residual))
 
