@@ -57,7 +57,8 @@ class Competition:
     def run(self) -> list[Refit]:
         """All refits, against the best optimum of the model without them that any of them has found."""
         found, size = self.found, int(self.problem.fitted.sum())
-        by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in found.left_out}
+        gone = [*found.left_out, *found.unconfirmed]
+        by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in gone}
         tried: list[str] = []
         while left := [name for name in self._order(by_name) if name not in tried]:
             self._attempt(by_name[left[0]])

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 from pacnerf_lpo.diagnosis import localising
-from pacnerf_lpo.diagnosis.catalogue import Candidate, read_candidates, whole_catalogue
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of, read_candidates, whole_catalogue
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals
 from pacnerf_lpo.diagnosis.competition import MOST_AGAIN, Competition
 from pacnerf_lpo.diagnosis.profiles import profile
 from pacnerf_lpo.diagnosis.refitting import Refit, better_null
-from pacnerf_lpo.diagnosis.removal import Without, without_each
+from pacnerf_lpo.diagnosis.removal import Without, newest_is_needed, without_each
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
@@ -161,7 +161,7 @@ class _Diagnosis:
             told(f"the values are those of the fit to a part of them ({error})")
             return
         last.parameters, last.undetermined = intervals(self.problem, last.effects, last.estimate)
-        last.effort["estimate"] = self._effort([f"{number}_estimate"], last.estimate.rollouts)
+        last.spend("estimate", self._effort([f"{number}_estimate"], last.estimate.rollouts))
 
     def _remove(self, gone: Sequence[Without]) -> bool:
         """Another round without some effects; whether several are left."""
@@ -215,7 +215,11 @@ class _Diagnosis:
         while len(rounds) <= self.options.effects:
             told = prefixed(self.progress, f"round {len(rounds) + 1}, ")
             try:
-                rounds.append(self._round(effects, known, told, again))
+                found = self._compared(effects, known, told, again, "", rounds)
+                if self._confirmed(found, told):
+                    rounds.append(self._examined(found, rounds, told))
+                else:
+                    self._take_back(found, told)
             except SimulationError as error:
                 if examined is not None:  # the better optimum cannot be
                     (effects, known), examined, again = examined, None, MOST_AGAIN
@@ -251,15 +255,29 @@ class _Diagnosis:
         before: Sequence[Round] | None = None,
         compete: bool = True,
     ) -> Round:
-        """The next round, of a model with these effects that starts from known values.
+        """The next round, of a model with these effects that starts from known values; arguments as of
+        :meth:`_compared` and :meth:`_examined`.
+        """
+        before = self.rounds if before is None else before
+        found = self._compared(effects, known, progress, again, beside, before)
+        return self._examined(found, before, progress, compete)
+
+    def _compared(
+        self,
+        effects: tuple[Effect, ...],
+        known: dict[str, float],
+        progress: Progress,
+        again: int,
+        beside: str,
+        before: Sequence[Round],
+    ) -> Round:
+        """The beginning of a round: its model fitted, and compared with the recording.
 
         Args:
-            beside: as of a :class:`Round`.
-            before: rounds before it; None: all so far.
-            compete: whether effects may be added, as long as there are not too many.
+            again, beside: as of a :class:`Round`.
+            before: rounds before it.
         """
         problem, store, options = self.problem, self.store, self.options
-        before = self.rounds if before is None else before
         number = _number(len(before) + 1, again, before, beside)
         settings, told = (options.replicates, options.seed), prefixed(progress, "compare: ")
         searched = not before and not again
@@ -279,20 +297,45 @@ class _Diagnosis:
         )
         residuals = [*(earlier.comparison.residual for earlier in before), comparison.residual]
         found.errors = comparison.excess(problem, residuals)
-        found.effort["compare"] = self._effort([f"{number}_compare"], comparison.rollouts)
+        found.spend("compare", self._effort([f"{number}_compare"], comparison.rollouts))
+        return found
+
+    def _examined(self, found: Round, before: Sequence[Round], progress: Progress, compete: bool = True) -> Round:
+        """The rest of a round, as far as it is asked for: hypotheses screened, and those fitted that could win.
+
+        Args:
+            found: its beginning.
+            before: rounds before it.
+            compete: whether effects may be added, as long as there are not too many.
+        """
+        problem, store, options, effects = self.problem, self.store, self.options, found.effects
         if options.until in ("compare", "localise"):
             return found
+        number = _number(len(before) + 1, found.again, before, found.beside)
         if compete and len(effects) - len(problem.physics.effects) < options.effects:
             found.candidates = candidates_for(problem, options, effects)
-        look = partial(probe, problem, effects, comparison, found.candidates, prefixed(progress, "screen: "))
+        told = prefixed(progress, "screen: ")
+        look = partial(probe, problem, effects, found.comparison, found.candidates, told)
         found.probes = probes = store.once(f"{number}_probe", look)
-        found.screening = judge(problem, comparison, probes)
-        found.effort["screen"] = self._effort([f"{number}_probe"], probes.simulated)
+        found.screening = judge(problem, found.comparison, probes)
+        found.spend("screen", self._effort([f"{number}_probe"], probes.simulated))
         if options.until == "screen":
             return found
         self._fit_hypotheses([*before, found], progress)
         found.finished = True
         return found
+
+    def _confirmed(self, found: Round, progress: Progress) -> bool:
+        """Whether the effect that the last round has added is still needed in the model of the next one, whose errors
+        were learnt again around it.
+        """
+        if not self.rounds:
+            return True
+        progress(f"is {name_of(found.effects[-1])} still needed?")
+        name = f"{_number(len(self.rounds) + 1, found.again, self.rounds)}_needed"
+        needed: bool = self.store.once(name, partial(newest_is_needed, self.problem, self.rounds[-1], found))
+        found.spend("confirm", self._effort([name], 0))
+        return needed
 
     def _fit_hypotheses(self, rounds: Sequence[Round], progress: Progress, kept: Sequence[Refit] = ()) -> None:
         """Fit in the last of some rounds every hypothesis that could win, but those of the refits that are kept, and
@@ -304,9 +347,7 @@ class _Diagnosis:
         competition = Competition(self.problem, self.store, number, found, progress, kept)
         found.refits = competition.run()
         tried = [name for name in self.store.seconds if name.startswith(f"{number}_refit_")]
-        before = found.effort.get("refit", {})
-        effort = self._effort(tried, competition.simulated)
-        found.effort["refit"] = {name: value + before.get(name, 0) for name, value in effort.items()}
+        found.spend("refit", self._effort(tried, competition.simulated))
         self._select(found, found.screening)
 
     def _select(self, found: Round, screening: Screening) -> None:
@@ -321,14 +362,30 @@ class _Diagnosis:
             found.indistinguishable = indistinguishable(leader, odds)
 
     def _leave_out(self, error: SimulationError, progress: Progress) -> None:
-        """Do without the refit that was taken over in the last round, whose model cannot be examined; the next best
-        takes its place. What was given up as it fell behind that one has another chance.
-        """
+        """Do without the refit that was taken over in the last round, whose model cannot be examined."""
         found = self.rounds[-1]
         assert found.accepted is not None
-        name = found.accepted.name
-        found.left_out[name] = str(error)
-        self._fit_hypotheses(self.rounds, progress, [again for again in found.refits if again.name != name])
+        found.left_out[found.accepted.name] = str(error)
+        self._do_without(found.accepted.name, progress)
+
+    def _take_back(self, after: Round, progress: Progress) -> None:
+        """Do without the refit that was taken over in the last round, which is not needed in the model of the round
+        after it.
+        """
+        last = self.rounds[-1]
+        assert last.accepted is not None
+        progress(f"{last.accepted.name} is not needed beside what a model with it may get wrong")
+        last.unconfirmed.append(last.accepted.name)
+        for step, effort in after.effort.items():
+            last.spend(step, effort)
+        self._do_without(last.accepted.name, progress)
+
+    def _do_without(self, name: str, progress: Progress) -> None:
+        """The next best takes the place of a refit in the last round. What was given up as it fell behind that one has
+        another chance.
+        """
+        kept = [again for again in self.rounds[-1].refits if again.name != name]
+        self._fit_hypotheses(self.rounds, progress, kept)
 
     def _widened(self) -> bool:
         """Where the rounds end with an unknown cause or with more than the model predicts: fit the hypotheses to which
@@ -385,7 +442,7 @@ def _number(count: int, again: int, rounds: Sequence[Round], beside: str = "") -
     parts = [f"{count}_again{again}" if again else str(count), *([f"beside_{beside}"] if beside else [])]
     for place, found in enumerate(rounds, 1):
         parts += [f"widened_{place}"] if found.widened else []
-        parts += [f"without_{name}" for name in found.left_out]
+        parts += [f"without_{name}" for name in (*found.left_out, *found.unconfirmed)]
     return "_".join(parts)
 
 

@@ -38,6 +38,8 @@ class Round:
     accepted: the refit that was taken over.
     left_out: effects that were not added, or not removed where the model has them, because the model would be unstable
         when it is examined: by name, where that happened.
+    unconfirmed: effects that were added and taken back: with the errors learnt again around the model with them, the
+        model without them explains the recording as well.
     indistinguishable: names that the recording does not tell apart from the accepted one, itself first.
     proposals: recordings that would tell those apart, best first; empty where none were planned.
     removed: names of earlier effects that this model does without.
@@ -67,6 +69,7 @@ class Round:
     refits: list[Refit] = field(default_factory=list)
     accepted: Refit | None = None
     left_out: dict[str, str] = field(default_factory=dict)
+    unconfirmed: list[str] = field(default_factory=list)
     indistinguishable: list[str] = field(default_factory=list)
     proposals: list[Proposal] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)
@@ -92,6 +95,11 @@ class Round:
         """Values of the model at a decisively better optimum that a refit led to [SI]; None: there is none."""
         found = min(self.refits, key=lambda again: (again.better is None, again.cost_without), default=None)
         return None if found is None else found.better
+
+    def spend(self, step: str, effort: dict[str, float]) -> None:
+        """Add the seconds and simulations of a step."""
+        before = self.effort.get(step, {})
+        self.effort[step] = {name: round(value + before.get(name, 0), 1) for name, value in effort.items()}
 
     def candidate(self, name: str) -> Candidate:
         """The candidate of a name."""

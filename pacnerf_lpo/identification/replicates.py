@@ -46,7 +46,7 @@ def replicates(
     Each replicate has a finer grid, smaller time steps and particles at random places, a shape distorted smoothly by as
     much as the outlines at frame 0 disagree, and fresh sensor noise. On average a distortion changes something, too:
     the lowest point of a rougher body is lower. A reconstruction may be rougher than the body or smoother, so this
-    mean, found by as many distortions of the coarse body, opposite ones in turn, is taken from the residuals, and
+    mean, found by as many distortions of the model's own body, opposite ones in turn, is taken from the residuals, and
     returned: its size is known, its sign is not. How noisy the outlines of a recording are is measured where the
     replicates agree.
 
@@ -85,7 +85,7 @@ def _of_recording(
             true.physics = with_effects(true.physics, true.effects, 1 / random.uniform(*STEPS), 1.0)
             # one way and then the opposite one, so that the mean is what is of second order
             alike, sign = np.random.default_rng((seed, count, attempt // 2)), (-1) ** attempt
-            wrong = distorted(problem.coarse_body, sign * sigma, alike)
+            wrong = distorted(problem.body, sign * sigma, alike)
             pairs.append((true, problem.model(part.effects, part.known, wrong)))
         for random, seen in zip(draws, each(_predicted, pairs), strict=True):
             if isinstance(seen, SimulationError):
@@ -97,8 +97,7 @@ def _of_recording(
         if attempts and attempts.start > 2 * count:
             raise unstable
     true_seen, wrong_seen, noise, slow = (np.stack(part) for part in zip(*found, strict=True))
-    coarse = problem.coarse_model(part.effects, part.known)
-    bias = np.nan_to_num(problem.relative(wrong_seen - coarse.predict(coarse.start))).mean(0)
+    bias = np.nan_to_num(problem.relative(wrong_seen - reference)).mean(0)
     errors, scale = problem.relative(true_seen - reference) - bias, np.ones_like(problem.sensor)
     outlines = np.s_[..., : problem.views, :, : len(KINDS)]
     if problem.views:

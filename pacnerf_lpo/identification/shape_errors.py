@@ -22,9 +22,9 @@ LARGER = 1.5
 MORE_STEPS = 4
 """Times as many steps as the model. Each of them dissipates a little, as a viscosity would, and how many another code
 takes depends on its user: for the scenes of the paper, 2,400 to 25,000 a second."""
-OWN_VISCOSITY = 0.01
-"""Viscosity that a solid has from its solver, in units of rho h^2 / dt: twice as many steps add this or twice as much
-(`python -m validation.solver_error`)."""
+OWN_VISCOSITY = 0.025
+"""Viscosity that a solid may have from its solver, in units of rho h^2 / dt: what so many more steps add, on average of
+three bodies (`python -m validation.solver_error`)."""
 TOLD = 10
 """A line of progress is written after so many simulations."""
 

@@ -109,7 +109,10 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
         "effects": effects,
         "parameters": [{**one, "solver": shifts[one["name"]]} for one in _intervals(found.parameters, unknowns)],
         "notes": list(found.best.notes),
-        "left_out": [wording.unstable(name, name in effects, why) for name, why in found.left_out.items()],
+        "left_out": [
+            *(wording.unstable(name, name in effects, why) for name, why in found.left_out.items()),
+            *map(wording.unconfirmed, found.unconfirmed),
+        ],
         "undetermined": found.undetermined,
         "disagreement": found.best.dispersion,
         "profiles": {name: list(ends) for name, ends in found.profiles.items()},

@@ -15,6 +15,7 @@ from pacnerf_lpo.report.wording import listed, readable
 PARTS = parts("diagnosis")
 STEPS = {
     "compare": "compare (fit, null replicates)",
+    "confirm": "confirm (is the new effect still needed?)",
     "screen": "screen (one probe each)",
     "refit": "refit",
     "estimate": "estimate (fit to all data)",

@@ -67,6 +67,14 @@ def unstable(name: str, inside: bool, why: str) -> str:
     return f"{capitalised(readable(name))} {begun} is unstable on finer grids and was not examined ({why}); {remedy}."
 
 
+def unconfirmed(name: str) -> str:
+    """Why an effect that was added was taken back."""
+    return (
+        f"{capitalised(readable(name))} seemed to be missing. But once it was learnt what a model with it may get "
+        "wrong, the model without it explained the recording as well; it was taken back."
+    )
+
+
 def probability(p: float) -> str:
     """A p-value as a person reads it."""
     return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
