@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pacnerf_lpo.diagnosis.catalogue import name_of
 from pacnerf_lpo.diagnosis.refitting import against_without
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
+from pacnerf_lpo.inference.decision import DECISIVE, LEVEL, LINEAR, log_bayes_factor, log_occam_factor
 from pacnerf_lpo.mpm.effects.base import Effect
 
 
@@ -41,9 +43,28 @@ def newest_is_needed(problem: Problem, before: Round, found: Round) -> bool:
     """Whether the effect that one round has added is still needed in the model of the next one, whose errors were
     learnt again around it: it has won beside those of the model without it.
     """
-    assert before.screening is not None
-    look = _without(problem, found, found.effects[-1], before.screening)
+    screening = before.screening
+    assert screening is not None
+    if screening.p_value(LINEAR * _by_a_line(problem, found, screening)) < LEVEL:
+        return True
+    look = _without(problem, found, found.effects[-1], screening)
     return look is None or not look.superfluous
+
+
+def _by_a_line(problem: Problem, found: Round, screening: Screening) -> float:
+    """Log Bayes factor of the newest effect of a model by the slopes at its fit; 0 where no line leads to the null."""
+    effect, comparison, mask = found.effects[-1], found.comparison, problem.fitted
+    if effect.discrete:
+        return 0.0
+    unknowns = problem.model(found.effects, comparison.known).unknowns
+    own = np.isin(comparison.names, list(effect.parameters))
+    nulls = [one.transform.to_free(effect.null[one.name]) for one, new in zip(unknowns, own, strict=True) if new]
+    away = (comparison.free[own] - nulls) / comparison.deviation[own]
+    rows = comparison.noise(problem, mask).whiten(comparison.jacobian[mask] * comparison.deviation)
+    covariance = np.linalg.inv(rows.T @ rows + np.eye(len(own)))[np.ix_(own, own)]
+    without = comparison.cost + float(away @ np.linalg.solve(covariance, away))
+    occam = log_occam_factor(rows[:, ~own], rows[:, own])
+    return log_bayes_factor(without, comparison.cost, int(mask.sum()), occam, screening.scale(name_of(effect)))
 
 
 def _without(problem: Problem, found: Round, effect: Effect, screening: Screening) -> Without | None:

@@ -36,8 +36,8 @@ from pacnerf_lpo.types import FieldGrid, ParticleState, Video
 PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 COARSER = 1.4
-"""Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and small
-smooth changes of force and shape move it as they move the finer one."""
+"""Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and a small
+smooth force moves it about as it moves the finer one; a wrong shape does not, where it meets the ground."""
 LEAST_OFFSET = -4.0
 """Of the raw density at the surface from that of the visible one: below that there is only haze."""
 KEPT = 4
@@ -204,7 +204,7 @@ class Problem(ABC):
         return np.zeros(self.sensor.shape)
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        """The coarse body with one more error of its shape each, of one standard deviation, where its surface may be so
+        """The body with one more error of its shape each, of one standard deviation, where its surface may be so
         far from the true one [m]; the body itself where an error leaves nothing of it. None where the shape is known.
         """
         return []
@@ -398,7 +398,7 @@ class StateProblem(BodyProblem):
         return self._sampling(spacing, seed).body()
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
-        return ShapeModes(self.coarse_body, sigma).bodies(self._sampling(COARSER * self.spacing, 0).body)
+        return ShapeModes(self.body, sigma).bodies(self._sampling(self.spacing, 0).body)
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:

@@ -31,8 +31,7 @@ TOLD = 10
 
 def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Progress = lambda _: None) -> np.ndarray:
     """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
-    simulation of the coarse body each; none where its shape is known. An error with which the motion is unstable is
-    left out.
+    simulation each; none where its shape is known. An error with which the motion is unstable is left out.
 
     Args:
         problem: the run.
@@ -124,8 +123,6 @@ def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.n
     bodies = problem.wrong_bodies(distortion(problem, reference))
     if not bodies:
         return np.zeros((*problem.usable.shape, 0))
-    right = problem.coarse_model(part.effects, part.known)
-    base = right.predict(right.start)
     seen: list[np.ndarray | SimulationError] = []
     for found in each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)):
         seen.append(found)
@@ -134,5 +131,5 @@ def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.n
     unstable = [found for found in seen if isinstance(found, SimulationError)]
     if len(unstable) == len(seen):
         raise unstable[0]
-    changes = [found if isinstance(found, np.ndarray) else base for found in seen]
-    return np.stack([problem.relative(found - base) for found in changes], axis=-1)
+    changes = [found if isinstance(found, np.ndarray) else reference for found in seen]
+    return np.stack([problem.relative(found - reference) for found in changes], axis=-1)

@@ -70,15 +70,13 @@ def test_a_reconstruction_that_is_solid_nowhere_is_said_to_be_one():
 def test_a_layer_may_be_taken_away_here_and_put_on_there(ball):
     leaning = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[25]
     right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
-    cut = (ball.coarse_body.positions[:, 0] > 0, right), (ball.coarse_body.positions[:, 0] < 0, left)
-    (before, after), (other, grown) = (
-        (ball.coarse_body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut
-    )
+    cut = (ball.body.positions[:, 0] > 0, right), (ball.body.positions[:, 0] < 0, left)
+    (before, after), (other, grown) = ((ball.body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut)
     assert after < 0.95 * before and grown > 1.05 * other
 
 
 def test_polynomials_have_mean_0_and_mean_square_1(ball):
-    positions = ball.coarse_body.positions
+    positions = ball.body.positions
     fields = polynomials(positions, positions)
     assert len(fields) == 9
     for field in fields:
@@ -98,7 +96,7 @@ def test_displacements_are_together_as_large_as_the_shape_may_be_wrong(ball):
 
 
 def test_places_lie_apart_and_leave_nothing_far_away(ball):
-    positions = ball.coarse_body.positions
+    positions = ball.body.positions
     places, reach = spread(positions, PLACES)
     apart = torch.cdist(places, places) + torch.eye(PLACES)
     distances = torch.cdist(positions, places).amin(1)
@@ -110,19 +108,19 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
 def test_layers_are_taken_away_or_put_on(ball):
     """An even one first, then those that lean and curve."""
     thinner = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[24:34]
-    assert all(len(body.positions) != len(ball.coarse_body.positions) for body in thinner)
-    lost = ball.coarse_body.volume - thinner[0].volume
-    assert lost == pytest.approx(SIGMA * 4 * np.pi * radius(ball.coarse_body) ** 2, rel=1 / 6)
+    assert all(len(body.positions) != len(ball.body.positions) for body in thinner)
+    lost = ball.body.volume - thinner[0].volume
+    assert lost == pytest.approx(SIGMA * 4 * np.pi * radius(ball.body) ** 2, rel=1 / 6)
 
 
 def test_an_error_that_leaves_nothing_of_the_body_is_none(ball):
     thick = ball.wrong_bodies(SIGMA)[24:34]
     gone = ball.wrong_bodies(2 * RADIUS * THINNINGS**0.5)[24:34]
-    assert gone[0] is ball.coarse_body and all(body is not ball.coarse_body for body in thick)
+    assert gone[0] is ball.body and all(body is not ball.body for body in thick)
 
 
 def test_every_place_moves_along_every_axis_by_itself(ball):
-    positions = ball.coarse_body.positions
+    positions = ball.body.positions
     places = spread(positions, PLACES)[0]
     local = moves(ball)[24:]
     assert len(local) == 3 * PLACES
@@ -150,7 +148,7 @@ def test_a_distorted_body_moves_by_so_much_and_more_finely_than_it_bends(ball):
 
 
 def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
-    few = Body.full(ball.coarse_body.positions[:5], DX)
+    few = Body.full(ball.body.positions[:5], DX)
     places = bumps(few, few.positions)
     assert places.shape == (5, 5) and torch.isfinite(places).all()
     distances = torch.cdist(few.positions, few.positions).flatten().sort().values
@@ -159,13 +157,13 @@ def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
 
 def test_the_body_is_denser_here_than_there(ball):
     denser = ball.wrong_bodies(SIGMA)[-4:]
-    assert all(torch.equal(body.positions, ball.coarse_body.positions) for body in denser)
-    ratios = torch.stack([body.fraction / ball.coarse_body.fraction for body in denser])
+    assert all(torch.equal(body.positions, ball.body.positions) for body in denser)
+    ratios = torch.stack([body.fraction / ball.body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [DENSITY_ERROR], rel=1e-3)
-    assert correlation(ratios[3], ball.coarse_body.positions.square().sum(1)) > 0.99
+    assert correlation(ratios[3], ball.body.positions.square().sum(1)) > 0.99
 
 
 def moves(problem: StateProblem) -> list[Tensor]:
     """Displacements of the bodies that have the particles of the right one (N, 3)."""
-    right, bodies = problem.coarse_body, problem.wrong_bodies(SIGMA)
+    right, bodies = problem.body, problem.wrong_bodies(SIGMA)
     return [body.positions - right.positions for body in (*bodies[:24], *bodies[34:-4])]

@@ -90,8 +90,8 @@ class KnownShape(BodyProblem):
 
     def wrong_bodies(self, sigma: float) -> list[Body]:
         """As those of a reconstruction: the distortion is not known to the model, only how large it is."""
-        coarse = Sampling(self.setting.surface, self.coarse_body.spacing, 0)
-        return ShapeModes(self.coarse_body, sigma).bodies(lambda depth: self._distorted(coarse.body(depth)))
+        sampling = Sampling(self.setting.surface, self.spacing, 0)
+        return ShapeModes(self.body, sigma).bodies(lambda depth: self._distorted(sampling.body(depth)))
 
     def _distorted(self, body: Body) -> Body:
         return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed), self._reference)
