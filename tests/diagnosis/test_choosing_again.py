@@ -106,7 +106,13 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
         candidates = [SimpleNamespace(name=name, discrete=False, observes=False) for name in lines]
         comparison = SimpleNamespace(cost=100.0)
         found = SimpleNamespace(
-            screening=screening, candidates=candidates, left_out={}, widened=False, beside="", comparison=comparison
+            screening=screening,
+            candidates=candidates,
+            left_out={},
+            unconfirmed=[],
+            widened=False,
+            beside="",
+            comparison=comparison,
         )
         problem = SimpleNamespace(fitted=np.ones(3, bool))
         competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
