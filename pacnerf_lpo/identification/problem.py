@@ -37,7 +37,7 @@ PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 COARSER = 1.4
 """Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and a small
-smooth force moves it about as it moves the finer one; a wrong shape does not, where it meets the ground."""
+smooth force moves it about as it moves the finer one."""
 LEAST_OFFSET = -4.0
 """Of the raw density at the surface from that of the visible one: below that there is only haze."""
 KEPT = 4
@@ -203,9 +203,10 @@ class Problem(ABC):
         """
         return np.zeros(self.sensor.shape)
 
-    def wrong_bodies(self, sigma: float) -> list[Body]:
-        """The body with one more error of its shape each, of one standard deviation, where its surface may be so
-        far from the true one [m]; the body itself where an error leaves nothing of it. None where the shape is known.
+    def wrong_bodies(self, body: Body, sigma: float) -> list[Body]:
+        """A sampling of the body with one more error of its shape each, of one standard deviation, where its surface
+        may be so far from the true one [m]; the body itself where an error leaves nothing of it. None where the shape
+        is known.
         """
         return []
 
@@ -397,8 +398,8 @@ class StateProblem(BodyProblem):
         """The body, as large as it looks at frame 0 on every side."""
         return self._sampling(spacing, seed).body()
 
-    def wrong_bodies(self, sigma: float) -> list[Body]:
-        return ShapeModes(self.body, sigma).bodies(self._sampling(self.spacing, 0).body)
+    def wrong_bodies(self, body: Body, sigma: float) -> list[Body]:
+        return ShapeModes(body, sigma).bodies(self._sampling(body.spacing, 0).body)
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:

@@ -30,8 +30,11 @@ TOLD = 10
 
 
 def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Progress = lambda _: None) -> np.ndarray:
-    """Changes of the residual [pixels, (V, F, 11, M)] by errors of the body, each of one standard deviation, by one
+    """Changes of the residual [pixels, (V, F, 11, 2 M)] by errors of the body, each of one standard deviation, by one
     simulation each; none where its shape is known. An error with which the motion is unstable is left out.
+
+    What an error of the shape changes depends on the resolution, where the body meets the ground, and a recorded body
+    has none: so half of the variance is of the model's body and half of the coarse one.
 
     Args:
         problem: the run.
@@ -119,17 +122,22 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.ndarray:
-    problem = part.recording
-    bodies = problem.wrong_bodies(distortion(problem, reference))
-    if not bodies:
-        return np.zeros((*problem.usable.shape, 0))
-    seen: list[np.ndarray | SimulationError] = []
-    for found in each(outcome, ((problem.model(part.effects, part.known, body),) for body in bodies)):
-        seen.append(found)
-        if len(seen) % TOLD == 0:
-            progress(f"wrong shapes of {problem.scene}: {len(seen)} of {len(bodies)}")
-    unstable = [found for found in seen if isinstance(found, SimulationError)]
-    if len(unstable) == len(seen):
-        raise unstable[0]
-    changes = [found if isinstance(found, np.ndarray) else reference for found in seen]
-    return np.stack([problem.relative(found - reference) for found in changes], axis=-1)
+    problem, changes = part.recording, []
+    sigma = distortion(problem, reference)
+    for name, body in (("", problem.body), ("coarse ", problem.coarse_body)):
+        bodies = problem.wrong_bodies(body, sigma)
+        if not bodies:
+            return np.zeros((*problem.usable.shape, 0))
+        right = problem.model(part.effects, part.known, body)
+        base = right.predict(right.start)
+        seen: list[np.ndarray | SimulationError] = []
+        for found in each(outcome, ((problem.model(part.effects, part.known, wrong),) for wrong in bodies)):
+            seen.append(found)
+            if len(seen) % TOLD == 0:
+                progress(f"wrong {name}shapes of {problem.scene}: {len(seen)} of {len(bodies)}")
+        unstable = [found for found in seen if isinstance(found, SimulationError)]
+        if len(unstable) == len(seen):
+            raise unstable[0]
+        stable = [found if isinstance(found, np.ndarray) else base for found in seen]
+        changes += [problem.relative(found - base) / 2**0.5 for found in stable]
+    return np.stack(changes, axis=-1)

@@ -67,7 +67,7 @@ def test_every_sampling_of_the_body_is_distorted_alike(scenes):
 def test_the_model_knows_that_its_body_may_be_distorted(scenes):
     """As that of a reconstruction, by as much as it is, around the distorted one."""
     problem = KnownShape.read(scenes[NULL])
-    right, bodies = problem.body, problem.wrong_bodies(problem.setting.warp)
+    right, bodies = problem.body, problem.wrong_bodies(problem.body, problem.setting.warp)
     moves = torch.stack([body.positions - right.positions for body in bodies[:24]])
     assert float(moves.square().sum(2).mean(1).sum().sqrt()) == pytest.approx(problem.setting.warp, rel=1e-3)
     assert all(torch.equal(body.positions, right.positions) for body in bodies[-4:])  # denser here than there

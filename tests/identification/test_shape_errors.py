@@ -68,7 +68,7 @@ def test_a_reconstruction_that_is_solid_nowhere_is_said_to_be_one():
 
 
 def test_a_layer_may_be_taken_away_here_and_put_on_there(ball):
-    leaning = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[25]
+    leaning = ball.wrong_bodies(ball.body, SIGMA * THINNINGS**0.5)[25]
     right, left = (leaning.positions[:, 0] * side > 0 for side in (1, -1))
     cut = (ball.body.positions[:, 0] > 0, right), (ball.body.positions[:, 0] < 0, left)
     (before, after), (other, grown) = ((ball.body.fraction[was].sum(), leaning.fraction[now].sum()) for was, now in cut)
@@ -107,15 +107,15 @@ def test_places_lie_apart_and_leave_nothing_far_away(ball):
 
 def test_layers_are_taken_away_or_put_on(ball):
     """An even one first, then those that lean and curve."""
-    thinner = ball.wrong_bodies(SIGMA * THINNINGS**0.5)[24:34]
+    thinner = ball.wrong_bodies(ball.body, SIGMA * THINNINGS**0.5)[24:34]
     assert all(len(body.positions) != len(ball.body.positions) for body in thinner)
     lost = ball.body.volume - thinner[0].volume
     assert lost == pytest.approx(SIGMA * 4 * np.pi * radius(ball.body) ** 2, rel=1 / 6)
 
 
 def test_an_error_that_leaves_nothing_of_the_body_is_none(ball):
-    thick = ball.wrong_bodies(SIGMA)[24:34]
-    gone = ball.wrong_bodies(2 * RADIUS * THINNINGS**0.5)[24:34]
+    thick = ball.wrong_bodies(ball.body, SIGMA)[24:34]
+    gone = ball.wrong_bodies(ball.body, 2 * RADIUS * THINNINGS**0.5)[24:34]
     assert gone[0] is ball.body and all(body is not ball.body for body in thick)
 
 
@@ -156,7 +156,7 @@ def test_places_of_a_few_particles_are_no_narrower_than_a_node(ball):
 
 
 def test_the_body_is_denser_here_than_there(ball):
-    denser = ball.wrong_bodies(SIGMA)[-4:]
+    denser = ball.wrong_bodies(ball.body, SIGMA)[-4:]
     assert all(torch.equal(body.positions, ball.body.positions) for body in denser)
     ratios = torch.stack([body.fraction / ball.body.fraction for body in denser])
     assert ratios[:3].std(dim=1).tolist() == pytest.approx(3 * [DENSITY_ERROR], rel=1e-3)
@@ -165,5 +165,5 @@ def test_the_body_is_denser_here_than_there(ball):
 
 def moves(problem: StateProblem) -> list[Tensor]:
     """Displacements of the bodies that have the particles of the right one (N, 3)."""
-    right, bodies = problem.body, problem.wrong_bodies(SIGMA)
+    right, bodies = problem.body, problem.wrong_bodies(problem.body, SIGMA)
     return [body.positions - right.positions for body in (*bodies[:24], *bodies[34:-4])]

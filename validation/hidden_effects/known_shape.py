@@ -88,10 +88,10 @@ class KnownShape(BodyProblem):
     def _reference(self) -> Body:
         return self._undistorted(self.setting.spacing, 0)
 
-    def wrong_bodies(self, sigma: float) -> list[Body]:
+    def wrong_bodies(self, body: Body, sigma: float) -> list[Body]:
         """As those of a reconstruction: the distortion is not known to the model, only how large it is."""
-        sampling = Sampling(self.setting.surface, self.spacing, 0)
-        return ShapeModes(self.body, sigma).bodies(lambda depth: self._distorted(sampling.body(depth)))
+        sampling = Sampling(self.setting.surface, body.spacing, 0)
+        return ShapeModes(body, sigma).bodies(lambda depth: self._distorted(sampling.body(depth)))
 
     def _distorted(self, body: Body) -> Body:
         return distorted(body, self.setting.warp, np.random.default_rng(self.setting.warp_seed), self._reference)
