@@ -7,7 +7,7 @@ from itertools import takewhile
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.refitting import GIVE_UP, Ahead, How, Refit, bent, refit
+from pacnerf_lpo.diagnosis.refitting import Ahead, How, Refit, bent, refit
 from pacnerf_lpo.diagnosis.rounds import Round, discrepancy_wins
 from pacnerf_lpo.diagnosis.screening import FORCE, Screening
 from pacnerf_lpo.diagnosis.store import Store
@@ -74,15 +74,8 @@ class Competition:
                 least = min((again.cost for again in self.refits if again.p_value < LEVEL), default=np.inf)
                 wanted = not explains_most(found.comparison.cost, least, size) if searched else not known
                 if wanted and more_than_noise(found, self.refits, size):
-                    self._attempt(candidate, "searched" if searched else "roughly")
-        self._end(by_name)
+                    self._attempt(candidate, "searched" if searched else "thoroughly")
         return against_the_best(self.refits, self.screening)
-
-    def _end(self, by_name: dict[str, Candidate]) -> None:
-        """End the fits that could be the best with lines, the best so far first. The others stay as they are."""
-        for again in sorted(self.refits, key=lambda again: again.cost):
-            if again.rough and again.cost <= GIVE_UP * self._best_cost(again.name):
-                self._attempt(by_name[again.name], "ended")
 
     def _order(self, by_name: dict[str, Candidate]) -> list[str]:
         """Names of the hypotheses that are worth a fit; the incumbent first, then by their linear change, or by less
@@ -112,33 +105,25 @@ class Competition:
         same = (again for again in self.refits if again.name not in self.screening.outside)
         return min((one for one in same if one.log_bayes_factor > DECISIVE), key=lambda one: one.cost, default=None)
 
-    def _best_cost(self, name: str) -> float:
-        """The least cost of the fits to the same data as another one of a hypothesis. A fault of a held-out camera is
-        fitted to others.
-        """
-        return min(
-            (one.cost for one in self.refits if {one.name, name}.isdisjoint(self.screening.outside)), default=np.inf
-        )
-
-    def _attempt(self, candidate: Candidate, how: How = "roughly") -> None:
-        """Fit one, also from where the best so far ended, or the incumbent; or end its fit."""
+    def _attempt(self, candidate: Candidate, how: How = "thoroughly") -> None:
+        """Fit one, also from where the best so far ended, or the incumbent."""
         found, screening, name = self.found, self.screening, candidate.name
-        if name in self.kept and how != "ended":
+        if name in self.kept:
             return
         if found.again < MOST_AGAIN and any(again.better for again in self.refits):
             return  # all of them will be fitted again beside a better model
-        leader, before = self._leader(), next((other for other in self.refits if other.name == name), None)
+        best = min((one.cost for one in self.refits if {one.name, name}.isdisjoint(screening.outside)), default=np.inf)
+        leader = self._leader()
         known = found.incumbent if leader is None else leader.known
-        if how == "ended" and before is not None:
-            known = before.known
-        ahead = Ahead(self._best_cost(name), known if known and how != "searched" else None)
+        ahead = Ahead(best, known if known and how != "searched" else None)
         told = prefixed(self.progress, f"refit with {name}: ")
         step = partial(refit, self.problem, found.effects, found.comparison, candidate, screening, told)
         again = self.store.once(f"{self.number}_refit_{how}_{name}", partial(step, ahead, how))
         if again is None:
             return
         self.simulated += again.simulated
-        if before is None or how == "ended" or again.log_bayes_factor > before.log_bayes_factor:
+        before = next((other for other in self.refits if other.name == name), None)
+        if before is None or again.log_bayes_factor > before.log_bayes_factor:
             self.refits = [other for other in self.refits if other is not before] + [again]
 
 

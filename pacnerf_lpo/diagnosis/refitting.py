@@ -34,13 +34,12 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
-ITERATIONS = 24
-ROUGH, QUICK = Effort(ITERATIONS, confirm=False), Effort(8, confirm=False, remeasured=1)
+ITERATIONS, QUICK = 24, Effort(8, confirm=False, remeasured=1)
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
-How = Literal["quickly", "thoroughly", "roughly", "searched", "beside", "ended"]
+How = Literal["quickly", "thoroughly", "searched", "beside"]
 GIVE_UP = 1.2
-"""A fit that is still so much worse than the best one after a few iterations is given up, and not ended with lines."""
+"""A fit that is still so much worse than the best one after a few iterations is given up."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,6 @@ class Refit:
         this fit ended [SI]; None: there are none, or the effect explains most of what that leaves, too.
     whole: logarithm of the Bayes factor of all data as it is, whether the fitted ones alone say anything for the effect
         or not.
-    rough: whether the fit has not ended with lines.
     """
 
     name: str
@@ -83,7 +81,6 @@ class Refit:
     sizes: tuple[int, int]
     better: dict[str, float] | None = None
     whole: float = 0.0
-    rough: bool = False
 
     @property
     def contender(self) -> Contender:
@@ -135,11 +132,9 @@ def refit(
         screening: of it.
         progress: receives a line about each step.
         ahead: other effects; None: there is none.
-        how: thoroughly: from all starts, ended with lines. Roughly: another fit follows, which ends with lines where
-            this one came near the best; so do the others but ``ended``, that fit itself, from the values ``ahead``.
-            Searched: the whole parameter space of the model with the effect is searched first. Beside: from nowhere but
-            where the best other one ended. Quickly: a few steps from the first start, with sensitivities that are
-            measured again once at most: enough to see which effects can win, not to decide between them.
+        how: searched: the whole parameter space of the model with the effect is searched first. Quickly: a few steps
+            from the first start, with sensitivities that are measured again once at most: enough to see which effects
+            can win, not to decide between them. Beside: from nowhere but where the best other one ended.
 
     Returns:
         None if the motion is unstable from every start.
@@ -151,7 +146,7 @@ def refit(
     measured = 0
     if ahead.known is not None:
         near = fits.beside(begun[0], ahead.known)
-        begun, measured = [near] if how in ("beside", "ended") else [near, *begun], 1
+        begun, measured = [near] if how == "beside" else [near, *begun], 1
     if how == "searched":
         try:
             guess = {**problem.first_guess, **candidate.effect.guess}
@@ -159,14 +154,13 @@ def refit(
         except SimulationError:
             return None
         begun, rollouts, measured = [found.free], found.rollouts, 1
-    decides = how in ("thoroughly", "ended")
-    rough = QUICK if how == "quickly" else ROUGH
-    effort = fits.objective.effort(ITERATIONS) if decides else rough
-    best, used = fits.best(begun[:1] if how == "quickly" else begun, progress, ahead.cost, measured, effort)
+    quick = how == "quickly"
+    effort = QUICK if quick else fits.objective.effort(ITERATIONS)
+    best, used = fits.best(begun[:1] if quick else begun, progress, ahead.cost, measured, effort)
     if best is None:
         return None
-    again = replace(fits.scored(best, screening, rollouts + used), rough=not decides)
-    if decides and again.p_value < LEVEL and again.cost < ahead.cost:
+    again = fits.scored(best, screening, rollouts + used)
+    if not quick and again.p_value < LEVEL and again.cost < ahead.cost:
         null = problem, effects, comparison, again.known, fits.without, fits.mask
         without = better_null(*null, fits.seen(best), prefixed(progress, "without it again, "))
         again = replace(again, simulated=again.simulated + without.rollouts)

@@ -74,7 +74,7 @@ def test_what_was_fitted_before_the_best_is_fitted_once_more_from_where_that_end
     rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, told.append)
     assert verdict(rounds).names == ["LinearDrag"]
     tried = {path.stem.partition("refit_")[2] for path in (tmp_path / "steps").glob("*_refit_*")}
-    assert tried == {"roughly_UniformForce", "roughly_LinearDrag", "beside_UniformForce", "ended_LinearDrag"}
+    assert tried == {"thoroughly_UniformForce", "thoroughly_LinearDrag", "beside_UniformForce"}
     best = next(again for again in rounds[0].refits if again.name == "LinearDrag")
     begins = [line for line in told if "refit with UniformForce: iteration 0" in line]
     young = NeoHookean.parameters["E"]
@@ -89,10 +89,9 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
     kept = {"First": -5.0, "Second": 9.0, "Third": 4.0}
     fitted: list[str] = []
 
-    def attempt(self: competition.Competition, candidate: SimpleNamespace, how: str = "roughly") -> None:
+    def attempt(self: competition.Competition, candidate: SimpleNamespace, how: str = "thoroughly") -> None:
         fitted.append(candidate.name)
-        factor = kept[candidate.name]
-        self.refits.append(SimpleNamespace(name=candidate.name, log_bayes_factor=factor, cost=1.0, rough=False))
+        self.refits.append(SimpleNamespace(name=candidate.name, log_bayes_factor=kept[candidate.name], cost=1.0))
 
     monkeypatch.setattr(competition.Competition, "_attempt", attempt)
     monkeypatch.setattr(competition, "bent", lambda _: False)

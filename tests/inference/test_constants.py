@@ -26,7 +26,7 @@ NUMERICAL = {
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "CLIPPED"},
     "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "PARALLEL", "EFFICIENCY"},
-    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "ROUGH", "QUICK", "GIVE_UP"},
+    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK", "GIVE_UP"},
     "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
