@@ -274,6 +274,8 @@ class _Diagnosis:
         """The beginning of a round: its model fitted, and compared with the recording.
 
         Args:
+            effects, known: of its model, and the values that its fit starts from [SI].
+            progress: receives a line about each step.
             again, beside: as of a :class:`Round`.
             before: rounds before it.
         """
@@ -333,8 +335,8 @@ class _Diagnosis:
             return True
         progress(f"is {name_of(found.effects[-1])} still needed?")
         name = f"{_number(len(self.rounds) + 1, found.again, self.rounds)}_needed"
-        needed: bool = self.store.once(name, partial(newest_is_needed, self.problem, self.rounds[-1], found))
-        found.spend("confirm", self._effort([name], 0))
+        needed, simulated = self.store.once(name, partial(newest_is_needed, self.problem, self.rounds[-1], found))
+        found.spend("confirm", self._effort([name], simulated))
         return needed
 
     def _fit_hypotheses(self, rounds: Sequence[Round], progress: Progress, kept: Sequence[Refit] = ()) -> None:

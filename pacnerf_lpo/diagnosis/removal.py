@@ -21,12 +21,14 @@ class Without:
     name, effect: that it is without.
     known: values of it [SI]
     superfluous: whether it explains the data as well.
+    simulated: simulations that it took.
     """
 
     name: str
     effect: Effect
     known: dict[str, float]
     superfluous: bool
+    simulated: int = 0
 
 
 def without_each(problem: Problem, found: Round) -> list[Without]:
@@ -39,16 +41,16 @@ def without_each(problem: Problem, found: Round) -> list[Without]:
     return [look for look in looks if look is not None]
 
 
-def newest_is_needed(problem: Problem, before: Round, found: Round) -> bool:
+def newest_is_needed(problem: Problem, before: Round, found: Round) -> tuple[bool, int]:
     """Whether the effect that one round has added is still needed in the model of the next one, whose errors were
-    learnt again around it: it has won beside those of the model without it.
+    learnt again around it: it has won beside those of the model without it. And the simulations that it took.
     """
     screening = before.screening
     assert screening is not None
     if screening.p_value(LINEAR * _by_a_line(problem, found, screening)) < LEVEL:
-        return True
+        return True, 0
     look = _without(problem, found, found.effects[-1], screening)
-    return look is None or not look.superfluous
+    return (True, 0) if look is None else (not look.superfluous, look.simulated)
 
 
 def _by_a_line(problem: Problem, found: Round, screening: Screening) -> float:
@@ -76,4 +78,4 @@ def _without(problem: Problem, found: Round, effect: Effect, screening: Screenin
         again, known = against_without(problem, kept, effect, name, found.comparison, screening)
     except SimulationError:
         return None
-    return Without(name, effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE)
+    return Without(name, effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE, again.simulated)

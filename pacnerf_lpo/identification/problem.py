@@ -36,8 +36,8 @@ from pacnerf_lpo.types import FieldGrid, ParticleState, Video
 PARTICLES = 4000
 """The body is sampled by about so many particles: fine enough for rebounds, and a rollout takes about a second."""
 COARSER = 1.4
-"""Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, and a small
-smooth force moves it about as it moves the finer one."""
+"""Node spacing of the coarse body relative to the problem's: a rollout costs a third. Searches begin on it, small
+smooth forces are tried on it, and half of the variance of errors of the shape is its own."""
 LEAST_OFFSET = -4.0
 """Of the raw density at the surface from that of the visible one: below that there is only haze."""
 KEPT = 4

@@ -42,6 +42,7 @@ def test_what_is_there_is_confirmed(tmp_path, monkeypatch, small_threads, hidden
     falling.install(monkeypatch)
     found, after = added(tmp_path, hidden, name)
     assert found._confirmed(after, found.progress) is needed
+    assert needed or after.effort["confirm"]["simulations"] > 0, "what is not clear by a line is fitted"
 
 
 def test_what_is_not_needed_is_taken_back_and_said_to_be(tmp_path, monkeypatch, small_threads):
@@ -65,15 +66,15 @@ def test_the_next_best_takes_the_place_of_what_is_taken_back(tmp_path, monkeypat
     falling.install(monkeypatch)
     asked: list[str] = []
 
-    def needed(_: falling.Falling, before: Round, found: Round) -> bool:
+    def needed(_: falling.Falling, before: Round, found: Round) -> tuple[bool, int]:
         asked.append(before.accepted.name if before.accepted else "")
-        return asked[-1] != "LinearDrag"
+        return asked[-1] != "LinearDrag", 7
 
     monkeypatch.setattr(diagnose, "newest_is_needed", needed)
     problem, told = falling.Falling({"drag": 4.0}), list[str]()
     options = Options(falling.listed(tmp_path), replicates=5, effects=2)
     rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, told.append)
-    assert rounds[0].unconfirmed == ["LinearDrag"]
+    assert rounds[0].unconfirmed == ["LinearDrag"] and rounds[0].effort["confirm"]["simulations"] == 7
     assert rounds[0].accepted is not None and asked[:2] == ["LinearDrag", rounds[0].accepted.name]
     assert "LinearDrag" not in [again.name for again in rounds[0].refits]
     count = len(asked)
