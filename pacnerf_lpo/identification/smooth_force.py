@@ -82,7 +82,8 @@ def force_changes(
     problem: Problem, effects: Sequence[Effect], known: dict[str, float], progress: Progress
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
-    simulation of a coarser body each, 60 for each recording of a body that deforms and 15 of a rigid one; zero where that is unstable.
+    simulation of a coarser body each, 60 for each recording of a body that deforms and 15 of a rigid one; zero
+    where that is unstable.
 
     Args:
         problem: the run.
