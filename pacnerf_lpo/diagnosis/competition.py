@@ -8,7 +8,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.refitting import Ahead, How, Refit, bent, refit
-from pacnerf_lpo.diagnosis.rounds import Round, discrepancy_wins
+from pacnerf_lpo.diagnosis.rounds import Round, discrepancy_wins, leaves_more
 from pacnerf_lpo.diagnosis.screening import FORCE, Screening
 from pacnerf_lpo.diagnosis.store import Store
 from pacnerf_lpo.identification.problem import Problem
@@ -94,11 +94,12 @@ class Competition:
         return [found.beside, *(name for name in names if name != found.beside)]
 
     def _no_line_leads_to(self, candidate: Candidate) -> bool:
-        """Whether a straight line from the model says little of an effect: where that has moved far, and of a force,
-        where one of which nothing is known explains the recording.
+        """Whether a straight line from the model says little of an effect: where that has moved far or leaves more than
+        it predicts, and of a force, where one of which nothing is known explains the recording.
         """
-        force = isinstance(candidate.effect, BodyForce) and discrepancy_wins(self.found, FORCE)
-        return not candidate.observes and (force or bent(self.found.comparison))
+        found = self.found
+        force = isinstance(candidate.effect, BodyForce) and discrepancy_wins(found, FORCE)
+        return not candidate.observes and (force or bent(found.comparison) or leaves_more(found))
 
     def _leader(self) -> Refit | None:
         """The best refit that is decisively better than none. A fault of a held-out camera is fitted to other data."""
