@@ -1,13 +1,13 @@
 """From files of positions to scenes of measured flights: what ``init`` does where there are no cameras."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from pacnerf_lpo.data.measurements import read_ply
+from pacnerf_lpo.data.measurements import comment_value, read_ply
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.trajectories.flight import find_direction, investigate, noises, outlying
 from pacnerf_lpo.data.trajectories.scene import Solid, check_solid, write_scene
@@ -52,22 +52,20 @@ def read_source(source: Path, fps: float | None, spins: Path | None) -> list[Tra
         if not paths:
             raise UserInputError(f"{source}: holds no CSV, C3D or PLY file with positions")
         found = [one for p in paths for one in ([read_c3d(p)] if p.suffix.lower() == MARKERS else read_table(p, fps))]
-    return found if spins is None else _turning(found, spins)
+    return found if spins is None else list(_turning(found, spins))
 
 
-def _turning(found: Sequence[Trajectory], path: Path) -> list[Trajectory]:
+def _turning(found: Sequence[Trajectory], path: Path) -> Iterator[Trajectory]:
     """The recordings with the spins of a file: by their names, or by the numbers in them."""
     spins = read_spins(path)
     numbered = {int(name): spin for name, spin in spins.items() if name.isdigit()}
-    with_spin = []
     for one in found:
         spin = spins.get(one.name, numbered.get(int(one.name)) if one.name.isdigit() else None)
         if spin is None:
             raise UserInputError(
                 f"{path}: has no row for the recording {one.name}; it has {', '.join(list(spins)[:5])} ..."
             )
-        with_spin.append(replace(one, spin=np.array(spin)))
-    return with_spin
+        yield replace(one, spin=np.array(spin))
 
 
 def _each(step: Callable[[Trajectory], Result], recordings: Sequence[Trajectory]) -> tuple[list[Result], list[str]]:
@@ -102,7 +100,7 @@ def make_scenes(
     names = [flight.one.name for flight, is_odd in zip(found, odd, strict=True) if is_odd]
     left_out += [f"left out: {name} is no smooth path, unlike the others" for name in names]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
-    noise = noises(found)
+    noise = list(noises(found))
     unknown = recordings[0].spin is None
     why = "not measured; give it with --spins" if unknown else "measured, in the axes of this scene"
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
@@ -148,10 +146,10 @@ def read_clouds(folder: Path, fps: float | None) -> Trajectory:
         points, comments = read_ply(path)
         points = points[np.isfinite(points).all(1)]
         digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
-        said = [comment.split()[1] for comment in comments if comment.startswith("time_s ")]
-        if not said and (fps is None or not digits):
+        counted = np.nan if fps is None or not digits else int(digits[-1]) / (fps or 1.0)
+        times.append(comment_value(path, comments, "time_s", counted))
+        if np.isnan(times[-1]):
             raise UserInputError(f"{path}: says no time; give --fps, and a number in the name of each file")
-        times.append(float(said[0]) if said else int(digits[-1]) / float(fps or 1.0))
         places.append(points.mean(0) if len(points) else np.full(3, np.nan))
     order = np.argsort(times, kind="stable")
     whole = np.array(times)[order], np.array(places)[order]
