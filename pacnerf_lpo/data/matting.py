@@ -61,7 +61,7 @@ def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = 
     alpha = ndimage.gaussian_filter(alpha, width)
     opacity = alpha[..., None]
     on_white = np.clip(image + (1.0 - opacity) * (1.0 - plate), 0.0, 1.0)  # I - (1 - a) B + (1 - a)
-    return np.where(opacity > 0.0, on_white, 1.0), alpha
+    return np.where(opacity > 0.0, on_white, 1.0), alpha  # pure white where a = 0
 
 
 def spread(values: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -213,21 +213,20 @@ def _read_cloud(path: Path, video_times: Sequence[float]) -> tuple[float, np.nda
     _check_near(f"{path}, vertex {worst}", points[worst])
     number = int(CLOUD_NAME.findall(path.name)[0])
     default = video_times[number] if number < len(video_times) else np.inf
-    time = comment_value(path, comments, "time_s", default)
+    time = _comment(path, comments, "time_s", default)
     if np.isinf(time):
         raise UserInputError(
             f"{path}: the video has frames 0 to {len(video_times) - 1}; renumber the file, or write 'comment time_s' "
             "in its header"
         )
     _check_time(str(path), time, video_times)
-    sigma = comment_value(path, comments, SIGMA, 0.0)
+    sigma = _comment(path, comments, SIGMA, 0.0)
     if sigma < 0:
         raise UserInputError(f"{path}: {SIGMA} {sigma:g} is negative; write the standard deviation in metres")
     return time, points, sigma
 
 
-def comment_value(path: Path, comments: list[str], key: str, default: float) -> float:
-    """The number behind ``key`` in the comments of a PLY file. Raises UserInputError where it is none."""
+def _comment(path: Path, comments: list[str], key: str, default: float) -> float:
     for comment in comments:
         name, _, value = comment.strip().partition(" ")
         try:

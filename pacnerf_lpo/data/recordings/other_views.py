@@ -97,9 +97,8 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
     half, step = _room(cameras, centre), float(np.median(np.diff(cameras[0].times)))
     wrong = int(len(cameras) > OUTVOTED)
     found: list[tuple[np.ndarray, np.ndarray, float] | None] = []
-    counts = np.full(
-        (2, 2 * BINS + 1, 2 * BINS + 1), 0.5
-    )  # of pixels off and on an object by its depths; Jeffreys' prior
+    # of pixels off and on an object, by their depths in the loose hull and in the strict one; Jeffreys' prior
+    counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)
     for number, camera in enumerate(cameras):
         others, shape = [*cameras[:number], *cameras[number + 1 :]], camera.masks.shape[1:]
         rays = _rays(camera.view, shape, centre, half, others, wrong)

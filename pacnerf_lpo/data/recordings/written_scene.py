@@ -199,7 +199,7 @@ def _walk(node: yaml.Node, text: str, lines: list[str], key: str, why: str) -> I
             leaf = isinstance(value, yaml.ScalarNode) or value.flow_style
             begin, end = name.start_mark, value.end_mark if leaf else name.end_mark
             behind = lines[end.line][end.column :].partition("#")[2].strip() if end.line < len(lines) else ""
-            above = [line.strip() for line in reversed(lines[: begin.line] if begin.column else [])]
+            above = [line.strip() for line in reversed(lines[: begin.line] if begin.column else [])]  # an indented key
             comments = takewhile(lambda line: line.startswith("#"), above)
             own = behind or " ".join(reversed([line.lstrip("# ") for line in comments]))
             yield from _walk(value, text, lines, f"{key}.{name.value}" if key else name.value, own or before)
