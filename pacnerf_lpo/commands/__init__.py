@@ -51,10 +51,8 @@ def _spelled_out(run: Callable[..., None], words: Sequence[str]) -> list[str]:
         kind = kinds.get(option.removeprefix("--"), "")
         if kind == "bool" and not values:
             values = ["true"]
-        if kind.startswith("list[str]") and values and not values[0].startswith("["):
-            values = [str(values)]
-        if kind.startswith("list[float]") and values and not values[0].startswith("["):
-            values = [f"[{', '.join(values)}]"]
+        if kind.startswith(("list[str]", "list[float]")) and values and not values[0].startswith("["):
+            values = [str(values) if kind.startswith("list[str]") else f"[{', '.join(values)}]"]
         if len(values) == 1 and values[0].startswith("-"):  # a value, such as a negative number or an axis -z
             option, values = f"{option}={values[0]}", []
         result += [option, *values]

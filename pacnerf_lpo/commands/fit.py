@@ -52,23 +52,19 @@ def look_back(
     stage = Stage(record, manifest.run_dir)
     identified = template if isinstance(template, PhysicsIDModule) and not stage.state.corrected else None
     if compare and identified and record.methods is None:
-        record.methods = _compared(stage, data, physics, identified)
+        module = deepcopy(identified)
+        module.attach(data, deepcopy(physics))
+        module.import_state(stage.state)
+        try:
+            record.methods = compare_methods(module)
+        except (SimulationError, UserInputError) as error:
+            print(f"images and outlines are not compared: {error}", file=sys.stderr)
+            record.methods = {"error": str(error)}
         manifest.save()
     for found in doubts_of_phase(data, physics, stage):
         print(found, file=sys.stderr)
     if identified and particles:
         _add_intervals(Run(manifest.run_dir), particles)
-
-
-def _compared(stage: Stage, data: VideoData, physics: Physics, template: PhysicsIDModule) -> dict:
-    module = deepcopy(template)
-    module.attach(data, deepcopy(physics))
-    module.import_state(stage.state)
-    try:
-        return compare_methods(module)
-    except (SimulationError, UserInputError) as error:
-        print(f"images and outlines are not compared: {error}", file=sys.stderr)
-        return {"error": str(error)}
 
 
 def finish(run_dir: Path, truth: str | None) -> None:

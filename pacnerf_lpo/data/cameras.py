@@ -69,7 +69,6 @@ def hits_box(rays: Rays, box: Box) -> Tensor:
 
 def box_interval(rays: Rays, lower: Tensor, upper: Tensor, near: float = NEAR) -> tuple[Tensor, Tensor]:
     """Distances [m, (R,), (R,)] at which rays enter (not before ``near``) and leave a box; enter > leave is a miss."""
-    tiny = torch.full_like(rays.directions, 1e-12)
-    directions = torch.where(rays.directions.abs() < 1e-12, tiny, rays.directions)
+    directions = torch.where(rays.directions.abs() < 1e-12, 1e-12, rays.directions)
     one, two = (lower - rays.origins) / directions, (upper - rays.origins) / directions
     return torch.minimum(one, two).amax(1).clamp_min(near), torch.maximum(one, two).amin(1)

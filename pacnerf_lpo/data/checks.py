@@ -250,26 +250,23 @@ def check_points_in_box(tracks: TrackedPoints, video: Video, box: Box) -> None:
 
 def check_box_seen(video: Video, box: Box, train: Sequence[int]) -> None:
     """Every training view (index) sees the box; a warning where part of the object lies outside it at frame 0."""
-    size, seen = video.images.shape[2:4], {}
+    size, blind, outside = video.images.shape[2:4], [], {}
     for index in train:
         rays = pixel_rays(video.intrinsics[index], video.camera_to_world[index], *size)
-        seen[video.view_ids[index]] = hits_box(rays, box)
+        inside, silhouette = hits_box(rays, box), video.silhouettes[index, 0].flatten() > 0.5
+        blind += [] if inside.any() else [str(video.view_ids[index])]
+        outside[video.view_ids[index]] = float((silhouette & ~inside).sum() / silhouette.sum())
     corners = f"{list(box.lower)} to {list(box.upper)} m"
-    blind = ", ".join(str(view) for view, inside in seen.items() if not inside.any())
-    if not any(inside.any() for inside in seen.values()):
+    if len(blind) == len(train):
         raise UserInputError(
             f"{video.source}: no training view sees the box data.box_lower, data.box_upper = {corners}; "
             f"{AXES_AND_UNITS}"
         )
     if blind:
         raise UserInputError(
-            f"data.box_lower, data.box_upper: training view {blind} does not see the box {corners}; move the box to "
-            "the object or leave the view out"
+            f"data.box_lower, data.box_upper: training view {', '.join(blind)} does not see the box {corners}; move "
+            "the box to the object or leave the view out"
         )
-    outside = {}
-    for index in train:
-        silhouette, view = video.silhouettes[index, 0].flatten() > 0.5, video.view_ids[index]
-        outside[view] = float((silhouette & ~seen[view]).sum() / silhouette.sum())
     if min(outside.values()) > OUTSIDE_ERROR:
         raise UserInputError(
             f"{video.source}: the box data.box_lower, data.box_upper = {corners} misses the object in every training "

@@ -20,10 +20,8 @@ def hull_box(video: Video, box: Box, views: Sequence[int]) -> Box:
     UserInputError where the mattes have no common point in the box.
     """
     points, cell = _hull(video, box, views)
-    lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
-    margin = MARGIN * cell
-    low = torch.maximum(points.amin(0) - margin, lower).tolist()
-    high = torch.minimum(points.amax(0) + margin, upper).tolist()
+    low = torch.maximum(points.amin(0) - MARGIN * cell, torch.tensor(box.lower)).tolist()
+    high = torch.minimum(points.amax(0) + MARGIN * cell, torch.tensor(box.upper)).tolist()
     return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
 

@@ -61,14 +61,13 @@ def white_silhouette(pixels: np.ndarray) -> np.ndarray:
 
     Only small enclosed patches are filled, so that the hole of a torus stays a hole.
     """
-    solid = pixels.min(axis=-1) < 1.0 - 1.5 / 255.0
-    return fill_small_holes(solid, int(HIGHLIGHT_FRACTION * solid.sum())).astype(np.float32)
+    return fill_small_holes(pixels.min(axis=-1) < 1.0 - 1.5 / 255.0, HIGHLIGHT_FRACTION).astype(np.float32)
 
 
-def fill_small_holes(solid: np.ndarray, largest: int) -> np.ndarray:
-    """``solid`` (H, W) with enclosed holes of at most ``largest`` pixels filled."""
+def fill_small_holes(solid: np.ndarray, share: float) -> np.ndarray:
+    """``solid`` (H, W) with enclosed holes of at most this share of its pixels filled."""
     labels, _ = ndimage.label(~solid)
-    small = np.bincount(labels.ravel()) <= largest
+    small = np.bincount(labels.ravel()) <= int(share * solid.sum())
     open_to_border = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
     small[np.concatenate((*open_to_border, [0]))] = False
     return solid | small[labels]

@@ -47,25 +47,21 @@ def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = 
     """
     ratio = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)  # explains each pixel best
     shade = np.clip(ratio, *SHADE_RANGE)
-    opacity, width = (rim_opacity, 0.0) if solid is None else (rim_opacity_in_shadow, RIM_SMOOTHING)
-    if solid is None:
-        solid = solid_region(image, background, shade)
+    estimate, width = (rim_opacity, 0.0) if solid is None else (rim_opacity_in_shadow, RIM_SMOOTHING)
+    if solid is None:  # what no shading of the plate explains, without specks and small gaps
+        residual = ndimage.gaussian_filter(image - background * shade[..., None], (SMOOTHING, SMOOTHING, 0))
+        distance = np.linalg.norm(residual, axis=-1)
+        solid = distance > max(THRESHOLD_FLOOR, NOISE_FACTOR * float(np.median(distance)))
+        solid = fill_small_holes(large_pieces(solid, PIECE_FRACTION), HOLE_FRACTION)
     inside, outside = ndimage.binary_erosion(solid, iterations=RIM), ~ndimage.binary_dilation(solid, iterations=RIM)
     plate = background * spread(shade[..., None], ~ndimage.binary_dilation(solid))
     alpha, rim = inside.astype(np.float32), ~(inside | outside)
-    estimated = opacity(image[rim], plate[rim], spread(image, inside)[rim])
+    estimated = estimate(image[rim], plate[rim], spread(image, inside)[rim])
     alpha[rim] = np.clip((estimated - NOISE_MARGIN) / (1.0 - 2.0 * NOISE_MARGIN), 0.0, 1.0)
     alpha = ndimage.gaussian_filter(alpha, width)
-    return unmix_onto_white(image, plate, alpha), alpha
-
-
-def solid_region(image: np.ndarray, background: np.ndarray, shade: np.ndarray) -> np.ndarray:
-    """Pixels that no shading of the plate explains, without specks and small gaps [(H, W), bool]."""
-    residual = ndimage.gaussian_filter(image - background * shade[..., None], (SMOOTHING, SMOOTHING, 0))
-    distance = np.linalg.norm(residual, axis=-1)
-    solid = distance > max(THRESHOLD_FLOOR, NOISE_FACTOR * float(np.median(distance)))
-    solid = large_pieces(solid, PIECE_FRACTION)
-    return fill_small_holes(solid, int(HOLE_FRACTION * solid.sum()))
+    opacity = alpha[..., None]
+    on_white = np.clip(image + (1.0 - opacity) * (1.0 - plate), 0.0, 1.0)  # I - (1 - a) B + (1 - a)
+    return np.where(opacity > 0.0, on_white, 1.0), alpha  # pure white where a = 0
 
 
 def spread(values: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -95,9 +91,3 @@ def rim_opacity_in_shadow(image: np.ndarray, plate: np.ndarray, object_colour: n
         scores.append(-0.5 * squares - 0.5 * np.linalg.slogdet(covariance)[1])
     weights = np.exp(np.array(scores) - np.max(scores, axis=0))
     return np.asarray(np.tensordot(OPACITIES, weights, axes=1) / weights.sum(axis=0))
-
-
-def unmix_onto_white(image: np.ndarray, plate: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The object composed onto white (H, W, 3): I - (1 - a) B + (1 - a), and pure white where a = 0."""
-    opacity = alpha[..., None]
-    return np.where(opacity > 0.0, np.clip(image + (1.0 - opacity) * (1.0 - plate), 0.0, 1.0), 1.0)

@@ -134,21 +134,12 @@ def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> Point
     paths = sorted(path for path in folder.glob("*.ply") if CLOUD_NAME.search(path.name))
     if not paths:
         raise UserInputError(f"{folder}: holds no cloud_000.ply; name the files cloud_<frame>.ply")
-    times, clouds, sigmas = [], [], []
-    for path in paths:
-        points, comments = read_ply(path)
-        _check_cloud(path, points)
-        times.append(_cloud_time(path, comments, video_times))
-        sigmas.append(_comment(path, comments, SIGMA, 0.0))
-        if sigmas[-1] < 0:
-            raise UserInputError(f"{path}: {SIGMA} {sigmas[-1]:g} is negative; write the standard deviation in metres")
-        clouds.append(points)
-    order = np.argsort(times, kind="stable")
-    for before, after in itertools.pairwise(order):
-        if times[before] == times[after]:
-            raise UserInputError(f"{paths[after]}: taken at {times[after]:g} s, as {paths[before].name}; remove one")
-    ordered = [clouds[index] for index in order]
-    return PointClouds(np.array(times)[order], ordered, np.array(sigmas)[order], str(folder))
+    found = sorted(((*_read_cloud(path, video_times), path) for path in paths), key=lambda cloud: cloud[0])
+    for (before, *_, earlier), (time, *_, path) in itertools.pairwise(found):
+        if time == before:
+            raise UserInputError(f"{path}: taken at {time:g} s, as {earlier.name}; remove one")
+    times, clouds, sigmas, _ = zip(*found, strict=True)
+    return PointClouds(np.array(times), list(clouds), np.array(sigmas), str(folder))
 
 
 def _column(path: Path, header: list[str], name: str) -> int:
@@ -208,7 +199,9 @@ def read_ply(path: Path) -> tuple[np.ndarray, list[str]]:
     return np.stack([np.asarray(vertex[axis], float) for axis in "xyz"], axis=1), list(data.comments)
 
 
-def _check_cloud(path: Path, points: np.ndarray) -> None:
+def _read_cloud(path: Path, video_times: Sequence[float]) -> tuple[float, np.ndarray, float]:
+    """Time [s], points [m, (n, 3)] and standard deviation [m] of a cloud."""
+    points, comments = read_ply(path)
     if len(points) < LEAST_POINTS:
         raise UserInputError(
             f"{path}: holds {len(points)} points; at least {LEAST_POINTS} make a cloud, remove the file"
@@ -218,9 +211,6 @@ def _check_cloud(path: Path, points: np.ndarray) -> None:
         raise UserInputError(f"{path}: vertex {bad[0]} holds NaN or infinity; remove such points before export")
     worst = int(np.abs(points).max(1).argmax())
     _check_near(f"{path}, vertex {worst}", points[worst])
-
-
-def _cloud_time(path: Path, comments: list[str], video_times: Sequence[float]) -> float:
     number = int(CLOUD_NAME.findall(path.name)[0])
     default = video_times[number] if number < len(video_times) else np.inf
     time = _comment(path, comments, "time_s", default)
@@ -230,7 +220,10 @@ def _cloud_time(path: Path, comments: list[str], video_times: Sequence[float]) -
             "in its header"
         )
     _check_time(str(path), time, video_times)
-    return time
+    sigma = _comment(path, comments, SIGMA, 0.0)
+    if sigma < 0:
+        raise UserInputError(f"{path}: {SIGMA} {sigma:g} is negative; write the standard deviation in metres")
+    return time, points, sigma
 
 
 def _comment(path: Path, comments: list[str], key: str, default: float) -> float:

@@ -6,7 +6,6 @@ Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
+from tqdm.contrib.concurrent import thread_map
 
 from pacnerf_lpo.data import checks
 from pacnerf_lpo.data.assets import resolve_root
@@ -73,7 +73,7 @@ def read_pac_nerf(
     if not 0.0 < image_scale <= 1.0:
         raise UserInputError(f"data.image_scale: {image_scale} is not in 0 < scale <= 1; 0.5 halves width and height")
     index = read_index(root)
-    files = choose_files(root, index, views, frames, background)
+    files = choose_files(index, views, frames, background)
     checks.check_cameras(index, files.views, files.frames)
     times = checks.check_times(index, files.views, files.frames)
     offsets = checks.check_offsets(index, files.views, files.frames, times[1] - times[0] if len(times) > 1 else 1.0)
@@ -100,11 +100,9 @@ def read_pac_nerf(
     )
 
 
-def choose_files(
-    root: Path, index: Index, views: Sequence[int] | None, frames: int | None, background: Background
-) -> Files:
+def choose_files(index: Index, views: Sequence[int] | None, frames: int | None, background: Background) -> Files:
     """The views, frames and kind of image that were asked for. Raises UserInputError where they do not exist."""
-    folder = root / "data"
+    folder = index.path.parent / "data"
     if not folder.is_dir() or not any(folder.glob("[mr]_*_*.png")):
         raise UserInputError(f"{folder}: no images there; put m_<camera>_<frame>.png or r_<camera>_<frame>.png in it")
     available = index.views()
@@ -128,15 +126,9 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
         both = area_average(both, *scaled)
         images[place], silhouettes[place] = both[..., :3], both[..., 3]
 
-    places = list(np.ndindex(shape[:2]))
-    with ThreadPoolExecutor() as pool:
-        done = pool.map(load, places)
-        try:
-            for _ in tqdm(done, f"reading {files.folder}", len(places), delay=2.0, leave=False):
-                pass
-        except UserInputError:
-            pool.shutdown(cancel_futures=True)
-            raise
+    thread_map(
+        load, list(np.ndindex(shape[:2])), tqdm_class=tqdm, desc=f"reading {files.folder}", delay=2.0, leave=False
+    )
     return images, silhouettes
 
 
@@ -152,12 +144,11 @@ def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -
 
 def data_digest(section: Mapping[str, Any]) -> str:
     """Hash of the contents of all files that a section ``data`` reads; UserInputError where it cannot be read."""
-    root = resolve_root(section["root"])
-    index = read_index(root)
+    index = read_index(resolve_root(section["root"]))
     views = index.views()
     if section["train_views"] is not None and section["test_views"] is not None:
         views = sorted({*section["train_views"], *section["test_views"]})
-    chosen = choose_files(root, index, views, section["frames"], section["background"])
+    chosen = choose_files(index, views, section["frames"], section["background"])
     occluders = [path for view in views if (path := chosen.occluder(view)).exists()]
     digest = hashlib.sha256(file_digest(index.path))
     for path in (*chosen.needed(), *occluders):

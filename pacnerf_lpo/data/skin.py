@@ -26,7 +26,6 @@ def carried(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     reach = distances.max(1).clip(TINY)[:, None, None]
     basis = np.concatenate((np.ones((*near.shape, 1)), (path[0][near] - points[:, None]) / reach), axis=-1)
     moments = np.einsum("pk,pki,pkj->pij", weights, basis, basis) + TINY * np.eye(4)
-    at_point = np.linalg.inv(moments)[:, 0]
-    shares = weights * np.einsum("pi,pki->pk", at_point, basis)
+    shares = weights * np.einsum("pi,pki->pk", np.linalg.inv(moments)[:, 0], basis)
     shares /= shares.sum(1, keepdims=True)
     return np.stack([np.einsum("pk,pkj->pj", shares, frame[near]) for frame in path])

@@ -72,7 +72,13 @@ class VideoData:
             return self
         box = checks.check_box(self.box_lower, self.box_upper)
         root = resolve_root(self.root)
-        train, test = self._choose_views(read_index(root).views())
+        available = read_index(root).views()
+        train = checks.check_views(
+            "train_views", available if self.train_views is None else self.train_views, available
+        )
+        rest = [view for view in available if view not in train]
+        test = checks.check_views("test_views", rest if self.test_views is None else self.test_views, available)
+        checks.check_overlap(train, test)
         views = sorted({*train, *test})
         video = read_pac_nerf(root, views, self.frames, self.image_scale, self.background)
         self.train, self.test = [views.index(view) for view in train], [views.index(view) for view in test]
@@ -97,14 +103,6 @@ class VideoData:
         self.point_clouds = None if clouds is None else read_point_clouds(clouds, times)
         if self.tracked_points is not None:
             checks.check_points_in_box(self.tracked_points, video, self.box)
-
-    def _choose_views(self, available: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        wanted = available if self.train_views is None else self.train_views
-        train = checks.check_views("train_views", wanted, available)
-        rest = [view for view in available if view not in train]
-        test = checks.check_views("test_views", rest if self.test_views is None else self.test_views, available)
-        checks.check_overlap(train, test)
-        return train, test
 
     def rays(self, view: int) -> Rays:
         """All ``H * W`` rays of a view (index into ``video``), row by row; computed once and kept."""

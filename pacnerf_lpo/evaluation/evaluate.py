@@ -59,27 +59,19 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
         "result": run.last.stem,
         "chosen_round": run.manifest.chosen_round,
     }
-    results["contact"] = _contact(run, results)
+    counted = run.stages[: run.stages.index(run.last) + 1]
+    failed = {phase["stem"] for phase in results["phases"] if "error" in phase}
+    moving = [stage for stage in counted if stage.moves and stage.stem not in failed]
+    results["contact"] = contact_of(run, moving[-1]) if moving else None
     intervals = run.run_dir / INTERVALS_FILE
     if intervals.is_file():
         results["intervals"] = json.loads(intervals.read_text())
-    results["doubts"] = [asdict(doubt) for doubt in doubts_of_run(run.data, run.physics, _until_result(run), results)]
+    results["doubts"] = [asdict(doubt) for doubt in doubts_of_run(run.data, run.physics, counted, results)]
     if answer is not None:
         results["truth_errors"] = result_phase(results)["truth_errors"]
         results["hidden_effects"] = answer.hidden_effects
     write_atomically(run.run_dir / RESULTS_FILE, json.dumps(results, indent=1, allow_nan=False).encode())
     return results
-
-
-def _contact(run: Run, results: Mapping[str, Any]) -> int | None:
-    """First frame of contact in the last phase up to the result that moves and could be simulated; None: in none."""
-    failed = {phase["stem"] for phase in results["phases"] if "error" in phase}
-    moving = [stage for stage in _until_result(run) if stage.moves and stage.stem not in failed]
-    return contact_of(run, moving[-1]) if moving else None
-
-
-def _until_result(run: Run) -> list[Stage]:
-    return run.stages[: run.stages.index(run.last) + 1]
 
 
 def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, Any]:
@@ -116,16 +108,27 @@ def _evaluate_stage(run: Run, stage: Stage, truth: Truth | None) -> dict[str, An
 
 def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
     """Metrics of a phase: means over training and test views, of all frames and of the first, and image by image."""
-    frames = len(run.data.video.times) if stage.moves else 1
-    shape = (len(run.data.video.view_ids), frames)
+    video = run.data.video
+    frames = len(video.times) if stage.moves else 1
+    shape = (len(video.view_ids), frames)
     table = {name: torch.zeros(shape) for name in ("psnr", "ssim", "lpips", "rms", "blank_rms", "silhouette_iou")}
     missing: Missing | None = None
     rendered = render_stage(run, stage)
     bar = tqdm(rendered, f"evaluating {stage.label}", shape[0] * frames, delay=2.0, leave=False)
     for frame, view, image, opacity in bar:
-        scores, missing = _score(run, view, frame, image, opacity)
-        for name, value in scores.items():
-            table[name][view, frame] = value
+        measured, valid = video.images[view, frame][None], video.valid[view]
+        predicted = torch.where(valid[None, ..., None], image[None], measured)  # what an occluder hides counts as equal
+        scores = image_scores(predicted, measured)
+        silhouettes = (opacity > 0.5) & valid, (video.silhouettes[view, frame] > 0.5) & valid
+        table["psnr"][view, frame] = scores.psnr[0]
+        table["ssim"][view, frame] = scores.ssim[0]
+        table["rms"][view, frame] = mean_squared_error(predicted, measured)[0].sqrt()
+        table["blank_rms"][view, frame] = mean_squared_error(torch.ones_like(measured), measured)[0].sqrt()
+        table["silhouette_iou"][view, frame] = intersection_over_union(*silhouettes)
+        if isinstance(scores.lpips, Missing):
+            missing = scores.lpips
+        else:
+            table["lpips"][view, frame] = scores.lpips[0]
     scores_all = ImageScores(table["psnr"], table["ssim"], missing or table["lpips"])
     if missing is not None:
         del table["lpips"]
@@ -138,25 +141,6 @@ def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
             for name, values in table.items()
         },
     }
-
-
-def _score(run: Run, view: int, frame: int, image: Tensor, opacity: Tensor) -> tuple[dict[str, Tensor], Missing | None]:
-    """Numbers of one image; where an occluder hides the scene, prediction and measurement are taken as equal."""
-    video = run.data.video
-    measured, valid = video.images[view, frame][None], video.valid[view][None, ..., None]
-    predicted = torch.where(valid, image[None], measured)
-    scores = image_scores(predicted, measured)
-    silhouettes = (opacity > 0.5) & video.valid[view], (video.silhouettes[view, frame] > 0.5) & video.valid[view]
-    numbers = {
-        "psnr": scores.psnr[0],
-        "ssim": scores.ssim[0],
-        "rms": mean_squared_error(predicted, measured)[0].sqrt(),
-        "blank_rms": mean_squared_error(torch.ones_like(measured), measured)[0].sqrt(),
-        "silhouette_iou": intersection_over_union(*silhouettes),
-    }
-    if isinstance(scores.lpips, Missing):
-        return numbers, scores.lpips
-    return {**numbers, "lpips": scores.lpips[0]}, None
 
 
 def intersection_over_union(one: Tensor, other: Tensor) -> Tensor:

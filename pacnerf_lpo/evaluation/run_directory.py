@@ -122,12 +122,10 @@ class Run:
         """The finished phase with this stem, such as ``02_r1_physics``; the last one when None."""
         if stem is None:
             return self.last
-        for stage in self.stages:
-            if stage.stem == stem:
-                return stage
-        raise UserInputError(
-            f"{self.run_dir}: no finished phase {stem!r}; there are {', '.join(s.stem for s in self.stages)}"
-        )
+        stages = {stage.stem: stage for stage in self.stages}
+        if stem not in stages:
+            raise UserInputError(f"{self.run_dir}: no finished phase {stem!r}; there are {', '.join(stages)}")
+        return stages[stem]
 
     def view_index(self, view_id: int) -> int:
         """Index of a view in the video from the number its files carry."""

@@ -80,24 +80,18 @@ def round_rows(results: Mapping[str, Any]) -> list[list[str]]:
     for phase in rounds:
         mark = " (chosen)" if phase["round"] == results["chosen_round"] else ""
         quality = [_psnr_cell((phase.get("image_metrics") or {}).get(views)) for views in ("train", "test")]
-        found = [_found_cell(phase, name) for name in results["free"]]
+        values, errors = phase["parameters"], phase.get("truth_errors", {})
+        misses = {name: f" ({describe_error(error)})" for name, error in errors.items()}
+        found = [f"{values[name]['value']:.4g}{misses.get(name, '')}" for name in results["free"]]
         held_out = f"{phase['held_out_error']:.4g}" if "held_out_error" in phase else ""
         rows.append([f"{phase['round']}{mark}", *quality, *found, held_out])
-    if results["chosen_round"] is None:
-        return [row[:-1] for row in rows]
-    return rows
+    return rows if results["chosen_round"] is not None else [row[:-1] for row in rows]
 
 
 def _psnr_cell(metrics: Mapping[str, Any] | None) -> str:
     if metrics is None:
         return "n/a"
     return "inf" if metrics["psnr"] is None else f"{metrics['psnr']:.2f}"
-
-
-def _found_cell(phase: Mapping[str, Any], name: str) -> str:
-    """``1.03e+06 (0.013 in log10)``: the value and, where the truth is known, its error."""
-    error = phase.get("truth_errors", {}).get(name)
-    return f"{phase['parameters'][name]['value']:.4g}" + (f" ({describe_error(error)})" if error else "")
 
 
 def lpips_cell(metrics: Mapping[str, Any]) -> str:

@@ -18,9 +18,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.touch()
         yield temporary
         temporary.replace(path)
-    except BaseException:
+    finally:
         temporary.unlink(missing_ok=True)
-        raise
 
 
 @contextmanager
@@ -42,24 +41,17 @@ def whole_folder(path: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def check_file(path: Path) -> None:
-    """Raise UserInputError where no file can be written under this name."""
-    if path.is_dir():
+def check_output(path: Path, own: re.Pattern[str] | None) -> None:
+    """Raise UserInputError where a file cannot be written under this name, or a folder of files with ``own`` names
+    would replace something else.
+    """
+    if own is None and path.is_dir():
         raise UserInputError(f"--output {path}: is a folder; give the name of a file")
-    _check_above(path)
-
-
-def check_folder(path: Path, own: re.Pattern[str]) -> None:
-    """Raise UserInputError where a folder of files with ``own`` names would replace something else."""
-    if path.exists() and not path.is_dir():
+    if own is not None and path.exists() and not path.is_dir():
         raise UserInputError(f"--output {path}: is a file, and one file per frame needs a folder; give another name")
-    _check_above(path)
-    other = sorted(file.name for file in path.glob("*") if not own.fullmatch(file.name))
-    if other:
-        raise UserInputError(f"--output {path}: the folder holds other files, such as {other[0]}; give another name")
-
-
-def _check_above(path: Path) -> None:
     above = next(parent for parent in path.absolute().parents if parent.exists())
     if not above.is_dir():
         raise UserInputError(f"--output {path}: {above} is a file, not a folder; give another name")
+    other = sorted(file.name for file in path.glob("*") if own is not None and not own.fullmatch(file.name))
+    if other:
+        raise UserInputError(f"--output {path}: the folder holds other files, such as {other[0]}; give another name")

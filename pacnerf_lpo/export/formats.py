@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import Stage
-from pacnerf_lpo.export.files import check_file, check_folder
+from pacnerf_lpo.export.files import check_output
 from pacnerf_lpo.export.film import write_mp4
 from pacnerf_lpo.export.motion import Subject
 from pacnerf_lpo.export.points import PLY_FILES, VTU_FILES, write_csv, write_ply, write_usd, write_vtu
@@ -91,8 +91,5 @@ def target(name: str, stage: Stage, output: Path | None) -> Path:
     path = output or stage.run_dir / "exports" / (f"{stage.stem}_{name}" if kind.files else f"{stage.stem}.{name}")
     if output is None and name == "ply":
         path = stage.run_dir / "particles" / stage.stem
-    if kind.files:
-        check_folder(path, kind.files)
-    else:
-        check_file(path)
+    check_output(path, kind.files)
     return path

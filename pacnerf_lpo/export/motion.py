@@ -77,7 +77,7 @@ class Subject:
         state, physics = self.stage.state, self.run.physics
         times = self.run.data.video.times.numpy()[: len(self.positions)]
         velocities = frame_velocities(self.positions, velocity_of(self.run, self.stage).numpy(), times)
-        motion = Motion(
+        return Motion(
             times=times,
             positions=self.positions,
             velocities=velocities.astype(np.float32),
@@ -88,8 +88,7 @@ class Subject:
             distance=state.spacing / 2,
             frame_rate=physics.frame_rate,
             parameters=state.physics,
-        )
-        return motion.thinned(self.particles)
+        ).thinned(self.particles)
 
 
 def frame_velocities(positions: np.ndarray, initial: np.ndarray, times: np.ndarray) -> np.ndarray:

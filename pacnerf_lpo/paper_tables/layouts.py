@@ -77,8 +77,15 @@ class ImageLayout(Layout):
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per scene and metric, then the averages over the scenes that have every figure."""
-        cells = {scene: self._figures(book, scene.name) for scene in scenes}
-        rows = [self._row(scene, cells[scene], metric) for scene in scenes for metric in METRICS]
+        rows = []
+        for scene in scenes:
+            cells = self._figures(book, scene.name)
+            for name, label, form, better in METRICS:
+                entries = [
+                    one if isinstance(one, Entry) else one.image(name, views, self.first_frame) if views else NO_VIEWS
+                    for one, views in cells
+                ]
+                rows.append(Row(scene.name, label, form, better, self.beside_paper(scene, name, entries)))
         return self.table([*rows, *self._averages(rows, scenes)])
 
     def _figures(self, book: Book, scene: str) -> list[tuple[Figures | Entry, list[int]]]:
@@ -88,16 +95,7 @@ class ImageLayout(Layout):
         held_out = next(compared, [])
         return [(one, one.views(self.views) or held_out if isinstance(one, Figures) else []) for one in found]
 
-    def _row(self, scene: Scene, cells: Sequence[tuple[Figures | Entry, list[int]]], metric: tuple) -> Row:
-        name, label, form, better = metric
-        entries = [
-            one if isinstance(one, Entry) else one.image(name, views, self.first_frame) if views else NO_VIEWS
-            for one, views in cells
-        ]
-        return Row(scene.name, label, form, better, self.beside_paper(scene, name, entries))
-
     def _averages(self, rows: Sequence[Row], scenes: Sequence[Scene]) -> list[Row]:
-        every_original = len(scenes) > 1 and all(scene.original for scene in scenes)
         averages = []
         for name, label, form, better in METRICS:
             mine = [row for row in rows if row.quantity == label]
@@ -107,7 +105,7 @@ class ImageLayout(Layout):
             said = "average"
             if len(complete) < len(mine):
                 said += f" of {', '.join(row.scene for row in complete) or 'none'}"
-            whole = every_original and len(complete) == len(mine) == PAPER_SCENES
+            whole = len(complete) == len(mine) == PAPER_SCENES and all(scene.original for scene in scenes)
             printed = paper_values(self.name, AVERAGE, name) if whole else []
             columns = zip(*(row.entries for row in complete), strict=True)
             means = [Entry(statistics.fmean(entry.value or 0.0 for entry in column)) for column in columns]
@@ -128,16 +126,15 @@ class SpreadLayout(Layout):
 
     def build(self, book: Book, scenes: Sequence[Scene]) -> Table:
         """One row per metric."""
-        table = self.table(self._spread(book, scenes, metric) for metric in METRICS)
+        original, rows = sum(scene.original for scene in scenes) == PAPER_SCENES, []
+        for name, label, form, better in METRICS:
+            printed = paper_values(self.name, AVERAGE, name) if original else []
+            entries = [self._over_sets(book, scenes, column, name) for column in self.columns]
+            rows.append(Row("average", label, form, better, with_printed(entries, printed)))
+        table = self.table(rows)
         names = ", ".join(name or "the baseline's own" for name in self.view_sets)
         table.notes.append(f"mean ± standard deviation (over n, not n - 1) of {len(self.view_sets)} view sets: {names}")
         return table
-
-    def _spread(self, book: Book, scenes: Sequence[Scene], metric: tuple) -> Row:
-        name, label, form, better = metric
-        printed = paper_values(self.name, AVERAGE, name) if sum(s.original for s in scenes) == PAPER_SCENES else []
-        entries = [self._over_sets(book, scenes, column, name) for column in self.columns]
-        return Row("average", label, form, better, with_printed(entries, printed))
 
     def _over_sets(self, book: Book, scenes: Sequence[Scene], column: Column, name: str) -> Entry:
         means = []
@@ -165,9 +162,8 @@ class ErrorLayout(Layout):
         table.notes += self._counts(rows)
         return table
 
-    def _counts(self, rows: Sequence[Row]) -> list[str]:
+    def _counts(self, rows: Sequence[Row]) -> Iterator[str]:
         """In how many items each column is closer to the truth than the first of its group."""
-        notes = []
         for i, column in enumerate(self.columns):
             first = next(j for j, other in enumerate(self.columns) if other.group == column.group)
             pairs = [(row.entries[i].value, row.entries[first].value) for row in rows]
@@ -175,8 +171,7 @@ class ErrorLayout(Layout):
             if first < i and gains and column.group:
                 closer = f"closer to the truth in {sum(gain > 0 for gain in gains)} of {len(gains)} items"
                 farther = f"farther by {max(0.0, -min(gains)):.3f} at most"
-                notes.append(f"{column.label} against {self.columns[first].label}: {closer}, {farther}")
-        return notes
+                yield f"{column.label} against {self.columns[first].label}: {closer}, {farther}"
 
 
 @dataclass(frozen=True)

@@ -78,22 +78,27 @@ class PlannedRun:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         (partial / CONFIG_FILE).write_text(yaml.safe_dump(self.config, sort_keys=False))
-        (partial / LABEL_FILE).write_text(json.dumps(self.label(), indent=1))
-        manifest = Manifest(partial, "interrupted")
-        if self.start is not None:
-            _copy_beginning(self.start.run_dir, manifest)
-        manifest.save()
-        partial.rename(self.run_dir)
-
-    def label(self) -> dict[str, Any]:
-        """What the run is, for people and for checks."""
-        return {
+        label = {
             "run": str(self.name),
             "key": self.key,
             "version": __version__,
             "configs": [str(path) for path in self.files],
             "starts_from": None if self.start is None else self.start.run_dir.name,
         }
+        (partial / LABEL_FILE).write_text(json.dumps(label, indent=1))
+        manifest = Manifest(partial, "interrupted")
+        if self.start is not None:
+            source = self.start.run_dir
+            records = Manifest.load(source).done[:BEGINNING]
+            if len(records) < BEGINNING:
+                raise UserInputError(
+                    f"{source}: its first {BEGINNING} phases are not finished, so nothing can start from them"
+                )
+            manifest.begin_with(source, records)
+            if (source / "tensorboard").is_dir():
+                shutil.copytree(source / "tensorboard", partial / "tensorboard")
+        manifest.save()
+        partial.rename(self.run_dir)
 
 
 def plan_runs(
@@ -156,15 +161,6 @@ def _files(name: RunName, scene: Scene, configs: Path, overlays: Sequence[Path])
                 f"{path}: no such file; --configs wants the folder with fit.yaml, scenes, baselines ..."
             )
     return files
-
-
-def _copy_beginning(source: Path, manifest: Manifest) -> None:
-    records = Manifest.load(source).done[:BEGINNING]
-    if len(records) < BEGINNING:
-        raise UserInputError(f"{source}: its first {BEGINNING} phases are not finished, so nothing can start from them")
-    manifest.begin_with(source, records)
-    if (source / "tensorboard").is_dir():
-        shutil.copytree(source / "tensorboard", manifest.run_dir / "tensorboard")
 
 
 def run_key(config: Mapping[str, Any]) -> str:

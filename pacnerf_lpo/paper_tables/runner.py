@@ -24,7 +24,7 @@ from pacnerf_lpo.errors import Interrupted, UserInputError
 from pacnerf_lpo.manifest import FILE_NAME
 from pacnerf_lpo.outer_loop import PhaseStep, algorithm_1
 from pacnerf_lpo.paper_tables import execution
-from pacnerf_lpo.paper_tables.execution import Outcome, Status, Task, execute
+from pacnerf_lpo.paper_tables.execution import Outcome, Task, execute
 from pacnerf_lpo.paper_tables.plan import BEGINNING, PlannedRun
 from pacnerf_lpo.paper_tables.tables import NO_CORRECTION
 
@@ -65,8 +65,7 @@ def run_all(runs: Sequence[PlannedRun], output: Path, resources: Resources) -> d
     with _engine(resources), _stop_file(output) as stop, Progress(runs, outcomes, resources.jobs):
         for starts in (False, True):
             wave = [run for run in runs if (run.start is not None) == starts and run.run_dir not in outcomes]
-            hindered = [(run.run_dir, cause) for run in wave if (cause := _hindered(run, outcomes))]
-            outcomes.update((run_dir, Outcome(run_dir, *cause)) for run_dir, cause in hindered)
+            outcomes |= {run.run_dir: cause for run in wave if (cause := _hindered(run, outcomes))}
             parallel = Parallel(batch_size=1, pre_dispatch="n_jobs", return_as="generator_unordered")
             tasks = (_task(run, resources, stop) for run in wave if run.run_dir not in outcomes)
             for outcome in parallel(delayed(execute)(task) for task in tasks):
@@ -81,33 +80,33 @@ def _task(run: PlannedRun, resources: Resources, stop: Path) -> Task:
     return Task(run.run_dir, execution.FIT, resources.threads, resources.memory, stop)
 
 
-def _hindered(run: PlannedRun, outcomes: Mapping[Path, Outcome]) -> tuple[Status, str] | None:
+def _hindered(run: PlannedRun, outcomes: Mapping[Path, Outcome]) -> Outcome | None:
     """Why a run cannot begin: what it would start from is not there."""
     if run.start is None or run.run_dir.exists() or outcomes[run.start.run_dir].status == "finished":
         return None
-    return outcomes[run.start.run_dir].status, f"{run.start.name}, from which it starts, did not finish"
+    reason = f"{run.start.name}, from which it starts, did not finish"
+    return Outcome(run.run_dir, outcomes[run.start.run_dir].status, reason)
 
 
 @contextlib.contextmanager
 def _engine(resources: Resources) -> Iterator[None]:
     """joblib with the chosen backend."""
-    try:
-        if resources.backend == "dask":
-            from dask.distributed import Client
+    with contextlib.ExitStack() as stack:
+        try:
+            if resources.backend == "dask":
+                from dask.distributed import Client
 
-            with Client(n_workers=resources.jobs, threads_per_worker=1), parallel_config("dask", n_jobs=resources.jobs):
-                yield
-            return
-        if resources.backend == "ray":
-            from ray.util.joblib import register_ray
+                stack.enter_context(Client(n_workers=resources.jobs, threads_per_worker=1))
+            elif resources.backend == "ray":
+                from ray.util.joblib import register_ray
 
-            register_ray()
-    except ImportError as error:
-        package = {"dask": "dask[distributed]", "ray": "ray"}[resources.backend]
-        raise UserInputError(
-            f"--backend {resources.backend}: {error.name} is not installed; pip install '{package}'"
-        ) from None
-    with parallel_config(resources.backend, n_jobs=resources.jobs):
+                register_ray()
+        except ImportError as error:
+            package = {"dask": "dask[distributed]", "ray": "ray"}[resources.backend]
+            raise UserInputError(
+                f"--backend {resources.backend}: {error.name} is not installed; pip install '{package}'"
+            ) from None
+        stack.enter_context(parallel_config(resources.backend, n_jobs=resources.jobs))
         yield
 
 

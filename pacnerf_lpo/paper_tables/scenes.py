@@ -60,10 +60,6 @@ def _scene(folder: Path, configs: Path, truths: Path) -> Scene:
     if (folder / TRUTH_FILE).exists():
         files = (settings, configs / "shared" / f"{name}.yaml")
         return Scene(name, str(folder.resolve()), files, str((folder / TRUTH_FILE).resolve()), original=False)
-    return Scene(name, str(folder.resolve()), (settings,), str(_write_paper_truth(name, truths)), original=True)
-
-
-def _write_paper_truth(name: str, truths: Path) -> Path:
     keys = {ours: theirs for theirs, ours in TRUTH_KEYS.items()}
     content = {
         "material": "newtonian" if name in FLUIDS else "solid",
@@ -71,4 +67,4 @@ def _write_paper_truth(name: str, truths: Path) -> Path:
     }
     path = (truths / f"{name}.json").resolve()
     write_atomically(path, json.dumps(content, indent=1).encode())
-    return path
+    return Scene(name, str(folder.resolve()), (settings,), str(path), original=True)

@@ -128,9 +128,15 @@ def still_background(footage: Footage) -> Background | None:
     far = _far_from_motion(seen, noise)
     if far is None:
         return None
-    colours = Colours.unknown()
+    colours, chance, weight = Colours.unknown(), np.where(far, FREE, COVERED), np.where(far, 1.0, NEAR)
     for _ in range(ROUNDS):
-        plate = _most_probable(views, seen, noise, far, colours)
+        # of each pixel the colour that, lit or in a shadow, explains all frames best as background
+        as_object = np.log(chance) + colours.log_of(views)
+        scores = [(weight * np.logaddexp(np.log(1.0 - chance) + one, as_object)).sum(axis=0) for one in seen]
+        best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)[None]
+        alike = -1.5 * np.log(2.0 * np.pi * noise**2) - np.take_along_axis(seen, best[None], axis=0)[0] < MOVED
+        shows = _lit(views, alike, noise)
+        plate = (shows[..., None] * views).sum(axis=0) / shows.sum(axis=0)[..., None]
         background = Background(plate, noise, np.ones(noise.shape, bool), colours, far, DARKENED)
         for _ in range(ROUNDS):
             solid = np.stack([solid_part(background.denoised_odds(image)) for image in frames])
@@ -199,20 +205,6 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
         moving[t] = convex_hull_object(large_pieces(closed, 0.1))
     away = FAR * np.sqrt(np.median(moving.sum(axis=(1, 2))))
     return np.stack([(ndimage.distance_transform_edt(~one) > away) & one.any() for one in moving])
-
-
-def _most_probable(
-    views: np.ndarray, seen: np.ndarray, noise: np.ndarray, far: np.ndarray, colours: Colours
-) -> np.ndarray:
-    """For each pixel the colour that, lit or in a shadow, explains all frames best as background [(H, W, 3)]."""
-    chance = np.where(far, FREE, COVERED)
-    as_object = np.log(chance) + colours.log_of(views)
-    weight = np.where(far, 1.0, NEAR)
-    scores = [(weight * np.logaddexp(np.log(1.0 - chance) + one, as_object)).sum(axis=0) for one in seen]
-    best = np.argmax([smoothed(score, TOGETHER) for score in scores], axis=0)[None]
-    one = -1.5 * np.log(2.0 * np.pi * noise**2) - np.take_along_axis(seen, best[None], axis=0)[0] < MOVED
-    shows = _lit(views, one, noise)
-    return (shows[..., None] * views).sum(axis=0) / shows.sum(axis=0)[..., None]
 
 
 def _lit(views: np.ndarray, shows: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ tangency: Cipolla, Astroem, Giblin 1995). So the two outermost angles around the
 function of time in both videos, and a camera that is late shows it later. No shape and no law of motion is assumed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -85,11 +85,14 @@ class Clocks:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Outermost angles around the line between two cameras [rad, (2, F) each], and pixels per radian of both."""
+    """Outermost angles around the line between two cameras [rad, (2, F) each], stamps of their frames [s, (F,) each],
+    and pixels per radian of both.
+    """
 
     one: int
     other: int
     angles: tuple[np.ndarray, np.ndarray]
+    stamps: tuple[np.ndarray, np.ndarray]
     sharpness: float
     width: float
 
@@ -101,9 +104,9 @@ def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
     another question. So do cameras that are in step, by a whole number of frames or none, within the error.
     """
     step = max(float(np.median(np.diff(sighting.times))) for sighting in sightings)
-    pairs = _pairs(sightings)
-    offsets, errors = _refined(pairs, sightings, step * _whole_frames(pairs, sightings, step), step)
-    costs = ([_cost(pair, sightings, offsets, step)[1] for pair in _of(k, pairs)] for k in range(len(sightings)))
+    pairs = list(_pairs(sightings))
+    offsets, errors = _refined(pairs, step * _whole_frames(pairs, sightings, step), step)
+    costs = ([_cost(pair, offsets, step)[1] for pair in _of(k, pairs)] for k in range(len(sightings)))
     fits = np.array([np.median(own or [np.inf]) < 1.0 for own in costs])
     if not fits.any():
         return Clocks(np.zeros(len(sightings)), errors, step)
@@ -115,16 +118,17 @@ def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
     return Clocks(np.where(apart, offsets, whole), errors, step)
 
 
-def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[int, int, int]]:
+def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> Iterator[tuple[int, int, int]]:
     """Frames that cameras have left out without a gap in their stamps: camera, frame before which, and how many.
 
     Each frame of a camera is compared with the others' outlines at its own time and some frames earlier and later; the
     cheapest sequence of lags that never decreases shows where time jumps (Viterbi 1967). That needs other views enough
     to outvote one, :data:`ENOUGH` in all.
     """
-    found, pairs, lags = [], _pairs(sightings), np.arange(-MISSING, MISSING + 1)
+    pairs, lags = list(_pairs(sightings)), np.arange(-MISSING, MISSING + 1)
     for camera in range(len(sightings) if len(sightings) >= ENOUGH else 0):
-        costs = np.stack([_frame_costs(camera, pairs, sightings, clocks, lag * clocks.step) for lag in lags])
+        times = sightings[camera].times + clocks.offsets[camera]
+        costs = np.stack([_frame_costs(camera, pairs, clocks, times + lag * clocks.step) for lag in lags])
         total, came = costs[:, 0], []
         for cost in costs.T[1:]:
             before = [total[: lag + 1] + JUMP * (np.arange(lag + 1) < lag) for lag in range(len(lags))]
@@ -137,26 +141,22 @@ def find_missing(sightings: Sequence[Sighting], clocks: Clocks) -> list[tuple[in
             path.append(costs[lag, frame - 1])
             jumps += [(camera, frame, jump)] if jump else []
         if np.median(path) < 1.0:
-            found += jumps
-    return found
+            yield from jumps
 
 
 def _of(camera: int, pairs: Sequence[_Pair]) -> list[_Pair]:
     return [pair for pair in pairs if camera in (pair.one, pair.other)]
 
 
-def _frame_costs(
-    camera: int, pairs: Sequence[_Pair], sightings: Sequence[Sighting], clocks: Clocks, later: float
-) -> np.ndarray:
-    """Squared difference of each frame of a camera, taken so much later [s], in units of a match: the median over the
-    other cameras, and CAP where they say nothing [(F,)].
+def _frame_costs(camera: int, pairs: Sequence[_Pair], clocks: Clocks, times: np.ndarray) -> np.ndarray:
+    """Squared difference of each frame of a camera, if taken at these times [s, (F,)], in units of a match: the median
+    over the other cameras, and CAP where they say nothing [(F,)].
     """
-    times = sightings[camera].times + clocks.offsets[camera] + later
     rows = [np.full(len(times), np.nan)]
     for pair in _of(camera, pairs):
         own = int(camera == pair.other)
         other = (pair.one, pair.other)[1 - own]
-        shown = resampled(pair.angles[1 - own].T, sightings[other].times + clocks.offsets[other], times).T
+        shown = resampled(pair.angles[1 - own].T, pair.stamps[1 - own] + clocks.offsets[other], times).T
         match = 2.0 * NOISE + MATCH * pair.width
         rows += list((pair.sharpness * (pair.angles[own] - shown) / match) ** 2)
     table = np.array(rows)
@@ -187,9 +187,8 @@ def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.n
     return np.where((s < -1.0) | (s > 2.0), np.nan, curve)
 
 
-def _pairs(sightings: Sequence[Sighting]) -> list[_Pair]:
+def _pairs(sightings: Sequence[Sighting]) -> Iterator[_Pair]:
     near = nearest_point(sightings)
-    found = []
     for one, other in combinations(range(len(sightings)), 2):
         start, end = sightings[one].pose[:, 3], sightings[other].pose[:, 3]
         axis = (end - start) / np.linalg.norm(end - start)
@@ -203,8 +202,8 @@ def _pairs(sightings: Sequence[Sighting]) -> list[_Pair]:
         sharpness = 1.0 / float(np.hypot(1.0 / sides[0][1], 1.0 / sides[1][1]))
         width = float(np.nanmedian(np.concatenate([a[1] - a[0] for a in angles]))) if sharpness > 0 else np.nan
         if np.isfinite(width) and min(np.isfinite(a).any(axis=0).sum() for a in angles) >= LEAST_FRAMES:
-            found.append(_Pair(one, other, (angles[0], angles[1]), sharpness, sharpness * width))
-    return found
+            stamps = sightings[one].times, sightings[other].times
+            yield _Pair(one, other, (angles[0], angles[1]), stamps, sharpness, sharpness * width)
 
 
 def nearest_point(sightings: Sequence[Sighting]) -> np.ndarray:
@@ -237,13 +236,13 @@ def _angles(sighting: Sighting, frame: np.ndarray) -> tuple[np.ndarray, float]:
     return found, sighting.focal * float(np.median(sharpness)) if sharpness else 1e-12
 
 
-def _cost(pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float) -> tuple[float, float]:
+def _cost(pair: _Pair, offsets: np.ndarray, step: float) -> tuple[float, float]:
     """Mean squared difference of a pair, in units of the largest that is a match, each at most CAP, and its median.
 
     Frames that only one of the two has count as a match that is just not one: little overlap proves little.
     """
     match = 2.0 * NOISE + MATCH * pair.width
-    difference = _sides(pair, sightings, offsets, step, (0.0,))
+    difference = _sides(pair, offsets, step, (0.0,))
     difference = (difference[0][0] - difference[1][0]) / match
     squares = np.minimum(difference**2, (CAP * pair.width / match) ** 2)
     known = squares[np.isfinite(squares)]
@@ -253,11 +252,9 @@ def _cost(pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step:
     return float((known.sum() + max(missing, 0)) / (len(known) + max(missing, 0))), float(np.median(known))
 
 
-def _sides(
-    pair: _Pair, sightings: Sequence[Sighting], offsets: np.ndarray, step: float, shifts: Sequence[float]
-) -> list[list[np.ndarray]]:
+def _sides(pair: _Pair, offsets: np.ndarray, step: float, shifts: Sequence[float]) -> list[list[np.ndarray]]:
     """The angles of both cameras on common times, and so many frames later [pixels, (2, T)]."""
-    stamps = [sightings[camera].times + offsets[camera] for camera in (pair.one, pair.other)]
+    stamps = pair.stamps[0] + offsets[pair.one], pair.stamps[1] + offsets[pair.other]
     start, end = max(times[0] for times in stamps) - 1e-6 * step, min(times[-1] for times in stamps)
     grid = np.arange(start, end + 1e-3 * step, step)
     if len(grid) < LEAST_FRAMES:
@@ -281,7 +278,7 @@ def _whole_frames(pairs: Sequence[_Pair], sightings: Sequence[Sighting], step: f
         for number, lag in enumerate(apart):
             offsets = np.zeros(count)
             offsets[pair.one] = lag * step
-            cost = _cost(pair, sightings, offsets, step)[0] if abs(lag) <= reach else CAP**2 / MATCH**2
+            cost = _cost(pair, offsets, step)[0] if abs(lag) <= reach else CAP**2 / MATCH**2
             costs[pair.one, pair.other, number] = costs[pair.other, pair.one, len(apart) - 1 - number] = cost
     lags = np.arange(-reach, reach + 1)
 
@@ -310,20 +307,18 @@ def _best(lags: np.ndarray, costs: np.ndarray) -> int:
     return int(min(zip(costs.round(9), np.abs(lags), lags, strict=True))[2])
 
 
-def _refined(
-    pairs: Sequence[_Pair], sightings: Sequence[Sighting], whole: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _refined(pairs: Sequence[_Pair], whole: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Offsets and standard errors [s, (V,) each], from whole frames on, by Gauss and Newton with bounded residuals.
 
     A pair may differ by a constant, which an error of its calibration explains. The same outline is in all pairs of its
     camera, so the information of V - 1 pairs is that of two.
     """
-    count, offsets = len(sightings), whole.astype(float)
+    count, offsets = len(whole), whole.astype(float)
     covariance, scale, centre = np.full((count, count), np.nan), 1.0, np.eye(count) - 1.0 / count
     for _ in range(STEPS):
         normal, slope, squares, rows = 1e-9 / step**2 * np.eye(count), np.zeros(count), 0.0, 0
         for pair in pairs:
-            (one, ahead, behind), (other, later, sooner) = _sides(pair, sightings, offsets, step, (0.0, 0.05, -0.05))
+            (one, ahead, behind), (other, later, sooner) = _sides(pair, offsets, step, (0.0, 0.05, -0.05))
             difference, by_one, by_other = one - other, (behind - ahead) / (0.1 * step), (later - sooner) / (0.1 * step)
             bound = 2.0 * NOISE + MATCH * pair.width
             for side in range(2):

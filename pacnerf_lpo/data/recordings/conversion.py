@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import shutil
 import sys
 import tempfile
@@ -88,10 +87,10 @@ def convert(recording: Recording, folder: Path) -> Scene:
             now = timeline.start + timeline.times
             views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
             recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
-        Path(work, NAME).write_text(json.dumps(_entries(recording, timeline, findings)))
+        Path(work, NAME).write_text(json.dumps(list(_entries(recording, timeline, findings))))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
-            shutil.move(os.path.join(work, name), folder / name)
+            shutil.move(Path(work, name), folder / name)
     names = [camera.name for camera in recording.cameras]
     mended = tuple(_mended(names, shots, timeline))
     ways, overlaps = tuple(m.described for m in mattes), tuple(float(m.overlaps.mean()) for m in mattes)
@@ -173,24 +172,13 @@ def frame_ranges(numbers: Sequence[int] | np.ndarray) -> str:
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
-def _entries(recording: Recording, timeline: Timeline, found: Findings) -> list[dict]:
-    entries = []
+def _entries(recording: Recording, timeline: Timeline, found: Findings) -> Iterator[dict]:
     for view, camera in enumerate(recording.cameras):
         pose = found.rotation @ camera.pose
         pose[:, 3] = found.scale * pose[:, 3] - [0.0, found.ground.value, 0.0]
         for frame, time in enumerate(timeline.times):
             entry = entry_of(view, frame, time, pose, camera.intrinsic)
-            entries.append({**entry, "time_offset": float(timeline.offsets[view])})
-    return entries
-
-
-@dataclass(frozen=True)
-class Question:
-    """words: what is asked. default: the answer to Enter. answered: the recording with an answer."""
-
-    words: str
-    default: Callable[[Recording], str]
-    answered: Callable[[Recording, str], Recording]
+            yield {**entry, "time_offset": float(timeline.offsets[view])}
 
 
 def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recording, T]:
@@ -205,16 +193,16 @@ def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recordi
 
 
 def _ask(recording: Recording, gap: Unmeasured) -> Recording:
-    question = QUESTIONS[gap.option]
-    default = question.default(recording)
+    words, usual, answered = QUESTIONS[gap.option]
+    default = usual(recording)
     print(f"{gap}", file=sys.stderr)
     while True:
-        print(f"{question.words} [{default}]: ", end="", file=sys.stderr, flush=True)
+        print(f"{words} [{default}]: ", end="", file=sys.stderr, flush=True)
         answer = sys.stdin.readline()
         if not answer:
             raise gap
         try:
-            return question.answered(recording, answer.strip() or default)
+            return answered(recording, answer.strip() or default)
         except (UserInputError, ValueError):
             print(f"'{answer.strip()}' is no answer to that", file=sys.stderr)
 
@@ -225,16 +213,17 @@ def _usual_up(recording: Recording) -> str:
     return max(AXES, key=lambda name: float(np.dot(AXES[name], above)))
 
 
-QUESTIONS = {
-    "up": Question(f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
-    "unit": Question(
+QUESTIONS: dict[str, tuple[str, Callable[[Recording], str], Callable[[Recording, str], Recording]]] = {
+    "up": (f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
+    "unit": (
         f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
         lambda recording: "m",
         Recording.with_unit,
     ),
-    "fps": Question(
+    "fps": (
         "How many frames per second have the videos?",
         lambda recording: "30",
         lambda recording, answer: recording.with_frame_rate(float(answer)),
     ),
 }
+"""By the option that is missing: what is asked, the answer to Enter, and the recording with an answer."""

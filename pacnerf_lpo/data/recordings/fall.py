@@ -63,18 +63,14 @@ def fit_ballistic(frames: Sequence[Planes], times: np.ndarray) -> Ballistic:
     """
     pairs = [(planes.normals, time) for planes, time in zip(frames, times, strict=True)]
     rows = [np.hstack((n, n * time, 0.5 * n * time**2, harmonics(n))) for n, time in pairs]
-    solution, spread = _least_squares(np.vstack(rows), np.concatenate([planes.offsets for planes in frames]))
-    return Ballistic(solution[:3], solution[3:6], solution[6:MOTION], spread[6:MOTION], solution[MOTION:])
-
-
-def _least_squares(matrix: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solution and standard errors; the columns of the shape are held down by :data:`RIDGE`."""
+    matrix, target = np.vstack(rows), np.concatenate([planes.offsets for planes in frames])
     penalty = np.zeros(matrix.shape[1])
-    penalty[MOTION:] = RIDGE * len(target)
+    penalty[MOTION:] = RIDGE * len(target)  # holds the shape down
     normal = matrix.T @ matrix + np.diag(penalty)
     solution = np.linalg.solve(normal, matrix.T @ target)
     variance = np.mean((target - matrix @ solution) ** 2)
-    return solution, np.sqrt(variance * np.diag(np.linalg.inv(normal)))
+    spread = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
+    return Ballistic(solution[:3], solution[3:6], solution[6:MOTION], spread[6:MOTION], solution[MOTION:])
 
 
 def places(frames: Sequence[Planes], shape: np.ndarray) -> np.ndarray:

@@ -63,7 +63,6 @@ class Findings:
     ground: height of the ground along y, to be subtracted [m]
     hit_frame: first frame in which the body touches the ground
     lower, upper: box around the body at frame 0, over the ground at y = 0 [m, (3,) each]
-    height: of the lowest point in every frame, over the ground [m, (F,)]
     """
 
     rotation: np.ndarray
@@ -76,7 +75,6 @@ class Findings:
     hit_frame: Found
     lower: np.ndarray
     upper: np.ndarray
-    height: np.ndarray
 
 
 def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
@@ -102,7 +100,7 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
         if recording.ground is not None:
             _compare_grounds(recording, ground, size)
             ground, ground_why = recording.ground, recording.stated("--ground")
-        reached = find_contact(heights, ground, motion, normal, times, flight)
+        reached = find_contact(heights, ground, motion.at(times) @ normal, flight)
         if reached is None:
             raise UserInputError(f"{recording.source}: {NO_CONTACT}")
         hit = reached
@@ -118,8 +116,8 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     if recording.normal is not None:
         up_why += f"; the ground is tilted by {_angle(up, normal):.1f} degrees"
     gravity, velocity = -recording.gravity * rotation @ up, scale * rotation @ motion.velocity
-    found, height = (Found(scale * ground, ground_why), Found(hit, hit_why)), scale * (heights - ground)
-    return Findings(rotation, scale, gravity, velocity, up_why, scale_why, *found, lower, upper, height)
+    found = Found(scale * ground, ground_why), Found(hit, hit_why)
+    return Findings(rotation, scale, gravity, velocity, up_why, scale_why, *found, lower, upper)
 
 
 def free_flight(frames: Sequence[Planes], times: np.ndarray, size: float) -> int:
@@ -226,17 +224,14 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, s
     )
 
 
-def find_contact(
-    heights: np.ndarray, ground: float, motion: Ballistic, up: np.ndarray, times: np.ndarray, flight: int
-) -> int | None:
+def find_contact(heights: np.ndarray, ground: float, path: np.ndarray, flight: int) -> int | None:
     """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground; None where
     it does not within the video.
 
     Args:
-        heights: of the lowest point in every frame [(F,)]. ground: its height. motion: the parabola.
-        up: unit vector (3,). times: of the frames [s, (F,)]. flight: frames of free flight.
+        heights: of the lowest point in every frame [(F,)]. ground: its height. path: heights along the parabola [(F,)].
+        flight: frames of free flight.
     """
-    path = motion.at(times) @ up
     before = slice(max(flight - 3, 0), max(flight - 1, 2))  # the last frames in the air, seen from similar angles
     lowest = path + np.nanmean((heights - path)[before])
     below = np.flatnonzero(lowest <= ground)

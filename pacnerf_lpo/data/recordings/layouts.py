@@ -41,11 +41,7 @@ def read_recording(folder: Path, name: Format | None = None) -> Recording:
         raise UserInputError(f"{folder}: fits several layouts: {found}; choose one by --format")
     if not fitting:
         looked_for = "; ".join(layout.looks_for for layout in LAYOUTS)
-        raise UserInputError(f"{folder}: no known layout. Looked for: {looked_for}. There lies: {_content(folder)}")
+        names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir()) or ["nothing"]
+        there = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+        raise UserInputError(f"{folder}: no known layout. Looked for: {looked_for}. There lies: {there}")
     return fitting[0].read(folder)
-
-
-def _content(folder: Path) -> str:
-    names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
-    rest = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + rest if names else "nothing"

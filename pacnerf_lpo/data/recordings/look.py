@@ -1,6 +1,6 @@
 """Looking at a written scene: outlines, hulls and motion as they are with the values that scene.yaml has now."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,6 +82,8 @@ def appearance(pixels: np.ndarray, view: View) -> Appearance:
     seen = picture(near, None if view.plate is None else view.plate[part])
     points, inside = outline_points(near[..., 3], intrinsic, view.valid[:height, :width][part])
     y, x = np.nonzero(solid)
+    within, beyond = ndimage.binary_erosion(solid, iterations=RIM), ~ndimage.binary_dilation(solid, iterations=RIM)
+    hazy = (near[..., 3] < 0.9) & within | (near[..., 3] > 0.1) & beyond  # away from the outline's rim in a matte
     areas = np.bincount(ndimage.label(solid, structure=np.ones((3, 3)))[0].ravel())[1:]
     return Appearance(
         tangents=outline_tangents(points, inside),
@@ -89,17 +91,10 @@ def appearance(pixels: np.ndarray, view: View) -> Appearance:
         size=size,
         centre=np.array([x.mean() + left + 0.5, y.mean() + top + 0.5]),
         cut=not inside.all(),
-        hazy=_hazy(near[..., 3], solid),
+        hazy=float(hazy.sum() / len(x)),
         loose=float(1.0 - areas.max() / areas.sum()),
         widths=edge_widths(seen, near[..., 3], REACH * size),
     )
-
-
-def _hazy(opacity: np.ndarray, solid: np.ndarray) -> float:
-    """Part of the object that is neither clear nor solid, farther from the outline than a matte's own rim."""
-    inside = ndimage.binary_erosion(solid, iterations=RIM)
-    outside = ~ndimage.binary_dilation(solid, iterations=RIM)
-    return float(((opacity < 0.9) & inside | (opacity > 0.1) & outside).sum() / solid.sum())
 
 
 @dataclass(frozen=True)
@@ -171,7 +166,7 @@ def examine(folder: Path) -> Look:
     place = places(frames, motion.shape)
     away = (place - motion.at(scene.times))[:flight]
     lower, upper = bounds(frames[0])
-    views = {frame: _at_common_time(scene, place, frame) for frame in mattes}
+    views = {frame: tuple(_at_common_time(scene, place, frame)) for frame in mattes}
     hulls = {frame: _hull(views[frame], frames[frame], seen) for frame, seen in mattes.items()}
     lowest = np.array([lowest_point(planes, UP) for planes in frames])
     residual, centre = float(np.sqrt(np.nanmean((away**2).sum(axis=1)))), place[:, 1]
@@ -181,18 +176,15 @@ def examine(folder: Path) -> Look:
 def _appearances(scene: WrittenScene) -> tuple[tuple[tuple[Appearance, ...], ...], dict[int, list[np.ndarray]]]:
     """What every image shows, by view and frame, and where the object is in the first and the contact frame."""
     mattes: dict[int, list[np.ndarray]] = {0: [], scene.hit_frame: []}
-    found: list[tuple[Appearance, ...]] = []
-    with tqdm(total=len(scene.views) * len(scene.times), desc="looking at the scene", delay=2.0, leave=False) as bar:
-        for view in scene.views:
-            row = []
-            for frame in range(len(scene.times)):
-                pixels = scene.pixels(view, frame)
-                row.append(appearance(pixels, view))
-                if frame in mattes:
-                    mattes[frame].append((pixels[..., 3] > 0.5) & view.valid)
-                bar.update()
-            found.append(tuple(row))
-    return tuple(found), mattes
+    found: list[list[Appearance]] = [[] for _ in scene.views]
+    images = list(np.ndindex(len(scene.views), len(scene.times)))
+    for number, frame in tqdm(images, desc="looking at the scene", delay=2.0, leave=False):
+        view = scene.views[number]
+        pixels = scene.pixels(view, frame)
+        found[number].append(appearance(pixels, view))
+        if frame in mattes:
+            mattes[frame].append((pixels[..., 3] > 0.5) & view.valid)
+    return tuple(map(tuple, found)), mattes
 
 
 def _planes(scene: WrittenScene, view: View, seen: Sequence[Appearance]) -> tuple[Planes, ...]:
@@ -202,13 +194,11 @@ def _planes(scene: WrittenScene, view: View, seen: Sequence[Appearance]) -> tupl
     return tuple(tangent_planes(row, view.pose) for row in tangents)
 
 
-def _at_common_time(scene: WrittenScene, place: np.ndarray, frame: int) -> tuple[View, ...]:
+def _at_common_time(scene: WrittenScene, place: np.ndarray, frame: int) -> Iterator[View]:
     """The cameras less what the body moves between the common time and theirs; ``place`` is where it is [m, (F, 3)]."""
-    found = []
     for view in scene.views:
         later = resampled(place, scene.times, scene.times[frame : frame + 1] + view.offset)[0] - place[frame]
-        found.append(view.after(later) if view.offset and np.isfinite(later).all() else view)
-    return tuple(found)
+        yield view.after(later) if view.offset and np.isfinite(later).all() else view
 
 
 def _hull(views: Sequence[View], planes: Planes, mattes: Sequence[np.ndarray]) -> Hull:

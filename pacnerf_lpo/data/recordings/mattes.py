@@ -17,7 +17,7 @@ from pacnerf_lpo.data.recordings.colours import Colours
 from pacnerf_lpo.data.recordings.footage import Footage, reduced
 from pacnerf_lpo.data.recordings.media import library, read_frames
 from pacnerf_lpo.data.recordings.other_views import Expectation
-from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_image_size, check_lens
+from pacnerf_lpo.data.recordings.recording import Camera, Frame, check_images
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.heartbeat import doing
 
@@ -72,8 +72,7 @@ class Mattes:
         self.camera = camera
         first = next(read_frames(camera.frames[:1]))
         self.size = first.shape[1], first.shape[0]
-        check_image_size(str(camera.frames[0].file), camera, self.size)
-        check_lens(str(camera.frames[0].file), camera, self.size)
+        check_images(camera, self.size)
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
         self.still: Background | None = None

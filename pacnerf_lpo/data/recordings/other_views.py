@@ -6,7 +6,7 @@ Matusik et al. 2000), so that it is as exact as the outlines are.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -87,10 +87,6 @@ class Expectation:
         """The log odds of every frame [(H, W) each]."""
         return map(self.log_odds, range(len(self.depth)))
 
-    def at(self, frames: np.ndarray) -> "Expectation":
-        """Of some of the frames, by their numbers."""
-        return replace(self, depth=self.depth[frames], loose=self.loose[frames])
-
 
 def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
     """For each camera of a recording what the others say; None where they are too few or contradict it. ``centre`` is a
@@ -100,38 +96,27 @@ def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Exp
         return [None] * len(cameras)
     half, step = _room(cameras, centre), float(np.median(np.diff(cameras[0].times)))
     wrong = int(len(cameras) > OUTVOTED)
-    found: list[tuple[np.ndarray, np.ndarray] | None] = []
+    found: list[tuple[np.ndarray, np.ndarray, float] | None] = []
+    # of pixels off and on an object, by their depths in the loose hull and in the strict one; Jeffreys' prior
+    counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)
     for number, camera in enumerate(cameras):
         others, shape = [*cameras[:number], *cameras[number + 1 :]], camera.masks.shape[1:]
         rays = _rays(camera.view, shape, centre, half, others, wrong)
         masks = ([other.at(time, step) for other in others] for time in camera.times)
-        depths = np.array([_depths(*rays, shown, shape, wrong) for shown in masks], np.int8)
-        inside = (camera.masks & (depths[:, 1] > -UNSURE)).sum()
-        seen = camera.masks.any() and (depths[:, 0] > 0).any() and inside >= AGREES * camera.masks.sum()
-        found.append((depths[:, 0], depths[:, 1]) if seen else None)
-    pairs = list(zip(found, cameras, strict=True))
-    table = _table([(*one, camera.masks) for one, camera in pairs if one is not None])
-    return [None if one is None else Expectation(*one, _contradicted(one[0], c.masks), table) for one, c in pairs]
-
-
-def _contradicted(depth: np.ndarray, masks: np.ndarray) -> float:
-    off = (masks & (depth < -UNSURE)).sum(axis=(1, 2))
-    return float((off / np.maximum(masks.sum(axis=(1, 2)), 1)).max())
+        depth, loose = np.array([_depths(*rays, shown, shape, wrong) for shown in masks], np.int8).swapaxes(0, 1)
+        inside = (camera.masks & (loose > -UNSURE)).sum()
+        seen = camera.masks.any() and (depth > 0).any() and inside >= AGREES * camera.masks.sum()
+        off = (camera.masks & (depth < -UNSURE)).sum(axis=(1, 2)) / np.maximum(camera.masks.sum(axis=(1, 2)), 1)
+        found.append((depth, loose, float(off.max())) if seen else None)
+        if seen:
+            cells = np.ravel_multi_index((camera.masks.astype(int), _bins(loose), _bins(depth)), counts.shape)
+            counts += np.bincount(cells.ravel(), minlength=counts.size).reshape(counts.shape)
+    table = np.clip(np.log(counts[1] / counts[0]), -SURE, INSIDE)
+    return [None if one is None else Expectation(*one, table) for one in found]
 
 
 def _bins(depth: np.ndarray) -> np.ndarray:
     return np.clip(depth, -BINS, BINS).astype(int) + BINS
-
-
-def _table(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Log odds of the object at each pair of depths, counted in all views and frames [(2 BINS + 1, 2 BINS + 1)]: of the
-    depth in the hull and in the loose one, and the masks, of each view [(F, H, W) each].
-    """
-    counts = np.full((2, 2 * BINS + 1, 2 * BINS + 1), 0.5)  # Jeffreys' prior
-    for strict, loose, masks in parts:
-        cells = np.ravel_multi_index((masks.astype(int), _bins(loose), _bins(strict)), counts.shape)
-        counts += np.bincount(cells.ravel(), minlength=counts.size).reshape(counts.shape)
-    return np.clip(np.log(counts[1] / counts[0]), -SURE, INSIDE)
 
 
 def _room(cameras: Sequence[Silhouettes], centre: np.ndarray) -> float:
@@ -165,7 +150,15 @@ def _rays(
     pixel, depth = np.repeat(np.arange(row.size), len(depths)), np.tile(depths, row.size).astype(np.float32)
     flat: list[np.ndarray] = []
     for other in others:
-        flat.append(_pixels(view.pose[:, 3], rays, pixel, depth, other))
+        turn, ((fx, _, cx), (_, fy, cy), _) = other.view.pose[:, :3], other.view.intrinsic
+        start = ((view.pose[:, 3] - other.view.pose[:, 3]) @ turn)[:, None]
+        x, y, z = start + (rays @ turn).astype(np.float32).T[:, pixel] * depth
+        away = np.minimum(z, -1e-6 * abs(fx))
+        column, row = np.floor(cx - fx * x / away), np.floor(cy + fy * y / away)
+        height, width = other.masks.shape[1:]
+        inside = (z < 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        place = np.where(inside, row * width + column, 0).astype(np.int32)
+        flat.append(np.where(inside & other.view.valid.ravel()[place], place, np.int32(height * width)))
         motion = [np.asarray(one.masks.any(axis=0)) for one in others[: len(flat)]]
         kept = np.flatnonzero(_missed(flat, motion) <= wrong)
         pixel, depth, flat = pixel[kept], depth[kept], [place[kept] for place in flat]
@@ -188,20 +181,6 @@ def _depths(
         signed = np.where(hull, ndimage.distance_transform_edt(hull), away)
         found.append(np.clip(np.round(signed), -BINS - UNSURE, BINS + UNSURE))
     return found
-
-
-def _pixels(
-    start: np.ndarray, rays: np.ndarray, pixel: np.ndarray, depth: np.ndarray, camera: Silhouettes
-) -> np.ndarray:
-    """Index in a flat image of each point start + depth * rays[pixel]; the image's size where none shows it [(N,)]."""
-    turn, ((fx, _, cx), (_, fy, cy), _) = camera.view.pose[:, :3], camera.view.intrinsic
-    x, y, z = ((start - camera.view.pose[:, 3]) @ turn)[:, None] + (rays @ turn).astype(np.float32).T[:, pixel] * depth
-    away = np.minimum(z, -1e-6 * abs(fx))
-    column, row = np.floor(cx - fx * x / away), np.floor(cy + fy * y / away)
-    height, width = camera.masks.shape[1:]
-    inside = (z < 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    flat = np.where(inside, row * width + column, 0).astype(np.int32)
-    return np.asarray(np.where(inside & camera.view.valid.ravel()[flat], flat, np.int32(height * width)))
 
 
 def _missed(flat: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:

@@ -231,10 +231,12 @@ def _check_numbers(where: str, camera: Camera) -> None:
         )
 
 
-def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
-    """An image of this width and height [pixels] is what the camera was calibrated for. Raises UserInputError where it
-    has another size, or the principal point is far from its centre.
+def check_images(camera: Camera, size: tuple[int, int]) -> None:
+    """Images of this width and height [pixels] are what the camera was calibrated for, and its lens maps directions to
+    them one to one, up to their corners. Raises UserInputError where they have another size, the principal point is far
+    from their centre, or the radial coefficients of the lens fold them.
     """
+    where = camera.frames[0].file
     mend = "use images of the size that was calibrated, or scale its intrinsics to the images"
     if camera.size is not None and camera.size != size:
         raise UserInputError(
@@ -248,11 +250,6 @@ def check_image_size(where: str, camera: Camera, size: tuple[int, int]) -> None:
             f"point is ({centre[0]:.4g}, {centre[1]:.4g}); {mend}"
         )
 
-
-def check_lens(where: str, camera: Camera, size: tuple[int, int]) -> None:
-    """The lens maps directions to an image of this width and height [pixels] one to one, up to its corners. Raises
-    UserInputError where its radial coefficients fold the image.
-    """
     corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - camera.intrinsic[:2, 2]
     farthest = float(np.linalg.norm(corners / camera.intrinsic[[0, 1], [0, 1]], axis=1).max())
     k = np.array([*camera.lens.coefficients, *(0.0,) * 8][:8])

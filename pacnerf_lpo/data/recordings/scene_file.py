@@ -35,6 +35,10 @@ def write_scene_file(scene: Scene) -> Path:
     substep_rate = steps_for(spacing, frame_rate)
     by = "--fps" if "--fps" in scene.recording.options else "the times of the recording"
     clock = f"{scene.times[-1]:.4g} s by {by}"
+    stated = scene.recording.density
+    how = "by --density" if stated is not None else "assumed: water, as nobody stated it; --density states it"
+    # cameras that are out of step see the body at different places at frame 0
+    velocity = f"  velocity: {_corner(found.velocity)} # m/s, from free fall; lines the cameras up at frame 0\n"
     path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
@@ -50,9 +54,9 @@ data:
   root: {json.dumps(str(scene.folder.resolve()), ensure_ascii=False)} # this folder; change it when the folder is moved
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
-{_velocity(scene)}physics:
+{velocity if scene.offsets.any() else ""}physics:
   gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
-  {_density(scene)}
+  rho: {stated or WATER:g} # kg/m^3; {how}; moduli, stresses and viscosities are proportional to it
   material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; a law that you know goes here
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
   #   init_args: {{E: 1.0e+5, nu: 0.3}} # where identification starts, SI units; a factor of ten off is fine
@@ -102,20 +106,6 @@ def _mattes(scene: Scene) -> str:
     sure = f"overlap (IoU) expected with the truth {np.mean(scene.overlaps):.2f}"
     sure += f", in the worst camera, {scene.recording.cameras[worst].name}, {scene.overlaps[worst]:.2f}"
     return f"{how}; {sure}, if their colours tell object and background apart; a common error of all views is not in it"
-
-
-def _density(scene: Scene) -> str:
-    stated = scene.recording.density
-    how = "by --density" if stated is not None else "assumed: water, as nobody stated it; --density states it"
-    return f"rho: {stated or WATER:g} # kg/m^3; {how}; moduli, stresses and viscosities are proportional to it"
-
-
-def _velocity(scene: Scene) -> str:
-    """The body's velocity at frame 0, where cameras that are out of step see it at different places."""
-    if not scene.offsets.any():
-        return ""
-    velocity = _corner(scene.findings.velocity)
-    return f"  velocity: {velocity} # m/s, from free fall; lines the cameras up at frame 0\n"
 
 
 def _corner(corner: np.ndarray) -> str:

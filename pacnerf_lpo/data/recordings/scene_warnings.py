@@ -85,24 +85,17 @@ def _disagreement(look: Look) -> Iterator[SceneWarning]:
         return
     share = f"{100 * gap:.1f} % of the body's size" if np.isfinite(gap) else "so far that nothing is left of the body"
     wrong = odd_one_out(planes, gap, DISAGREES)
+    names = tuple(view.name for view in look.scene.views)
     if wrong is None:
-        names = tuple(view.name for view in look.scene.views)
         which = "which one is wrong cannot be determined" + (f" from {len(names)} views" if len(names) < ENOUGH else "")
-        yield SceneWarning(
-            "disagreement",
-            f"the outlines of the cameras contradict each other by {share}; {which}",
-            "look where the outline of the matte leaves that of the hull, then calibrate again or give masks",
-            names,
-        )
-        return
-    name = look.scene.views[wrong].name
-    yield SceneWarning(
-        "disagreement",
-        f"camera {name} disagrees with the others: with it the outlines contradict each other by {share}",
-        "its pose, its clock or its matte is wrong: calibrate it again, give its masks, or init with "
-        f"--leave_out {name}",
-        (name,),
-    )
+        what = f"the outlines of the cameras contradict each other by {share}; {which}"
+        remedy = "look where the outline of the matte leaves that of the hull, then calibrate again or give masks"
+    else:
+        names = (names[wrong],)
+        what = f"camera {names[0]} disagrees with the others: with it the outlines contradict each other by {share}"
+        remedy = "its pose, its clock or its matte is wrong: calibrate it again, give its masks, or init with "
+        remedy += f"--leave_out {names[0]}"
+    yield SceneWarning("disagreement", what, remedy, names)
 
 
 def _clocks(look: Look) -> Iterator[SceneWarning]:
@@ -121,25 +114,20 @@ def _clocks(look: Look) -> Iterator[SceneWarning]:
 
 def _views(look: Look) -> Iterator[SceneWarning]:
     views = look.scene.views
-    names = tuple(view.name for view in views)
-    if len(views) < FEW_VIEWS:
-        yield SceneWarning(
-            "views",
-            f"only {len(views)} views: the shape along their lines of sight is a guess, and with it mass and volume",
-            "add a camera that looks from another side, best at a right angle to the others",
-            names,
-        )
-        return
     towards = np.stack([0.5 * (look.scene.lower + look.scene.upper) - view.pose[:, 3] for view in views])
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     widest = float(np.degrees(np.arccos(np.clip(np.abs(towards @ towards.T).min(), 0.0, 1.0))))
-    if widest < ONE_SIDE:
-        yield SceneWarning(
-            "views",
-            f"all views look along nearly the same line, within {widest:.0f} degrees: the depth of the body is a guess",
-            "place the cameras around the object, two of them at about a right angle",
-            names,
+    if len(views) < FEW_VIEWS:
+        what = f"only {len(views)} views: the shape along their lines of sight is a guess, and with it mass and volume"
+        remedy = "add a camera that looks from another side, best at a right angle to the others"
+    elif widest < ONE_SIDE:
+        what = (
+            f"all views look along nearly the same line, within {widest:.0f} degrees: the depth of the body is a guess"
         )
+        remedy = "place the cameras around the object, two of them at about a right angle"
+    else:
+        return
+    yield SceneWarning("views", what, remedy, tuple(view.name for view in views))
 
 
 def _box(look: Look) -> Iterator[SceneWarning]:
@@ -161,22 +149,17 @@ def _box(look: Look) -> Iterator[SceneWarning]:
 
 def _contact(look: Look) -> Iterator[SceneWarning]:
     hit, count = look.scene.hit_frame, len(look.scene.times)
-    if count - hit < AFTER:
-        left = count - hit
-        yield SceneWarning(
-            "contact",
-            f"the recording ends soon after the first contact: {left} frame{'s' * (left > 1)} from frame {hit} on, the "
-            "stiffness is hardly visible",
-            f"record longer, at least {AFTER} frames from contact on; E will be uncertain",
-            frames=tuple(range(hit, count)),
-        )
+    left = count - hit
+    if left < AFTER:
+        what = f"the recording ends soon after the first contact: {left} frame{'s' * (left > 1)} from frame {hit} on, "
+        what += "the stiffness is hardly visible"
+        remedy = f"record longer, at least {AFTER} frames from contact on; E will be uncertain"
     elif hit > LATEST * count:
-        yield SceneWarning(
-            "contact",
-            f"the contact is late: {count - hit} of {count} frames show the material",
-            "record longer after the contact",
-            frames=tuple(range(hit, count)),
-        )
+        what = f"the contact is late: {left} of {count} frames show the material"
+        remedy = "record longer after the contact"
+    else:
+        return
+    yield SceneWarning("contact", what, remedy, frames=tuple(range(hit, count)))
 
 
 def _flight(look: Look) -> Iterator[SceneWarning]:
@@ -274,7 +257,7 @@ def _jumps(row: Sequence[Appearance]) -> np.ndarray:
 
 
 def _blur(look: Look) -> Iterator[SceneWarning]:
-    found = [(view.name, _blurred(row)) for view, row in zip(look.scene.views, look.appearances, strict=True)]
+    found = [(view.name, list(_blurred(row))) for view, row in zip(look.scene.views, look.appearances, strict=True)]
     found = [(name, seen) for name, seen in found if len(seen) > len(look.scene.times) // 4]
     if not found:
         return
@@ -292,17 +275,15 @@ def _blur(look: Look) -> Iterator[SceneWarning]:
     )
 
 
-def _blurred(row: Sequence[Appearance]) -> list[tuple[int, float, float]]:
+def _blurred(row: Sequence[Appearance]) -> Iterator[tuple[int, float, float]]:
     """Frames of a camera with blur, its length there and the motion since the frame before [pixels]."""
-    found = []
     for number, (before, now) in enumerate(pairwise(row), 1):
         step = now.centre - before.centre
         moved = float(np.linalg.norm(step))
         if moved > LEAST_BLUR and not (now.cut or before.cut):
             length = blur(now.widths, step)
             if max(BLURRED * now.size, LEAST_BLUR) < length < EXPOSURE * moved:
-                found.append((number, length, moved))
-    return found
+                yield number, length, moved
 
 
 def _pixels(look: Look) -> Iterator[SceneWarning]:

@@ -97,7 +97,7 @@ def synchronised(shots: Sequence[Shots]) -> tuple[list[Shots], Clocks]:
     """The clocks of all cameras; where one has left out frames, its later ones are moved."""
     shots = list(shots)
     clocks = find_clocks([shot.sighting for shot in shots])
-    missing = find_missing([shot.sighting for shot in shots], clocks)
+    missing = list(find_missing([shot.sighting for shot in shots], clocks))
     for camera, frame, count in missing:
         shot = shots[camera]
         times = shot.sighting.times + count * clocks.step * (np.arange(len(shot.frames)) >= frame)

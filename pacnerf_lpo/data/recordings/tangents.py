@@ -17,6 +17,8 @@ from pacnerf_lpo.data.images import contours
 
 DIRECTIONS = 72
 """Lines around an outline."""
+ANGLES = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+ACROSS = np.stack((np.cos(ANGLES), np.sin(ANGLES)), axis=-1)
 BORDER = 1.5
 """An outline that comes this near to the image border may be cut off there [pixels]."""
 SMALLEST = 4
@@ -75,14 +77,14 @@ def outline_tangents(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """
     if len(points) == 0:
         return np.full(DIRECTIONS, np.nan)
-    along = _across() @ points.T
+    along = ACROSS @ points.T
     return np.where(inside[along.argmax(axis=1)], along.max(axis=1), np.nan)
 
 
 def tangent_planes(tangents: np.ndarray, pose: np.ndarray) -> Planes:
     """The planes through the tangents of an outline [(DIRECTIONS,), NaN for none] in a camera of a pose (3, 4)."""
     known = np.isfinite(tangents)
-    normals = np.column_stack((_across(), tangents))[known]
+    normals = np.column_stack((ACROSS, tangents))[known]
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ pose[:, :3].T
     return Planes(normals, normals @ pose[:, 3])
 
@@ -96,11 +98,6 @@ def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarr
         pose: camera to world, OpenGL axes (3, 4).
     """
     return tangent_planes(outline_tangents(*outline_points(silhouette, intrinsic)), pose)
-
-
-def _across() -> np.ndarray:
-    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    return np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
 
 def extent(planes: Planes, direction: np.ndarray) -> float:

@@ -72,7 +72,10 @@ def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline
     steps = [float(np.median(np.diff(times))) for times in stamps]
     step = max(steps)
     first, end = max(float(times[0]) for times in stamps), min(float(times[-1]) for times in stamps)
-    leader = _leader(stamps, steps, step)
+    slow = np.array([times[0] for times, own in zip(stamps, steps, strict=True) if own > (1.0 - AS_TAKEN) * step])
+    phases = (slow - slow[:, None]) / step
+    apart = np.minimum(np.abs(phases - np.round(phases)), 2.0 * AS_TAKEN).sum(axis=1)
+    leader = float(slow[apart.argmin()])  # the camera of the common step with which most others are in step
     start = leader + step * np.ceil((first - leader) / step - 0.5 - AS_TAKEN)
     count = int(np.floor((end - start) / step + 0.5 + AS_TAKEN)) + 1
     if count < FEWEST:
@@ -83,17 +86,6 @@ def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline
     grid = start + step * np.arange(count)
     shown = [_shown(recording, *pair, grid) for pair in zip(recording.cameras, stamps, strict=True)]
     return Timeline(grid - start, start, tuple(places for places, _ in shown), np.array([off for _, off in shown]))
-
-
-def _leader(stamps: Sequence[np.ndarray], steps: Sequence[float], step: float) -> float:
-    """First stamp of the camera of the common step with which most others are in step."""
-    slow = [times[0] for times, own in zip(stamps, steps, strict=True) if own > (1.0 - AS_TAKEN) * step]
-
-    def apart(time: float) -> float:
-        phases = (np.array(slow) - time) / step
-        return float(np.minimum(np.abs(phases - np.round(phases)), 2.0 * AS_TAKEN).sum())
-
-    return float(min(slow, key=apart))
 
 
 def _shown(recording: Recording, camera: Camera, times: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, float]:

@@ -118,7 +118,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
     first = re.match(r"# Written by pacnerf-lpo init from (.*), layout (\S+)\.", text)
     index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(entry(str(path), config, "data.root"))))
-    files = choose_files(index.path.parent, index, None, None, "auto")
+    files = choose_files(index, None, None, "auto")
     checks.check_cameras(index, files.views, files.frames)
     notes = header(text)
     names = {int(number): name for number, name in re.findall(r"(\d+) ([^,;]+)", notes.get("cameras", ""))}
@@ -197,18 +197,10 @@ def _walk(node: yaml.Node, text: str, lines: list[str], key: str, why: str) -> I
         before = why
         for name, value in node.value:
             leaf = isinstance(value, yaml.ScalarNode) or value.flow_style
-            own = _comment(lines, value.end_mark if leaf else name.end_mark) or _comment_above(lines, name.start_mark)
+            begin, end = name.start_mark, value.end_mark if leaf else name.end_mark
+            behind = lines[end.line][end.column :].partition("#")[2].strip() if end.line < len(lines) else ""
+            above = [line.strip() for line in reversed(lines[: begin.line] if begin.column else [])]  # an indented key
+            comments = takewhile(lambda line: line.startswith("#"), above)
+            own = behind or " ".join(reversed([line.lstrip("# ") for line in comments]))
             yield from _walk(value, text, lines, f"{key}.{name.value}" if key else name.value, own or before)
             before = own if own and leaf else before
-
-
-def _comment(lines: list[str], mark: yaml.Mark) -> str:
-    """What follows a # behind a place in the file."""
-    return lines[mark.line][mark.column :].partition("#")[2].strip() if mark.line < len(lines) else ""
-
-
-def _comment_above(lines: list[str], mark: yaml.Mark) -> str:
-    """Lines of comment directly above an indented key."""
-    above = [line.strip() for line in reversed(lines[: mark.line] if mark.column else [])]
-    comments = takewhile(lambda line: line.startswith("#"), above)
-    return " ".join(reversed([line.lstrip("# ") for line in comments]))

@@ -4,7 +4,7 @@ Flights of one source share axes and unit. Their acceleration is a = g - k |v| v
 and the drag k found together, so that a ball that air slows down is not taken for one in another unit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,7 +75,17 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
         )
     best = min(falls, key=lambda name: falls[name].left)
     found = falls[best]
-    _check_unit(first.source, found, scale, stated)
+    low, high = (bound * GRAVITY for bound in PLAUSIBLE)
+    if not low - 3 * found.error < found.size < high + 3 * found.error:
+        near = min(UNITS, key=lambda name: abs(np.log(max(UNITS[name] / scale * found.size, 1e-30) / GRAVITY)))
+        mended = found.size * UNITS[near] / scale
+        fits = low < mended < high and UNITS[near] != scale
+        other = f"with --unit {near} at {mended:.3g} m/s^2" if fits else "which no unit of length mends"
+        lengths = "the stated unit" if stated is not None else "lengths in metres"
+        raise UserInputError(
+            f"{first.source}: with {lengths} the body falls at {found.size:.3g} m/s^2 instead of {GRAVITY}, {other}; "
+            "check the unit of length, that of the times, and that the body is in free flight"
+        )
     if found.tilt > TILTED:
         raise UserInputError(
             f"{first.source}: the bodies fall {found.tilt:.0f} degrees off the direction opposite to {best}; give "
@@ -84,21 +94,6 @@ def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str |
     said = "stated by --up" if up else "the column of heights" if first.upward else "the axis against which bodies fall"
     why = f"{'stated' if stated is not None else 'taken for metres'}; bodies fall at {found.size:.3g} m/s^2 less drag"
     return Direction(np.array(AXES[best], float), f"{best}, {said}, to {found.tilt:.0f} degrees", scale, why)
-
-
-def _check_unit(source: str, found: "_Fall", scale: float, stated: float | None) -> None:
-    low, high = (bound * GRAVITY for bound in PLAUSIBLE)
-    if low - 3 * found.error < found.size < high + 3 * found.error:
-        return
-    near = min(UNITS, key=lambda name: abs(np.log(max(UNITS[name] / scale * found.size, 1e-30) / GRAVITY)))
-    mended = found.size * UNITS[near] / scale
-    fits = low < mended < high and UNITS[near] != scale
-    other = f"with --unit {near} at {mended:.3g} m/s^2" if fits else "which no unit of length mends"
-    said = "the stated unit" if stated is not None else "lengths in metres"
-    raise UserInputError(
-        f"{source}: with {said} the body falls at {found.size:.3g} m/s^2 instead of {GRAVITY}, {other}; check the unit "
-        "of length, that of the times, and that the body is in free flight"
-    )
 
 
 @dataclass(frozen=True)
@@ -298,14 +293,12 @@ def outlying(flights: Sequence[Findings]) -> list[bool]:
     return (np.array(sizes) > OUTLYING * float(np.median(sizes))).tolist()
 
 
-def noises(flights: Sequence[Findings]) -> tuple[Noise | None, ...]:
+def noises(flights: Sequence[Findings]) -> Iterator[Noise | None]:
     """Of every coordinate, in the flights of a source after their release; None for what was not measured."""
-    found: list[Noise | None] = []
     for axis in range(3):
         tracks = []
         for flight in flights:
             times, values = flight.one.times, flight.one.positions[:, axis]
             seen = np.isfinite(values) & (times >= flight.guess.get("release", 0.0))
             tracks.append((times[seen], values[seen]))
-        found.append(noise_of(tracks) if any(len(times) for times, _ in tracks) else None)
-    return tuple(found)
+        yield noise_of(tracks) if any(len(times) for times, _ in tracks) else None

@@ -73,21 +73,29 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
         tracks: times [s, (F,)] and values [m, (F,)] of each. A track with fewer samples than a smooth path has
             coefficients says nothing; where all are such, noise counts as a millimetre.
     """
-    usable = [_Left.of(times, values) for times, values in tracks if len(times) > ORDER + 1]
-    free = sum(len(one.rest) for one in usable)
+    usable = []
+    for times, values in tracks:
+        if len(times) > ORDER + 1:
+            paths = polynomial.polyvander((times - times[0]) / (times[-1] - times[0]), ORDER)
+            basis = np.linalg.svd(paths, full_matrices=True)[0][:, paths.shape[1] :]  # orthonormal, of what is no path
+            usable.append((times, basis, basis.T @ values))
+    free = sum(len(rest) for _, _, rest in usable)
     if free < LEAST_FREE:
         return Noise(1e-3, 0.0, 1.0)
-    shortest = float(np.median(np.concatenate([np.diff(one.times) for one in usable])))
-    longest = float(np.median([one.times[-1] - one.times[0] for one in usable])) / 2
+    shortest = float(np.median(np.concatenate([np.diff(times) for times, _, _ in usable])))
+    longest = float(np.median([times[-1] - times[0] for times, _, _ in usable])) / 2
 
     def lasting(place: float) -> float:
         return shortest * max(longest / shortest, 1.0) ** place
 
     def square(share: float, place: float) -> tuple[float, float]:
         """Of what is left in units of a total of one, and the logarithm of the determinant."""
-        made = Noise(np.sqrt(1 - share), np.sqrt(share), lasting(place))
-        found = [one.square(made) for one in usable]
-        return sum(size for size, _ in found), sum(logarithm for _, logarithm in found)
+        made, size, logarithm = Noise(np.sqrt(1 - share), np.sqrt(share), lasting(place)), 0.0, 0.0
+        for times, basis, rest in usable:
+            shape = basis.T @ made.covariance(times) @ basis
+            size += float(rest @ np.linalg.solve(shape, rest))
+            logarithm += float(np.linalg.slogdet(shape)[1])
+        return size, logarithm
 
     def cost(share: float, place: float) -> float:
         """Twice the negative logarithm of the likelihood, at the most likely total."""
@@ -104,23 +112,3 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
     total = float(np.sqrt(square(share, place)[0] / free))
     white, slow = (math.sqrt(part) * total for part in (1 - share, share))
     return Noise(max(white, LEAST_SIGMA), slow, float(lasting(place)))
-
-
-@dataclass(frozen=True)
-class _Left:
-    """What the best smooth path leaves of a track: coordinates ``rest`` along an orthonormal ``basis``."""
-
-    times: np.ndarray
-    basis: np.ndarray
-    rest: np.ndarray
-
-    @staticmethod
-    def of(times: np.ndarray, values: np.ndarray) -> "_Left":
-        paths = polynomial.polyvander((times - times[0]) / (times[-1] - times[0]), ORDER)
-        basis = np.linalg.svd(paths, full_matrices=True)[0][:, paths.shape[1] :]
-        return _Left(times, basis, basis.T @ values)
-
-    def square(self, noise: Noise) -> tuple[float, float]:
-        """In units of a noise, and the logarithm of the determinant of its covariance."""
-        shape = self.basis.T @ noise.covariance(self.times) @ self.basis
-        return float(self.rest @ np.linalg.solve(shape, self.rest)), float(np.linalg.slogdet(shape)[1])

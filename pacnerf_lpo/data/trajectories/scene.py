@@ -98,6 +98,11 @@ def write_scene(
             writer.writerow([f"{time:.6f}", *("" if math.isnan(x) else f"{x:.6f}" for x in position)])
     seen = [axis for axis, known in zip(AXES, noise, strict=True) if known is not None]
     spin = "null" if one.spin is None else _list(one.spin.tolist())
+    noises = "\n".join(
+        f"    {axis}: {{white: {_number(one.white)}, slow: {_number(one.slow)}, lasting: {_number(one.lasting)}}}"
+        for axis, one in zip(AXES, noise, strict=True)
+        if one is not None
+    )
     guess = "\n".join(f"    {name}: {_number(value)}" for name, value in found.guess.items())
     path = folder / NAME
     path.write_text(
@@ -114,7 +119,7 @@ def write_scene(
   held: {str(found.held[0]).lower()} # whether it is held at first and let go later; {found.held[1]}
   spin: {spin} # rad/s; {spin_why}
   noise: # m, s: what is new in a sample, what lasts, and how long; estimated from all recordings of the source
-{_noise(noise)}
+{noises}
   guess: # m, m/s and s; where the fit starts, from the samples themselves
 {guess}
 physics:
@@ -158,14 +163,6 @@ def check_solid(solid: Solid, where: str) -> None:
     if not all(math.isfinite(x) and x > 0 for x in solid.size):
         raise UserInputError(f"{where}: size = {_list(solid.size)}; give positive lengths in metres")
     solid.make()
-
-
-def _noise(noise: Sequence[Noise | None]) -> str:
-    return "\n".join(
-        f"    {axis}: {{white: {_number(one.white)}, slow: {_number(one.slow)}, lasting: {_number(one.lasting)}}}"
-        for axis, one in zip(AXES, noise, strict=True)
-        if one is not None
-    )
 
 
 def _number(value: float) -> str:

@@ -1,6 +1,6 @@
 """From files of positions to scenes of measured flights: what ``init`` does where there are no cameras."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -52,22 +52,20 @@ def read_source(source: Path, fps: float | None, spins: Path | None) -> list[Tra
         if not paths:
             raise UserInputError(f"{source}: holds no CSV, C3D or PLY file with positions")
         found = [one for p in paths for one in ([read_c3d(p)] if p.suffix.lower() == MARKERS else read_table(p, fps))]
-    return found if spins is None else _turning(found, spins)
+    return found if spins is None else list(_turning(found, spins))
 
 
-def _turning(found: Sequence[Trajectory], path: Path) -> list[Trajectory]:
+def _turning(found: Sequence[Trajectory], path: Path) -> Iterator[Trajectory]:
     """The recordings with the spins of a file: by their names, or by the numbers in them."""
     spins = read_spins(path)
     numbered = {int(name): spin for name, spin in spins.items() if name.isdigit()}
-    with_spin = []
     for one in found:
         spin = spins.get(one.name, numbered.get(int(one.name)) if one.name.isdigit() else None)
         if spin is None:
             raise UserInputError(
                 f"{path}: has no row for the recording {one.name}; it has {', '.join(list(spins)[:5])} ..."
             )
-        with_spin.append(replace(one, spin=np.array(spin)))
-    return with_spin
+        yield replace(one, spin=np.array(spin))
 
 
 def _each(step: Callable[[Trajectory], Result], recordings: Sequence[Trajectory]) -> tuple[list[Result], list[str]]:
@@ -102,7 +100,7 @@ def make_scenes(
     names = [flight.one.name for flight, is_odd in zip(found, odd, strict=True) if is_odd]
     left_out += [f"left out: {name} is no smooth path, unlike the others" for name in names]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
-    noise = noises(found)
+    noise = list(noises(found))
     unknown = recordings[0].spin is None
     why = "not measured; give it with --spins" if unknown else "measured, in the axes of this scene"
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]

@@ -7,7 +7,7 @@ recording (or drop, trial, throw, take ...) numbers several recordings in one fi
 import csv
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,8 +47,7 @@ class Table:
     def numbers(self, column: int, called: str, needed: bool = False) -> np.ndarray:
         """A column [(n,)], NaN for empty cells; UserInputError for what is no number, or empty and ``needed``."""
         found = []
-        for line, row in zip(self.lines, self.rows, strict=True):
-            cell = row[column].strip() if column < len(row) else ""
+        for line, cell in zip(self.lines, self.words(column), strict=True):
             try:
                 found.append(np.nan if cell.lower() in EMPTY else float(cell))
             except ValueError:
@@ -81,10 +80,15 @@ def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
     table = read_cells(path)
     if len(table.header) == 3 or (len(table.header) == 4 and table.header[1][0] == "individuals"):
         return [_deeplabcut(table, fps)]
-    names = table.header[-1] if table.header else _bare(table)
+    if not table.header and len(table.rows[0]) != 4:
+        raise UserInputError(
+            f"{table.path}: has no header and {len(table.rows[0])} columns; four would be time [s], x, y and z; write "
+            f"a header such as {EXAMPLE}"
+        )
+    names = table.header[-1] if table.header else ["time", *AXES]
     if any(re.fullmatch(r".+_(x|y|z)", name) for name in names) and "x" not in {_plain(name) for name in names}:
         return [_anipose(table, names, fps)]
-    return _long(table, names, fps)
+    return list(_long(table, names, fps))
 
 
 def read_cells(path: Path, example: str = EXAMPLE) -> Table:
@@ -117,16 +121,6 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _bare(table: Table) -> list[str]:
-    """Names of the columns of a file without a header."""
-    if len(table.rows[0]) != 4:
-        raise UserInputError(
-            f"{table.path}: has no header and {len(table.rows[0])} columns; four would be time [s], x, y and z; write "
-            f"a header such as {EXAMPLE}"
-        )
-    return ["time", *AXES]
-
-
 def _plain(name: str) -> str:
     """A column's name without its unit, in lower case."""
     return re.sub(r"[\s_]*[\[(]?\s*\b(mm|cm|m|ms|s)\b\s*[\])]?$", "", name.replace("_", " ").lower()).strip()
@@ -137,7 +131,7 @@ def _unit(name: str, units: dict[str, float]) -> float | None:
     return units.get(found[1]) if found else None
 
 
-def _long(table: Table, names: Sequence[str], fps: float | None) -> list[Trajectory]:
+def _long(table: Table, names: Sequence[str], fps: float | None) -> Iterator[Trajectory]:
     at = {what: _place(names, what) for what in NAMES}
     places = [at[axis] for axis in AXES] if at["height"] is None else [at["x"], at["height"], at["z"]]
     if all(place is None for place in places):
@@ -151,15 +145,13 @@ def _long(table: Table, names: Sequence[str], fps: float | None) -> list[Traject
     several, points = (
         [""] * len(times) if place is None else table.words(place) for place in (at["recording"], at["id"])
     )
-    found = []
     for name in dict.fromkeys(several):
         rows = np.array([other == name for other in several])
         called = f"{table.path.stem}_{name}" if name else table.path.stem
         own = [point for point, inside in zip(points, rows, strict=True) if inside]
         joined, where, how = _joined(times[rows], positions[rows], own)
         upward = at["height"] is not None
-        found.append(Trajectory(called, joined, where, str(table.path), next(iter(units)), upward, how=how))
-    return found
+        yield Trajectory(called, joined, where, str(table.path), next(iter(units)), upward, how=how)
 
 
 def _place(names: Sequence[str], what: str) -> int | None:

@@ -1,6 +1,7 @@
 """Doubts about what was identified: velocity, physical parameters, and how the search for them ended."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -72,17 +73,33 @@ def doubts_about_parameters(
         if value is None:
             continue
         if name == "nu" and value < 0:
-            one: Doubt | None = _negative_poisson(value)
-        elif name == GROUND_HEIGHT.name:
-            one = _far_ground(value, physics.ground_height, state.spacing)
-        else:
-            one = (
-                _at_material_bound(parameter, value, nulls.get(name))
-                or _at_search_bound(parameter, value, searched.get(name))
-                or _far_from_prior(parameter, value, physics.guess[name])
+            yield Doubt(
+                "negative_poisson",
+                "physics, nu",
+                f"Poisson's ratio = {value:.3g} is below 0, as hardly any solid's is",
+                "it makes up for an error of the ground, the velocity, the shape or the law, or the impact is too weak "
+                "to show it",
+                "check the ground and the velocity, look at `pacnerf-lpo diagnose`, or hold nu at a usual value "
+                "(physics.material.known: [nu])",
             )
-        if one is not None:
-            yield one
+        elif name == GROUND_HEIGHT.name:
+            away = abs(value - physics.ground_height)
+            if away > state.spacing / 2:  # a grid shifts the contact by so much; a fitted height may make up for that
+                yield Doubt(
+                    "ground_moved",
+                    "physics, ground_height",
+                    f"the identified ground, {value:.3f} m, is {1000 * away:.0f} mm from where it was said to be, more "
+                    f"than half a cell ({500 * state.spacing:.0f} mm)",
+                    "the ground lies elsewhere, or the height makes up for a wrong velocity",
+                    "measure the ground, set physics.ground_height, and repeat the fit",
+                )
+        else:
+            found = chain(
+                _at_material_bound(parameter, value, nulls.get(name)),
+                _at_search_bound(parameter, value, searched.get(name)),
+                _far_from_prior(parameter, value, physics.guess[name]),
+            )
+            yield from islice(found, 1)  # the first of these that is so
 
 
 def doubts_about_intervals(
@@ -148,7 +165,7 @@ def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> 
             )
 
 
-def _at_material_bound(parameter: Parameter, value: float, null: float | None) -> Doubt | None:
+def _at_material_bound(parameter: Parameter, value: float, null: float | None) -> Iterator[Doubt]:
     """At an end of the interval that the model allows, unless that is where an effect vanishes."""
     low, high = parameter.bounds
     if isinstance(parameter.transform, Saturated):
@@ -157,70 +174,42 @@ def _at_material_bound(parameter: Parameter, value: float, null: float | None) -
         free, reached = parameter.transform.to_free, parameter.scale
         ends = [end for end in (low, high) if abs(free(value) - free(end)) < reached]
     ends = [end for end in ends if null is None or abs(end - null) > parameter.scale]
-    if not ends:
-        return None
-    return Doubt(
-        "material_bound",
-        f"physics, {parameter.name}",
-        f"{parameter.label} = {parameter.show(value)} is at the bound that the model gives it, "
-        f"{parameter.show(ends[0])}",
-        "the model lacks something that this parameter makes up for, or the video does not determine it",
-        "look at `pacnerf-lpo diagnose`, or hold it at a known value (physics.material.known)",
-    )
+    if ends:
+        yield Doubt(
+            "material_bound",
+            f"physics, {parameter.name}",
+            f"{parameter.label} = {parameter.show(value)} is at the bound that the model gives it, "
+            f"{parameter.show(ends[0])}",
+            "the model lacks something that this parameter makes up for, or the video does not determine it",
+            "look at `pacnerf-lpo diagnose`, or hold it at a known value (physics.material.known)",
+        )
 
 
-def _at_search_bound(parameter: Parameter, value: float, searched: Sequence[float] | None) -> Doubt | None:
+def _at_search_bound(parameter: Parameter, value: float, searched: Sequence[float] | None) -> Iterator[Doubt]:
     if searched is None or not isinstance(parameter.transform, Log10):
-        return None
-    free = parameter.transform.to_free(value)
+        return
     low, high = searched
-    if low + HALF_LATTICE < free < high - HALF_LATTICE:
-        return None
-    ends = [parameter.show(10.0**end) for end in (low, high)]
-    return Doubt(
-        "search_bound",
-        f"physics, {parameter.name}",
-        f"{parameter.label} = {parameter.show(value)} is at the end of the search, {ends[0]} to {ends[1]}",
-        "the guess is too far off, or the video does not determine it: a body that does not deform may be any stiffer",
-        f"repeat with {parameter.show(value)} as the guess, or a larger scan_decades; if it runs on, it is not "
-        "determined",
-    )
+    if not low + HALF_LATTICE < parameter.transform.to_free(value) < high - HALF_LATTICE:
+        ends = [parameter.show(10.0**end) for end in (low, high)]
+        yield Doubt(
+            "search_bound",
+            f"physics, {parameter.name}",
+            f"{parameter.label} = {parameter.show(value)} is at the end of the search, {ends[0]} to {ends[1]}",
+            "the guess is too far off, or the video does not determine it: a body that does not deform may be any "
+            "stiffer",
+            f"repeat with {parameter.show(value)} as the guess, or a larger scan_decades; if it runs on, it is not "
+            "determined",
+        )
 
 
-def _negative_poisson(value: float) -> Doubt:
-    return Doubt(
-        "negative_poisson",
-        "physics, nu",
-        f"Poisson's ratio = {value:.3g} is below 0, as hardly any solid's is",
-        "it makes up for an error of the ground, the velocity, the shape or the law, or the impact is too weak to "
-        "show it",
-        "check the ground and the velocity, look at `pacnerf-lpo diagnose`, or hold nu at a usual value "
-        "(physics.material.known: [nu])",
-    )
-
-
-def _far_ground(value: float, configured: float, spacing: float) -> Doubt | None:
-    """A grid shifts the contact by half a cell; a fitted height may make up for that."""
-    if abs(value - configured) <= spacing / 2:
-        return None
-    return Doubt(
-        "ground_moved",
-        "physics, ground_height",
-        f"the identified ground, {value:.3f} m, is {1000 * abs(value - configured):.0f} mm from where it was said to "
-        f"be, more than half a cell ({500 * spacing:.0f} mm)",
-        "the ground lies elsewhere, or the height makes up for a wrong velocity",
-        "measure the ground, set physics.ground_height, and repeat the fit",
-    )
-
-
-def _far_from_prior(parameter: Parameter, value: float, guess: float) -> Doubt | None:
+def _far_from_prior(parameter: Parameter, value: float, guess: float) -> Iterator[Doubt]:
     mean, deviation = parameter.prior(guess)
     away = abs(parameter.transform.to_free(value) - mean) / deviation
     if not np.isfinite(away) or away <= FAR:
-        return None
+        return
     known = parameter.prior_value
     start = f"the prior mean {known[0]:g}" if known else f"the guess, {parameter.show(guess)}"
-    return Doubt(
+    yield Doubt(
         "far_from_prior",
         f"physics, {parameter.name}",
         f"{parameter.label} = {parameter.show(value)} is {away:.1f} standard deviations from {start}",
@@ -235,7 +224,8 @@ def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
         return
     width = max(1, round(WINDOW * len(costs))) if course["draws_views"] else 1
     means = np.convolve(costs, np.full(width, 1 / width), "valid")
-    error = CHANCE * _scatter(costs) * (2 / width) ** 0.5 if course["draws_views"] else 0.0
+    scatter = float(np.sqrt(np.mean(np.diff(costs, 2) ** 2) / 6)) if len(costs) > 2 else 0.0  # without a trend
+    error = CHANCE * scatter * (2 / width) ** 0.5 if course["draws_views"] else 0.0
     first, last, best = means[0], means[-1], int(means.argmin())
     if last > first + max(error, 1e-9):
         seen = f"the cost rose from {first:.4g} to {last:.4g}"
@@ -250,13 +240,6 @@ def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
         "steps that are too long, or a guess in another local minimum",
         "lower the learning rates, or use the method GaussNewton or OutlineGaussNewton",
     )
-
-
-def _scatter(costs: np.ndarray) -> float:
-    """Standard deviation of a cost from one iteration to the next, by second differences, without a trend."""
-    if len(costs) < 3:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(costs, 2) ** 2) / 6))
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:

@@ -68,7 +68,7 @@ def measure_fall(data: VideoData) -> Fall | None:
     ground, _ = find_ground(heights, flight, size)
     motion = fit_ballistic(frames[:flight], times[:flight])
     error = GROUND_ERROR * size * (FEW_VIEWS_ERROR if len(data.train) <= FEWEST_VIEWS else 1.0)
-    return Fall(ground, error, find_contact(heights, ground, motion, ALONG, times, flight), len(times))
+    return Fall(ground, error, find_contact(heights, ground, motion.at(times) @ ALONG, flight), len(times))
 
 
 def doubts_about_views(data: VideoData) -> Iterator[Doubt]:

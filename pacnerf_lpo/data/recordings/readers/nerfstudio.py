@@ -28,7 +28,10 @@ def read(folder: Path) -> Recording:
     """OpenGL cameras in a world with z up, of any scale. Its masks mark pixels to ignore, so they are no mattes."""
     path = folder / NAME
     values = read_values(path)
-    shots = [shot_of(path, number, {**values, **frame}) for number, frame in enumerate(_frames(path, values))]
+    frames = entry(str(path), values, "frames")
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise UserInputError(f"{path}: 'frames' must be a list of {{file_path, transform_matrix}}; write it again")
+    shots = [shot_of(path, number, {**values, **frame}) for number, frame in enumerate(frames)]
     return Recording(LAYOUT.name, folder, still_cameras(path, shots), up=(0.0, 0.0, 1.0))
 
 
@@ -45,13 +48,6 @@ def read_d_nerf(folder: Path) -> Recording:
     found = still_cameras(folder, shots)
     cameras = (replace(one, frames=tuple(replace(frame, time=None) for frame in one.frames)) for one in found)
     return Recording(D_NERF.name, folder, tuple(cameras))
-
-
-def _frames(path: Path, values: Any) -> list[dict[str, Any]]:
-    frames = entry(str(path), values, "frames")
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
-        raise UserInputError(f"{path}: 'frames' must be a list of {{file_path, transform_matrix}}; write it again")
-    return frames
 
 
 def shot_of(path: Path, number: int, values: dict[str, Any]) -> Camera:

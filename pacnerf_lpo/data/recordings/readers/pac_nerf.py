@@ -15,7 +15,7 @@ from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 def read(folder: Path) -> Recording:
     """Matted images where there are any, else raw ones with their plates; metres, y up, the ground at y = 0."""
     index = read_index(folder)
-    files = choose_files(folder, index, None, None, "auto")
+    files = choose_files(index, None, None, "auto")
     check_cameras(index, files.views, files.frames)
     cameras = []
     for view in files.views:
