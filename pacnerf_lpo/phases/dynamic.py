@@ -130,8 +130,32 @@ class DynamicPhase(AbstractPhase):
         """Go on with what :meth:`progress` gave."""
         return
 
+
+class Correction(DynamicPhase):
+    """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
+
+    density_drives_mass: bool
+
+    def work(self, particles: int) -> Work:
+        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
+
+    def loss(self, step: int, velocity: Tensor, positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
+        """Cost of particles over all frames, one random training view for each; logged in the steps of the phase."""
+        driving, values = density if self.density_drives_mass else density.detach(), self.physics.values(self.state)
+        trajectory = self.rollout(velocity, values, self.image_cost.frames, (positions, driving))
+        seen, observer = self.watch(trajectory, velocity, values)
+        views = self.one_view_per_frame(step, self.image_cost.frames)
+        loss = self.image_cost.loss(seen, density, features, views, observer=observer)
+        if step < self.steps:
+            self._log_test_psnr(step, seen, density, features, observer)
+            self.log("correction/loss", loss)
+        return loss
+
     @torch.no_grad()
-    def log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
+    def _log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
         """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
 
         Args:
@@ -148,24 +172,6 @@ class DynamicPhase(AbstractPhase):
             residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
             errors.append(float(residual[..., :3].square().mean()))
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
-
-
-class Correction(DynamicPhase):
-    """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
-
-    density_drives_mass: bool
-
-    def work(self, particles: int) -> Work:
-        return compared(len(self.data.video.times), 1, gradients=True) * self.steps
-
-    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
-
-    def seen(self, velocity: Tensor, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
-        """:meth:`watch` of the motion of particles."""
-        driving, values = density if self.density_drives_mass else density.detach(), self.physics.values(self.state)
-        trajectory = self.rollout(velocity, values, self.image_cost.frames, (positions, driving))
-        return self.watch(trajectory, velocity, values)
 
 
 def check_frame_rate(data: VideoData, physics: Physics) -> None:

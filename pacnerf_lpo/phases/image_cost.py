@@ -122,31 +122,24 @@ class _FrameByFrame(torch.autograd.Function):
     @staticmethod
     def forward(ctx, loss: Callable, seen: Tensor, *others: Tensor):
         needed = ctx.needs_input_grad[1:]
-        inputs = [tensor.detach() for tensor in (seen, *others)]
-        gradients = [torch.zeros_like(tensor) if need else None for tensor, need in zip(inputs, needed, strict=True)]
+        inputs = zip((seen, *others), needed, strict=True)
+        gradients = [torch.zeros_like(tensor) if need else None for tensor, need in inputs]
         frames, total = seen.shape[1], 0.0
         for index in range(frames):
-            leaves = [
-                tensor.detach().requires_grad_(need)
-                for tensor, need in zip((inputs[0][:, index], *inputs[1:]), needed, strict=True)
-            ]
+            of_frame = zip((seen[:, index], *others), needed, strict=True)
+            leaves = [tensor.detach().requires_grad_(need) for tensor, need in of_frame]
             with torch.set_grad_enabled(any(needed)):
                 value = loss(index, *leaves) / frames
             total += value.item()
             if value.requires_grad:
-                _accumulate(gradients, leaves, value, index)
+                targets = [leaf for leaf in leaves if leaf.requires_grad]
+                found = iter(torch.autograd.grad(value, targets, materialize_grads=True))
+                for slot, gradient in enumerate(gradients):
+                    if gradient is not None:
+                        (gradient if slot else gradient[:, index]).add_(next(found))
         ctx.save_for_backward(*gradients)
         return seen.new_tensor(total)
 
     @staticmethod
     def backward(ctx, outer: Tensor):
         return None, *(None if gradient is None else gradient * outer for gradient in ctx.saved_tensors)
-
-
-def _accumulate(gradients: list[Tensor | None], leaves: list[Tensor], value: Tensor, index: int) -> None:
-    targets = [leaf for leaf in leaves if leaf.requires_grad]
-    found = iter(torch.autograd.grad(value, targets, materialize_grads=True))
-    for slot, leaf in enumerate(leaves):
-        gradient = gradients[slot]
-        if leaf.requires_grad and gradient is not None:
-            (gradient[:, index] if slot == 0 else gradient).add_(next(found))

@@ -85,13 +85,12 @@ class PhysicsIDModule(DynamicPhase):
     @property
     def bounds(self) -> tuple[Tensor, Tensor]:
         """Between what each entry of :attr:`unknowns` has to stay [(K,)]; the velocity may be anything."""
-        described, ends = self.physics.parameters, torch.full((len(self.scales), 2), torch.inf, dtype=torch.float64)
-        ends[:, 0] = -torch.inf
+        described, ends = self.physics.parameters, [[-torch.inf, torch.inf] for _ in self.scales]
         for index, name in enumerate(self.free):
             if name in self.within:
-                of_parameter = [described[name].transform.to_free(end) for end in self.within[name]]
-                ends[index] = torch.tensor(of_parameter, dtype=torch.float64)
-        return ends[:, 0], ends[:, 1]
+                ends[index] = [described[name].transform.to_free(end) for end in self.within[name]]
+        low, high = torch.tensor(ends, dtype=torch.float64).T
+        return low, high
 
     @property
     def warm_up_length(self) -> int:
