@@ -98,17 +98,11 @@ class Noise:
         model = problem.model(effects, step.values)
         free = model.start
         progress("noise: null replicates")
-        found, sensor, bias = replicates(
-            problem, model, free, REPLICATES, SEED, lambda k: progress(f"noise: null replicate {k} of {REPLICATES}")
-        )
-        learnt = (
-            found,
-            sensor,
-            shape_errors(problem, model, free, progress),
-            discretisation_errors(problem, model, free, bias),
-            force_changes(problem, effects, step.values, progress),
-            contact_accelerations(problem, effects, step.values),
-        )
+        told = lambda k: progress(f"noise: null replicate {k} of {REPLICATES}")  # noqa: E731
+        found, sensor, bias = replicates(problem, model, free, REPLICATES, SEED, told)
+        shape, errors = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
+        force = force_changes(problem, effects, step.values, progress)
+        learnt = found, sensor, shape, errors, force, contact_accelerations(problem, effects, step.values)
         residual = problem.residual(model.predict(free))
         seen = residual, np.zeros((*residual.shape, 0))
         return Comparison.at(model, free, priors(problem, model), seen, learnt)

@@ -1,7 +1,6 @@
 """A session: a model that is changed step by step, and simulated at once, next to what was measured."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +50,8 @@ class Session:
     def __init__(self, source: Source, listed: str | None = None, jobs: int | None = None):
         """Use :meth:`open`. Raises UserInputError, SimulationError."""
         self.source, self.problem, self.jobs = source, source.problem, jobs
-        self._base = dict(self.problem.first_guess)
         self.listed = listed or source.options.candidates
-        self.catalogue = Catalogue(self.problem, self._base, self.listed)
+        self.catalogue = Catalogue(self.problem, self.problem.first_guess, self.listed)
         self.stepper = Stepper(self.catalogue)
         self.history = self.stepper.history
         self.noise = Noise(source, self.catalogue)
@@ -95,13 +93,12 @@ class Session:
         """Begin with a source that was read; arguments and errors as of :meth:`open`."""
         session = cls(source, candidates, jobs)
         installed = tuple(session.catalogue.installed)
-        first = Step(0, None, "as the run has it", "open", session._base, installed, source.intervals)
+        first = Step(0, None, "as the run has it", "open", dict(session.catalogue.base), installed, source.intervals)
         session.stepper.take(first, must=True)
         stored = session.noise.first
         if stored is not None:
-            known = dict(stored.comparison.known)
-            fitted = Step(0, 0, "as diagnose fitted it", "diagnose", known, stored.effects, stored.intervals)
-            session.stepper.take(replace(fitted, notes=stored.comparison.notes))
+            title, known, notes = "as diagnose fitted it", dict(stored.comparison.known), stored.comparison.notes
+            session.stepper.take(Step(0, 0, title, "diagnose", known, stored.effects, stored.intervals, notes=notes))
         return session
 
     # What there is
@@ -313,9 +310,8 @@ class Session:
         a, b = self.history.step(before), self.history.step(after)
         names = [name for name in {**a.values, **b.values} if a.values.get(name) != b.values.get(name)]
         changed = {name: (a.values.get(name), b.values.get(name)) for name in names}
-        tables = [self.history.tables.get(step.number) for step in (a, b)]
         none = np.full(self.problem.usable.shape[:2], np.nan)
-        first, second = (none if table is None else table.astype(float) for table in tables)
+        first, second = (self.history.tables.get(step.number, none).astype(float) for step in (a, b))
         errors = (a.fitted, b.fitted), (a.held_out, b.held_out)
         return Difference(a.number, b.number, changed, *errors, self.unit, second - first)
 
