@@ -7,9 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, psnr
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.work import Work, compared
@@ -44,9 +42,25 @@ class DynamicPhase(AbstractPhase):
         self.steps, self.silhouette_weight, self.seed = steps, silhouette_weight, seed
 
     def check(self) -> None:
-        """Video and model agree on the frame rate and the cameras."""
-        check_frame_rate(self.data, self.physics)
-        check_cameras(self.data, self.physics)
+        """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %, or an
+        effect names a camera that the training views do not show.
+        """
+        video, times, rate = self.data.video, self.data.video.times, self.physics.frame_rate
+        if len(times) < 2:
+            raise UserInputError(f"{video.source}: one frame shows no motion; at least two are needed")
+        measured = (len(times) - 1) / float(times[-1] - times[0])
+        if abs(measured / rate - 1) > FRAME_RATE_TOLERANCE:
+            raise UserInputError(
+                f"{video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is {rate:g}; set "
+                f"--physics.frame_rate={measured:.4g}"
+            )
+        used = [video.view_ids[index] for index in self.data.train]
+        for effect in faults_of(self.physics.effects):
+            if effect.view is not None and effect.view not in used:
+                raise UserInputError(
+                    f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
+                    f"set its view to one of {used}, or add it to data.train_views"
+                )
         self.check_settings()
         self.physics.halvings = 0
 
@@ -172,27 +186,3 @@ class Correction(DynamicPhase):
             residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
             errors.append(float(residual[..., :3].square().mean()))
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
-
-
-def check_frame_rate(data: VideoData, physics: Physics) -> None:
-    """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %."""
-    times = data.video.times
-    if len(times) < 2:
-        raise UserInputError(f"{data.video.source}: one frame shows no motion; at least two are needed")
-    measured = (len(times) - 1) / float(times[-1] - times[0])
-    if abs(measured / physics.frame_rate - 1) > FRAME_RATE_TOLERANCE:
-        raise UserInputError(
-            f"{data.video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is "
-            f"{physics.frame_rate:g}; set --physics.frame_rate={measured:.4g}"
-        )
-
-
-def check_cameras(data: VideoData, physics: Physics) -> None:
-    """Raise UserInputError when an effect names a camera that the training views do not show."""
-    used = [data.video.view_ids[index] for index in data.train]
-    for effect in faults_of(physics.effects):
-        if effect.view is not None and effect.view not in used:
-            raise UserInputError(
-                f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
-                f"set its view to one of {used}, or add it to data.train_views"
-            )

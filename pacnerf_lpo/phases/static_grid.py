@@ -213,9 +213,8 @@ class StaticGridModule(AbstractPhase):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Give the field the shape it had before its weights are loaded."""
-        saved = checkpoint["state_dict"]
-        names = ("field.density", "field.features", "field.lower")
-        density, features, lower = (torch.empty_like(saved[name]) for name in names)
+        saved = (checkpoint["state_dict"][f"field.{name}"] for name in ("density", "features", "lower"))
+        density, features, lower = map(torch.empty_like, saved)
         self.field = VoxelField(density, features, lower, checkpoint["static_spacing"])
         self._rays_through_box.clear()
 

@@ -126,7 +126,6 @@ def moving_particles(
 class Curve:
     """One logged scalar: for each phase that logged it, its label, the iterations within the phase, and the values."""
 
-    name: str
     unit: str
     parts: list[tuple[str, list[int], list[float]]] = field(default_factory=list)
 
@@ -144,7 +143,7 @@ def read_curves(run_dir: Path, stages: list[Stage]) -> dict[str, Curve]:
     for tag in events.Tags().get(SCALARS, []):
         role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
         points = [(event.step, event.value) for event in events.Scalars(tag)]
-        curve = curves.setdefault(name, Curve(name, unit))
+        curve = curves.setdefault(name, Curve(unit))
         first = 0
         for stage in stages:
             last = first + stage.record.steps
@@ -171,7 +170,7 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
 
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dict[str, Any]:
     """Losses, one chart per phase; identified parameters, one chart each; the initial velocity."""
-    loss, truth = curves.get("loss", Curve("loss", "1")), results.get("truth_errors") or {}
+    loss, truth = curves.get("loss", Curve("1")), results.get("truth_errors") or {}
     parameters = [
         {
             "title": symbol(name),
