@@ -176,13 +176,10 @@ class Correction(DynamicPhase):
             seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
             density, features: of the particles [(N,)], [(N, 12)]
         """
-        test, video = self.data.test, self.data.video
+        test, body, errors = self.data.test, (density, features), []
         if not test or step % TEST_EVERY:
             return
-        errors = []
         for frame in range(seen.shape[1]):
-            view = test[frame % len(test)]
-            at = observer.clock(video.view_ids[view])
-            residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
+            residual = self.image_cost.residual_at(seen[:, frame], *body, test[frame % len(test)], frame, observer)
             errors.append(float(residual[..., :3].square().mean()))
         self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))

@@ -57,6 +57,13 @@ class ImageCost:
         """
         return self.residual_of_field(self.field(positions, density, features), view, frame, observer)
 
+    def residual_at(
+        self, seen: Tensor, density: Tensor, features: Tensor, view: int, frame: int, observer: Observer
+    ) -> Tensor:
+        """:meth:`residual` where the particles are given as each clock sees them [m, (clocks, N, 3)]."""
+        at = observer.clock(self.data.video.view_ids[view])
+        return self.residual(seen[at], density, features, view, frame, observer)
+
     def field(self, positions: Tensor, density: Tensor, features: Tensor) -> FieldGrid:
         """The field of the particles, on the device; arguments as of :meth:`residual`."""
         there = self.device
@@ -101,17 +108,13 @@ class ImageCost:
             views: for each frame, the indices of the views it is compared in
             first: frame number of ``seen[:, 0]``
         """
-        view_ids, names = self.data.video.view_ids, observer.names
-        clocks = [observer.clock(view_id) for view_id in view_ids]
+        names = observer.names
         coefficients = torch.stack([observer.values[name] for name in names]) if names else seen.new_empty(0)
 
         def frame_loss(index: int, positions: Tensor, sigma: Tensor, colour: Tensor, values: Tensor) -> Tensor:
             now = Observer(observer.observations, dict(zip(names, values, strict=True)))
-            terms = [
-                self.residual(positions[clocks[view]], sigma, colour, view, first + index, now).square().sum(-1).mean()
-                for view in views[index]
-            ]
-            return torch.stack(terms).mean()
+            found = [self.residual_at(positions, sigma, colour, view, first + index, now) for view in views[index]]
+            return torch.stack([residual.square().sum(-1).mean() for residual in found]).mean()
 
         return _FrameByFrame.apply(frame_loss, seen, density, features, coefficients)
 

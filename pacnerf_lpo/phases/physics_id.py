@@ -120,8 +120,8 @@ class PhysicsIDModule(DynamicPhase):
     def residual(self, watched: tuple[Tensor, Observer], view: int, frame: int) -> Tensor:
         """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""
         seen, observer = watched
-        positions = seen[observer.clock(self.data.video.view_ids[view]), frame]
-        return self.image_cost.residual(positions, self.state.density, self.state.features, view, frame, observer)
+        body = self.state.density, self.state.features
+        return self.image_cost.residual_at(seen[:, frame], *body, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return self.method.optimiser(self)

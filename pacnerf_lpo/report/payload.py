@@ -140,18 +140,16 @@ def read_curves(run_dir: Path, stages: list[Stage]) -> dict[str, Curve]:
     if (run_dir / FOLDER).is_dir():
         events.Reload()
     curves: dict[str, Curve] = {}
+    starts = [sum(stage.record.steps for stage in stages[:number]) for number in range(len(stages))]
     for tag in events.Tags().get(SCALARS, []):
         role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
         points = [(event.step, event.value) for event in events.Scalars(tag)]
         curve = curves.setdefault(name, Curve(unit))
-        first = 0
-        for stage in stages:
+        for stage, first in zip(stages, starts, strict=True):
             last = first + stage.record.steps
-            if stage.record.phase == role:
-                mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
-                if mine:
-                    curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
-            first = last
+            mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
+            if mine and stage.record.phase == role:
+                curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
     for curve in curves.values():
         curve.parts.sort(key=lambda part: [stage.label for stage in stages].index(part[0]))
     return curves
