@@ -2,5 +2,3 @@
 
 from pacnerf_lpo.explore import records
 from pacnerf_lpo.explore.session import Session
-
-__all__ = ["Session", "records"]

@@ -108,24 +108,26 @@ class Catalogue:
         rest = [effect for name, effect in self.effects.items() if name not in taken]
         return candidates(rest, self.problem.physics.material, self.chosen(taken))
 
+    @property
+    def numbers(self) -> dict[str, tuple[str | None, Parameter]]:
+        """Every number with the effect that it belongs to, None for one of material, motion or ground."""
+        of_effects = [(own, one) for own, effect in self.effects.items() for one in effect.parameters.values()]
+        return {one.name: (own, one) for own, one in [*((None, one) for one in self.parameters.values()), *of_effects]}
+
     def owner(self, name: str) -> str | None:
         """The effect that a number belongs to; None: to the material, the motion or the ground. Raises UserInputError
         where there is no such number.
         """
-        if name in self.parameters:
-            return None
-        found = next((own for own, effect in self.effects.items() if name in effect.parameters), None)
-        if found is None:
-            everything = [*self.parameters, *(n for effect in self.effects.values() for n in effect.parameters)]
-            near = get_close_matches(name, everything, 1, 0.0)
+        if name not in self.numbers:
+            near = get_close_matches(name, self.numbers, 1, 0.0)
             raise UserInputError(f"explore: there is no setting {name}; did you mean {near[0]}?")
-        return found
+        return self.numbers[name][0]
 
     def check(self, name: str, value: float) -> float:
         """A value that may be set [SI]. Raises UserInputError."""
         owner = self.owner(name)
         effect = None if owner is None else self.effects[owner]
-        parameter = self.parameters[name] if effect is None else effect.parameters[name]
+        parameter = self.numbers[name][1]
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise UserInputError(f"explore: {name} = {value!r}; give a number")
         value = float(value)
@@ -141,9 +143,7 @@ class Catalogue:
 
     def settings(self, step: Step) -> list[Setting]:
         """All numbers, with those of a step."""
-        known = [(None, one) for one in self.parameters.values()]
-        coefficients = [(own, one) for own, effect in self.effects.items() for one in effect.parameters.values()]
-        return [self._setting(step, owner, one) for owner, one in [*known, *coefficients]]
+        return [self._setting(step, owner, one) for owner, one in self.numbers.values()]
 
     def _setting(self, step: Step, owner: str | None, parameter: Parameter) -> Setting:
         name = parameter.name
@@ -153,8 +153,8 @@ class Catalogue:
         side = parameter.bounds if effect is None else effect.side(name)
         low, high = max(parameter.bounds[0], side[0]), min(parameter.bounds[1], side[1])
         slider = _reach(parameter, self.base.get(name, value)) if effect is None else _probed(effect, name, parameter)
-        seen = [value] if null is None or value != null else []
-        slider = max(low, min(slider[0], *seen, slider[0])), min(high, max(slider[1], *seen, slider[1]))
+        seen = slider if value == null else (*slider, value)
+        slider = max(low, min(seen)), min(high, max(seen))
         return Setting(
             name,
             parameter.label,
@@ -189,9 +189,7 @@ class Catalogue:
 
     def show(self, name: str, value: float) -> str:
         """A number with its unit."""
-        owner = self.owner(name)
-        parameter = self.parameters[name] if owner is None else self.effects[owner].parameters[name]
-        return parameter.show(value)
+        return self.numbers[name][1].show(value)
 
 
 def _group(name: str) -> str:

@@ -1,7 +1,6 @@
 """A session: a model that is changed step by step, and simulated at once, next to what was measured."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,29 +10,19 @@ from pacnerf_lpo.diagnosis.diagnose import Options
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.plan import Proposal
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore import asking, fitting, pictures, saving, suggesting, views
+from pacnerf_lpo.explore import asking, fitting, pictures, saving, suggesting
 from pacnerf_lpo.explore.catalogue import Catalogue, with_effect, with_values, without_effect
 from pacnerf_lpo.explore.noise import Noise
-from pacnerf_lpo.explore.records import (
-    Camera,
-    Difference,
-    EffectInfo,
-    Errors,
-    Measured,
-    Motion,
-    Outlines,
-    Setting,
-    Step,
-    Suggestion,
-)
+from pacnerf_lpo.explore.records import Difference, EffectInfo, Errors, Setting, Step, Suggestion
 from pacnerf_lpo.explore.simulate import errors_of
 from pacnerf_lpo.explore.source import Source, open_source
 from pacnerf_lpo.explore.stepping import Stepper
+from pacnerf_lpo.explore.views import Views
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.manifest import write_atomically
 
 
-class Session:
+class Session(Views):
     """The model of a run, changed by hand or by a script.
 
     Every change is a :class:`Step` of a history that is never shortened. All methods may be called from several
@@ -50,14 +39,13 @@ class Session:
 
     def __init__(self, source: Source, listed: str | None = None, jobs: int | None = None):
         """Use :meth:`open`. Raises UserInputError, SimulationError."""
+        super().__init__(source.problem)
         self.source, self.problem, self.jobs = source, source.problem, jobs
-        self._base = dict(self.problem.first_guess)
         self.listed = listed or source.options.candidates
-        self.catalogue = Catalogue(self.problem, self._base, self.listed)
+        self.catalogue = Catalogue(self.problem, self.problem.first_guess, self.listed)
         self.stepper = Stepper(self.catalogue)
         self.history = self.stepper.history
         self.noise = Noise(source, self.catalogue)
-        self._seen = views.Views(self.problem)
 
     @classmethod
     def open(
@@ -95,13 +83,12 @@ class Session:
         """Begin with a source that was read; arguments and errors as of :meth:`open`."""
         session = cls(source, candidates, jobs)
         installed = tuple(session.catalogue.installed)
-        first = Step(0, None, "as the run has it", "open", session._base, installed, source.intervals)
+        first = Step(0, None, "as the run has it", "open", dict(session.catalogue.base), installed, source.intervals)
         session.stepper.take(first, must=True)
         stored = session.noise.first
         if stored is not None:
-            known = dict(stored.comparison.known)
-            fitted = Step(0, 0, "as diagnose fitted it", "diagnose", known, stored.effects, stored.intervals)
-            session.stepper.take(replace(fitted, notes=stored.comparison.notes))
+            title, known, notes = "as diagnose fitted it", dict(stored.comparison.known), stored.comparison.notes
+            session.stepper.take(Step(0, 0, title, "diagnose", known, stored.effects, stored.intervals, notes=notes))
         return session
 
     # What there is
@@ -120,24 +107,6 @@ class Session:
     def unit(self) -> str:
         """Of all errors: ``px``, or ``mm`` where only points were measured."""
         return self.problem.unit[0]
-
-    @property
-    def recordings(self) -> tuple[str, ...]:
-        """Their names; one for a run."""
-        return self._seen.names
-
-    def cameras(self, recording: str | int = 0) -> list[Camera]:
-        """Cameras of a recording; none where only points were measured."""
-        return self._seen.cameras(self._seen.number(recording))
-
-    def times(self, recording: str | int = 0) -> np.ndarray:
-        """Of the frames of a recording [s, (F,)]"""
-        return self._seen.video(self._seen.number(recording)).times.numpy().astype(float)
-
-    def held_frames(self, recording: str | int = 0) -> np.ndarray:
-        """Frames of a recording that are held out in every view [(F,), bool]"""
-        split = self._seen.parts[self._seen.number(recording)].recording.split
-        return np.logical_not(np.atleast_2d(split.frames).any(0))
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -249,73 +218,23 @@ class Session:
         found = self.stepper.simulated(step)
         return errors_of(self.problem, found, self.noise.floor(step))
 
-    def motion(self, number: int | None = None, recording: str | int = 0) -> Motion:
-        """The body at every frame, see :class:`Motion`. Raises as :meth:`error`."""
-        at = self._seen.number(recording)
-        return self._seen.motion(self.stepper.simulated(self.history.step(number)), at)
-
-    def stretch(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
-        """Largest principal stretch of the body at every particle and frame, relative to frame 0 [(F, N), float32]: of
-        the affine map that fits the motion of its nearest neighbours best. Raises as :meth:`error`.
-        """
-        at = self._seen.number(recording)
-        return self._seen.stretch(self.stepper.simulated(self.history.step(number)), at)
-
-    def particle_errors(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
-        """Where on the body the outlines disagree [pixels, (F, N), float32]: the area on which matte and model differ,
-        each pixel counted for the particle that is nearest to it, a mean over the cameras. Raises as :meth:`error`.
-        """
-        at = self._seen.number(recording)
-        return self._seen.particle_errors(self.stepper.simulated(self.history.step(number)), at)
-
-    def regions(self, number: int | None = None, recording: str | int = 0) -> dict[str, np.ndarray]:
-        """:meth:`particle_errors` summed over each side of the body: left (-x), right, bottom (-y), top, back (-z) and
-        front, as it lies at frame 0 [pixels, (F,) each]. Raises as :meth:`error`.
-        """
-        at = self._seen.number(recording)
-        return self._seen.regions(self.stepper.simulated(self.history.step(number)), at)
-
-    def outlines(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> Outlines:
-        """Image, matte and model of a camera at a frame.
-
-        Args:
-            camera: its ``view``, see :meth:`cameras`.
-            frame: number of the frame, from 0.
-            number: of the step; None: the current one.
-            recording: name or number of a recording.
-
-        Raises:
-            UserInputError: no such camera, frame, recording or step, or its motion is unstable.
-        """
-        at = self._seen.number(recording)
-        self._seen.check(at, camera, frame)
-        return self._seen.outlines(self.stepper.simulated(self.history.step(number)), at, camera, frame)
-
     def picture(
         self, camera: int, frame: int, number: int | None = None, recording: str | int = 0, side: int = 300
     ) -> np.ndarray:
         """The measured body with its outline and the model's; on its right, smaller, the model and the residual
         [0..255, (side, W, 3), uint8]; as :meth:`outlines`.
         """
-        at = self._seen.number(recording)
-        self._seen.check(at, camera, frame)
-        seeing = next(one for one in self._seen.cameras(at) if one.view == camera)
+        at = self._check(recording, camera, frame)
+        seeing = next(one for one in self.cameras(at) if one.view == camera)
         return pictures.seen_by(self, seeing, frame, self.history.step(number).number, at, side)
-
-    def measured(self, frame: int, recording: str | int = 0) -> Measured:
-        """What was measured in space at a frame, see :class:`Measured`. Raises UserInputError."""
-        at = self._seen.number(recording)
-        self._seen.check(at, None, frame)
-        return self._seen.measured(at, frame)
 
     def compare(self, before: int, after: int) -> Difference:
         """Two steps compared. Raises UserInputError where there is no such step."""
         a, b = self.history.step(before), self.history.step(after)
         names = [name for name in {**a.values, **b.values} if a.values.get(name) != b.values.get(name)]
         changed = {name: (a.values.get(name), b.values.get(name)) for name in names}
-        tables = [self.history.tables.get(step.number) for step in (a, b)]
         none = np.full(self.problem.usable.shape[:2], np.nan)
-        first, second = (none if table is None else table.astype(float) for table in tables)
+        first, second = (self.history.tables.get(step.number, none).astype(float) for step in (a, b))
         errors = (a.fitted, b.fitted), (a.held_out, b.held_out)
         return Difference(a.number, b.number, changed, *errors, self.unit, second - first)
 
@@ -413,7 +332,7 @@ class Session:
     def overlay(self, number: int | None = None, recording: str | int = 0) -> str:
         """A step as a configuration that ``fit`` and ``diagnose`` take after that of the run."""
         step = self.history.step(number)
-        part = self.problem.parts(self.catalogue.chosen(step.effects), step.values)[self._seen.number(recording)]
+        part = self.problem.parts(self.catalogue.chosen(step.effects), step.values)[self._number(recording)]
         return overlay(part.recording, part.effects, part.known)
 
     def save_overlay(self, path: str | Path, number: int | None = None, recording: str | int = 0) -> Path:

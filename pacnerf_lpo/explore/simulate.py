@@ -35,15 +35,12 @@ def simulate(
     problem: Problem, effects: Sequence[Effect], values: dict[str, float], resolution: Resolution
 ) -> Simulated:
     """Roll a model out and look at it with all cameras. Raises SimulationError."""
-    models, paths, predicted = [], [], []
-    for part in problem.parts(effects, values):
-        made = part.recording.model if resolution == "refined" else part.recording.coarse_model
-        model = made(part.effects, part.known)
-        path = model.path(model.start)
-        predicted.append(model.observe(path, model.start))
-        models.append(model)
-        paths.append(path)
-    return Simulated(tuple(models), tuple(paths), problem.join(predicted), resolution)
+    parts = problem.parts(effects, values)
+    bodies = [None if resolution == "refined" else part.recording.coarse_body for part in parts]
+    models = tuple(p.recording.model(p.effects, p.known, body) for p, body in zip(parts, bodies, strict=True))
+    paths = tuple(model.path(model.start) for model in models)
+    predicted = [model.observe(path, model.start) for model, path in zip(models, paths, strict=True)]
+    return Simulated(models, paths, problem.join(predicted), resolution)
 
 
 def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | None = None) -> Errors:
@@ -58,8 +55,8 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
     several = len(parts) > 1
     owners = [parts[view // CAMERAS - 1].name if several else parts[0].name for view in ids]
     owners += [part.name for part in parts for _ in part.recording.point_names]
-    names = [f"view {view % CAMERAS if several else view}" for view in ids]
-    rows = [*names, *(name for part in parts for name in part.recording.point_names)]
+    rows = [f"view {view % CAMERAS if several else view}" for view in ids]
+    rows += [name for part in parts for name in part.recording.point_names]
     return Errors(
         unit,
         tuple(f"{row} of {owner}" if several else row for row, owner in zip(rows, owners, strict=True)),

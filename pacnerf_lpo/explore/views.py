@@ -16,6 +16,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
 from pacnerf_lpo.explore.records import Camera, Measured, Motion, Outlines
 from pacnerf_lpo.explore.simulate import Simulated
+from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.identification.forward_model import MARGIN
 from pacnerf_lpo.identification.problem import Problem, StateProblem
 from pacnerf_lpo.identification.rigid import RigidProblem
@@ -29,37 +30,31 @@ SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 
 
 class Views:
-    """Looks at rollouts of a problem. Several threads may call it."""
+    """The part of a session that looks at rollouts. Several threads may call it."""
+
+    stepper: Stepper
 
     def __init__(self, problem: Problem):
-        self.problem = problem
-        self.parts = problem.parts(problem.physics.effects, problem.first_guess)
-        self.names = tuple(part.name for part in self.parts)
+        self._parts = problem.parts(problem.physics.effects, problem.first_guess)
         self._lock = threading.RLock()
         self._known: dict[tuple, Any] = {}
         self._outlines: tuple[object, dict[tuple[int, int], np.ndarray]] = (None, {})
 
-    def number(self, recording: str | int) -> int:
-        """Of a recording by its name or number. Raises UserInputError."""
-        if isinstance(recording, str) and recording in self.names:
-            return self.names.index(recording)
-        if isinstance(recording, str) or not 0 <= recording < len(self.names):
-            raise UserInputError(f"explore: there is no recording {recording}; there are {', '.join(self.names)}")
-        return int(recording)
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Their names; one for a run."""
+        return tuple(part.name for part in self._parts)
 
-    def video(self, at: int) -> Video:
-        """Of a recording."""
-        return self.parts[at].recording.video
-
-    def cameras(self, at: int) -> list[Camera]:
-        """Of a recording."""
-        video, split = self.video(at), self.parts[at].recording.split
+    def cameras(self, recording: str | int = 0) -> list[Camera]:
+        """Cameras of a recording; none where only points were measured."""
+        at = self._number(recording)
+        video, split = self._video(at), self._parts[at].recording.split
         height, width = video.images.shape[2:4]
         return [
             Camera(
                 view,
                 f"view {view}",
-                self.names[at],
+                self.recordings[at],
                 not bool(split.views[k]),
                 video.camera_to_world[k].numpy(),
                 video.intrinsics[k].numpy(),
@@ -69,29 +64,31 @@ class Views:
             for k, view in enumerate(video.view_ids)
         ]
 
-    def check(self, at: int, camera: int | None, frame: int) -> None:
-        """Raise UserInputError where a recording has no such camera or frame."""
-        video = self.video(at)
-        if camera is not None and camera not in video.view_ids:
-            known = ", ".join(map(str, video.view_ids)) or "none"
-            raise UserInputError(f"explore: {self.names[at]} has no camera {camera}; it has {known}")
-        if isinstance(frame, bool) or not isinstance(frame, (int, np.integer)) or not 0 <= frame < len(video.times):
-            raise UserInputError(
-                f"explore: {self.names[at]} has no frame {frame}; give a number from 0 to {len(video.times) - 1}"
-            )
+    def times(self, recording: str | int = 0) -> np.ndarray:
+        """Of the frames of a recording [s, (F,)]"""
+        return self._video(self._number(recording)).times.numpy().astype(float)
 
-    def motion(self, found: Simulated, at: int) -> Motion:
-        """The body of a recording at every frame."""
-        times, path = self.video(at).times.numpy().astype(float), found.paths[at].numpy()
+    def held_frames(self, recording: str | int = 0) -> np.ndarray:
+        """Frames of a recording that are held out in every view [(F,), bool]"""
+        split = self._parts[self._number(recording)].recording.split
+        return np.logical_not(np.atleast_2d(split.frames).any(0))
+
+    def motion(self, number: int | None = None, recording: str | int = 0) -> Motion:
+        """The body at every frame, see :class:`Motion`. Raises as :meth:`error`."""
+        found, at = self._rolled(number, recording)
+        times, path = self.times(at), found.paths[at].numpy()
         speed = np.linalg.norm(np.gradient(path, times, axis=0), axis=-1)
         spacing = found.models[at].body.spacing / 2
         colours = self._colours(at, found.models[at].body.positions)
         return Motion(times, path.astype(np.float32), speed.astype(np.float32), colours, spacing, found.resolution)
 
-    def stretch(self, found: Simulated, at: int) -> np.ndarray:
-        """Largest principal stretch [(F, N)]."""
+    def stretch(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
+        """Largest principal stretch of the body at every particle and frame, relative to frame 0 [(F, N), float32]: of
+        the affine map that fits the motion of its nearest neighbours best. Raises as :meth:`error`.
+        """
+        found, at = self._rolled(number, recording)
         path = found.paths[at].double()
-        if not self.parts[at].recording.deforms or path.shape[1] <= NEIGHBOURS:
+        if not self._parts[at].recording.deforms or path.shape[1] <= NEIGHBOURS:
             return np.ones(path.shape[:2], np.float32)
         body = found.models[at].body.positions.numpy()
         nearest = lambda: cKDTree(body).query(body, NEIGHBOURS + 1)[1][:, 1:]  # noqa: E731
@@ -102,35 +99,95 @@ class Views:
         squares = torch.stack([gradient.transpose(1, 2) @ gradient for gradient in gradients])
         return torch.linalg.eigvalsh(squares)[..., -1].clamp_min(0).sqrt().float().numpy()
 
-    def outlines(self, found: Simulated, at: int, camera: int, frame: int) -> Outlines:
-        """Of a camera at a frame."""
-        video, view = self.video(at), self.video(at).view_ids.index(camera)
+    def outlines(self, camera: int, frame: int, number: int | None = None, recording: str | int = 0) -> Outlines:
+        """Image, matte and model of a camera at a frame.
+
+        Args:
+            camera: its ``view``, see :meth:`cameras`.
+            frame: number of the frame, from 0.
+            number: of the step; None: the current one.
+            recording: name or number of a recording.
+
+        Raises:
+            UserInputError: no such camera, frame, recording or step, or its motion is unstable.
+        """
+        self._check(recording, camera, frame)
+        found, at = self._rolled(number, recording)
+        video = self._video(at)
+        view = video.view_ids.index(camera)
         image, matte = (values[view, frame].numpy() for values in (video.images, video.silhouettes))
         return Outlines(image, matte, self._opacity(found, at, view)[frame])
 
-    def measured(self, at: int, frame: int) -> Measured:
-        """In space, at a frame of a recording."""
-        recording, none = self.parts[at].recording, np.zeros((0, 3))
+    def measured(self, frame: int, recording: str | int = 0) -> Measured:
+        """What was measured in space at a frame, see :class:`Measured`. Raises UserInputError."""
+        at = self._check(recording, None, frame)
+        seen, none = self._parts[at].recording, np.zeros((0, 3))
         points, cloud, centre = none, none, None
-        if isinstance(recording, RigidProblem):
-            centre = recording.flight.positions[frame]
-        elif recording.points is not None:
-            time, times = recording.points.times[frame], recording.points.times
+        if isinstance(seen, RigidProblem):
+            centre = seen.flight.positions[frame]
+        elif seen.points is not None:
+            time, times = seen.points.times[frame], seen.points.times
             nearest = lambda when: np.abs(when[:, None] - times).argmin(1) == frame  # noqa: E731
-            tracks, clouds = recording.points.tracks, recording.points.clouds
+            tracks, clouds = seen.points.tracks, seen.points.clouds
             if tracks is not None:
                 points = tracks.positions[nearest(tracks.times)]
             if clouds is not None and nearest(clouds.times).any():
                 cloud = clouds.points[int(np.abs(clouds.times - time).argmin())]
-        hull, cell = self._once(("hull", at, frame), lambda: hull_at(self.video(at), frame))
+        hull, cell = self._once(("hull", at, frame), lambda: hull_at(self._video(at), frame))
         return Measured(hull, cell, points, cloud, centre)
 
-    def particle_errors(self, found: Simulated, at: int) -> np.ndarray:
-        """Area of disagreement that is nearest to each particle, a mean over cameras [pixels, (F, N)]."""
+    def particle_errors(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
+        """Where on the body the outlines disagree [pixels, (F, N), float32]: the area on which matte and model differ,
+        each pixel counted for the particle that is nearest to it, a mean over the cameras. Raises as :meth:`error`.
+        """
+        return self._disagreement(*self._rolled(number, recording))
+
+    def regions(self, number: int | None = None, recording: str | int = 0) -> dict[str, np.ndarray]:
+        """:meth:`particle_errors` summed over each side of the body: left (-x), right, bottom (-y), top, back (-z) and
+        front, as it lies at frame 0 [pixels, (F,) each]. Raises as :meth:`error`.
+        """
+        found, at = self._rolled(number, recording)
+        error, body = self._disagreement(found, at), found.models[at].body.positions.numpy()
+        away = (body - body.mean(0)) / np.maximum(np.ptp(body, axis=0), 1e-9)
+        axis = np.abs(away).argmax(1)
+        positive = np.take_along_axis(away, axis[:, None], 1)[:, 0] > 0
+        return {
+            SIDES[k][side]: error[:, (axis == k) & (positive == bool(side))].sum(1) for k in range(3) for side in (0, 1)
+        }
+
+    def _number(self, recording: str | int) -> int:
+        """Of a recording by its name or number. Raises UserInputError."""
+        if isinstance(recording, str) and recording in self.recordings:
+            return self.recordings.index(recording)
+        if isinstance(recording, str) or not 0 <= recording < len(self.recordings):
+            raise UserInputError(f"explore: there is no recording {recording}; there are {', '.join(self.recordings)}")
+        return int(recording)
+
+    def _video(self, at: int) -> Video:
+        return self._parts[at].recording.video
+
+    def _check(self, recording: str | int, camera: int | None, frame: int) -> int:
+        """The number of a recording. Raises UserInputError where it has no such camera or frame."""
+        at = self._number(recording)
+        video, name, last = self._video(at), self.recordings[at], len(self._video(at).times) - 1
+        if camera is not None and camera not in video.view_ids:
+            known = ", ".join(map(str, video.view_ids)) or "none"
+            raise UserInputError(f"explore: {name} has no camera {camera}; it has {known}")
+        if isinstance(frame, bool) or not isinstance(frame, (int, np.integer)) or not 0 <= frame <= last:
+            raise UserInputError(f"explore: {name} has no frame {frame}; give a number from 0 to {last}")
+        return at
+
+    def _rolled(self, number: int | None, recording: str | int) -> tuple[Simulated, int]:
+        """The rollout of a step, and the number of a recording. Raises UserInputError."""
+        at = self._number(recording)
+        return self.stepper.simulated(self.stepper.history.step(number)), at
+
+    def _disagreement(self, found: Simulated, at: int) -> np.ndarray:
+        """See :meth:`particle_errors`."""
         path, model = found.paths[at], found.models[at]
         total = np.zeros(path.shape[:2])
         for view in range(model.shape[0]):
-            matte = self.video(at).silhouettes[view].numpy() > 0.5
+            matte = self._video(at).silhouettes[view].numpy() > 0.5
             wrong = matte != (self._opacity(found, at, view) > 0.5)
             pixels = _pixels(found, at, view)
             for frame in range(len(path)):
@@ -139,16 +196,6 @@ class Views:
                     nearest = cKDTree(pixels[frame]).query(np.stack((columns, rows), 1) + 0.5)[1]
                     np.add.at(total[frame], nearest, 1.0)
         return (total / max(model.shape[0], 1)).astype(np.float32)
-
-    def regions(self, found: Simulated, at: int) -> dict[str, np.ndarray]:
-        """The same by the side of the body."""
-        error, body = self.particle_errors(found, at), found.models[at].body.positions.numpy()
-        away = (body - body.mean(0)) / np.maximum(np.ptp(body, axis=0), 1e-9)
-        axis = np.abs(away).argmax(1)
-        positive = np.take_along_axis(away, axis[:, None], 1)[:, 0] > 0
-        return {
-            SIDES[k][side]: error[:, (axis == k) & (positive == bool(side))].sum(1) for k in range(3) for side in (0, 1)
-        }
 
     def _opacity(self, found: Simulated, at: int, view: int) -> np.ndarray:
         """Of the model in a view at all frames [0..1, (F, H, W)]; remembered for the last rollout."""
@@ -171,7 +218,7 @@ class Views:
 
     def _colours(self, at: int, positions: Tensor) -> np.ndarray:
         """Appearance of particles at frame 0 [0..1, (N, 3)]: that of the nearest one of the reconstruction."""
-        recording = self.parts[at].recording
+        recording = self._parts[at].recording
         if not isinstance(recording, StateProblem):
             return np.full((len(positions), 3), 0.6)
         state = recording.state

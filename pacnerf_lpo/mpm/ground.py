@@ -12,9 +12,7 @@ class Ground(ABC):
     """A boundary condition. ``parameters`` and ``guess`` name what it depends on, in SI units."""
 
     parameters: dict[str, Parameter] = {}  # noqa: RUF012
-
-    def __init__(self) -> None:
-        self.guess: dict[str, float] = {}
+    guess: dict[str, float] = {}  # noqa: RUF012
 
     @staticmethod
     @abstractmethod
@@ -50,7 +48,6 @@ class Separate(Ground):
     parameters = named(Parameter("friction", "1", Identity(), (-1e-9, 10.0), "friction coefficient"))
 
     def __init__(self, friction: float = 0.0):
-        super().__init__()
         self.guess = {"friction": self.parameters["friction"].check(friction, "Separate")}
 
     @staticmethod

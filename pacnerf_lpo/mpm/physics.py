@@ -74,22 +74,18 @@ class Physics:
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
         self.fit_ground_height, self.mass_from = fit_ground_height, mass_from
-        self._check()
-        self.halvings, self.most_halvings = 0, MAX_HALVINGS
-        self._simulators: dict[tuple, Simulator] = {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Simulators belong to the process that made them."""
-        return {**vars(self), "_simulators": {}}
-
-    def _check(self) -> None:
-        """Raise UserInputError where ground or effects do not suit the material, or what stands in for it."""
         try:
             check_model("physics", self.material if self.decided else NeoHookean(), self.ground, self.effects)
         except UserInputError as error:
             if self.decided:
                 raise
             raise UserInputError(f"physics.material: auto, but {error}; give the material instead of auto") from None
+        self.halvings, self.most_halvings = 0, MAX_HALVINGS
+        self._simulators: dict[tuple, Simulator] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Simulators belong to the process that made them."""
+        return {**vars(self), "_simulators": {}}
 
     @property
     def decided(self) -> bool:
@@ -119,29 +115,20 @@ class Physics:
     @property
     def parameters(self) -> dict[str, Parameter]:
         """Every physical parameter of the material, the ground and the effects, by name."""
-        found = {**self.material.parameters, GROUND_HEIGHT.name: GROUND_HEIGHT}
-        for effect in self.effects:
-            found.update(effect.parameters)
-        return found
+        of_effects = {name: one for effect in self.effects for name, one in effect.parameters.items()}
+        return {**self.material.parameters, GROUND_HEIGHT.name: GROUND_HEIGHT, **of_effects}
 
     @property
     def guess(self) -> dict[str, float]:
         """Initial value of every parameter [SI]."""
-        found = {**self.material.guess, GROUND_HEIGHT.name: self.ground_height}
-        for effect in self.effects:
-            found.update(effect.guess)
-        return found
+        of_effects = {name: value for effect in self.effects for name, value in effect.guess.items()}
+        return {**self.material.guess, GROUND_HEIGHT.name: self.ground_height, **of_effects}
 
     @property
     def free_names(self) -> list[str]:
         """Names of the parameters that are identified."""
         ground = [GROUND_HEIGHT.name] if self.fit_ground_height else []
         return [*self.material.free_names, *ground, *(name for effect in self.effects for name in effect.parameters)]
-
-    @property
-    def _moving(self) -> tuple[Effect, ...]:
-        """The effects on the motion."""
-        return tuple(effect for effect in self.effects if effect.acts_on_motion)
 
     @property
     def substeps(self) -> int:
@@ -196,7 +183,8 @@ class Physics:
         """
         mass = self.rho * (spacing / 2) ** 3 * fraction
         material = {name: parameters[name] for name in self.material.parameters}
-        extra = {name: parameters[name] for effect in self._moving for name in effect.parameters}
+        moving = [effect for effect in self.effects if effect.acts_on_motion]
+        extra = {name: parameters[name] for effect in moving for name in effect.parameters}
         ground = parameters[GROUND_HEIGHT.name] * positions.new_tensor([0.0, 1.0, 0.0])
         above = positions - ground
         while True:
@@ -255,6 +243,6 @@ class Physics:
                 substeps=self.substeps,
                 frame_dt=1 / self.frame_rate,
                 gravity=self.gravity,
-                effects=self._moving,
+                effects=self.effects,
             )
         return self._simulators[key]

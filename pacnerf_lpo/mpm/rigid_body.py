@@ -54,15 +54,8 @@ def fly(
         return [*v, *(g + sum(push[axis] for push in pushes) for axis, g in enumerate(gravity))]
 
     with np.errstate(over="ignore", invalid="ignore"):
-        found = solve_ivp(
-            motion,
-            (float(times[0]), float(times[-1])),
-            np.concatenate(start),
-            "DOP853",
-            t_eval=times,
-            rtol=RELATIVE_ERROR,
-            atol=ABSOLUTE_ERROR,
-        )
+        ends, begun = times[[0, -1]], np.concatenate(start)
+        found = solve_ivp(motion, ends, begun, "DOP853", times, rtol=RELATIVE_ERROR, atol=ABSOLUTE_ERROR)
     if found.status != 0 or not np.isfinite(found.y).all():
         raise SimulationError(found.y.shape[1], 0, "the flight runs away: its path cannot be integrated")
     return found.y[:3].T

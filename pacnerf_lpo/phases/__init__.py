@@ -8,8 +8,3 @@ from pacnerf_lpo.phases.lpo import LPOModule
 from pacnerf_lpo.phases.outline_method import OutlineGaussNewton
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.velocity import VelocityModule
-
-__all__ = [
-    "AbstractPhase", "GaussNewton", "GridOptimizationModule", "IdentificationMethod", "LPOModule", "LawChoice",
-    "OutlineGaussNewton", "PaperAdam", "PhysicsIDModule", "VelocityModule",
-]  # fmt: skip

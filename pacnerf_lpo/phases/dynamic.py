@@ -7,9 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases.base import AbstractPhase, psnr
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.work import Work, compared
@@ -44,9 +42,25 @@ class DynamicPhase(AbstractPhase):
         self.steps, self.silhouette_weight, self.seed = steps, silhouette_weight, seed
 
     def check(self) -> None:
-        """Video and model agree on the frame rate and the cameras."""
-        check_frame_rate(self.data, self.physics)
-        check_cameras(self.data, self.physics)
+        """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %, or an
+        effect names a camera that the training views do not show.
+        """
+        video, times, rate = self.data.video, self.data.video.times, self.physics.frame_rate
+        if len(times) < 2:
+            raise UserInputError(f"{video.source}: one frame shows no motion; at least two are needed")
+        measured = (len(times) - 1) / float(times[-1] - times[0])
+        if abs(measured / rate - 1) > FRAME_RATE_TOLERANCE:
+            raise UserInputError(
+                f"{video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is {rate:g}; set "
+                f"--physics.frame_rate={measured:.4g}"
+            )
+        used = [video.view_ids[index] for index in self.data.train]
+        for effect in faults_of(self.physics.effects):
+            if effect.view is not None and effect.view not in used:
+                raise UserInputError(
+                    f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
+                    f"set its view to one of {used}, or add it to data.train_views"
+                )
         self.check_settings()
         self.physics.halvings = 0
 
@@ -130,25 +144,6 @@ class DynamicPhase(AbstractPhase):
         """Go on with what :meth:`progress` gave."""
         return
 
-    @torch.no_grad()
-    def log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
-        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
-
-        Args:
-            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
-            density, features: of the particles [(N,)], [(N, 12)]
-        """
-        test, video = self.data.test, self.data.video
-        if not test or step % TEST_EVERY:
-            return
-        errors = []
-        for frame in range(seen.shape[1]):
-            view = test[frame % len(test)]
-            at = observer.clock(video.view_ids[view])
-            residual = self.image_cost.residual(seen[at, frame], density, features, view, frame, observer)
-            errors.append(float(residual[..., :3].square().mean()))
-        self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
-
 
 class Correction(DynamicPhase):
     """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
@@ -161,32 +156,30 @@ class Correction(DynamicPhase):
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         self.log("correction/Adam rate", optimizer.param_groups[0]["lr"])
 
-    def seen(self, velocity: Tensor, positions: Tensor, density: Tensor) -> tuple[Tensor, Observer]:
-        """:meth:`watch` of the motion of particles."""
+    def loss(self, step: int, velocity: Tensor, positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
+        """Cost of particles over all frames, one random training view for each; logged in the steps of the phase."""
         driving, values = density if self.density_drives_mass else density.detach(), self.physics.values(self.state)
         trajectory = self.rollout(velocity, values, self.image_cost.frames, (positions, driving))
-        return self.watch(trajectory, velocity, values)
+        seen, observer = self.watch(trajectory, velocity, values)
+        views = self.one_view_per_frame(step, self.image_cost.frames)
+        loss = self.image_cost.loss(seen, density, features, views, observer=observer)
+        if step < self.steps:
+            self._log_test_psnr(step, seen, density, features, observer)
+            self.log("correction/loss", loss)
+        return loss
 
+    @torch.no_grad()
+    def _log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
+        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
 
-def check_frame_rate(data: VideoData, physics: Physics) -> None:
-    """Raise UserInputError when the video's time stamps and ``physics.frame_rate`` differ by more than 1 %."""
-    times = data.video.times
-    if len(times) < 2:
-        raise UserInputError(f"{data.video.source}: one frame shows no motion; at least two are needed")
-    measured = (len(times) - 1) / float(times[-1] - times[0])
-    if abs(measured / physics.frame_rate - 1) > FRAME_RATE_TOLERANCE:
-        raise UserInputError(
-            f"{data.video.source}: its time stamps give {measured:.2f} frames/s but physics.frame_rate is "
-            f"{physics.frame_rate:g}; set --physics.frame_rate={measured:.4g}"
-        )
-
-
-def check_cameras(data: VideoData, physics: Physics) -> None:
-    """Raise UserInputError when an effect names a camera that the training views do not show."""
-    used = [data.video.view_ids[index] for index in data.train]
-    for effect in faults_of(physics.effects):
-        if effect.view is not None and effect.view not in used:
-            raise UserInputError(
-                f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
-                f"set its view to one of {used}, or add it to data.train_views"
-            )
+        Args:
+            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
+            density, features: of the particles [(N,)], [(N, 12)]
+        """
+        test, body, errors = self.data.test, (density, features), []
+        if not test or step % TEST_EVERY:
+            return
+        for frame in range(seen.shape[1]):
+            residual = self.image_cost.residual_at(seen[:, frame], *body, test[frame % len(test)], frame, observer)
+            errors.append(float(residual[..., :3].square().mean()))
+        self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))

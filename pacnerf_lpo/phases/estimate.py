@@ -54,9 +54,9 @@ def estimate(
     """
     if not isinstance(static, StaticGridModule):
         return []
-    spacing = _finest(static)
+    spacing = static.base_spacing / 2**static.length.halvings  # of the field in the end
     volume, word = _volume(data)
-    particles = _particles(volume, spacing)
+    particles = max(1, round(PER_CELL * volume / spacing**3))
     rounded = f"{float(f'{particles:.2g}'):,.0f}"
     line = f"{word} {rounded} particles, about {memory(data, spacing, particles) / 2**30:.1f} GiB of memory"
     work = Work()
@@ -67,7 +67,13 @@ def estimate(
         smaller = (intervals / particles) ** (4 / 3)  # half the spacing is half the time step
         work += Work(frames=INTERVAL_ROLLOUTS * smaller * len(data.video.times))
     try:
-        seconds = _seconds(work, data, physics, static, volume)
+        seconds = 0.0
+        if work.frames:
+            count = min(particles, SAMPLE)
+            seconds += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
+        seen = [float(hits_box(data.rays(view), data.box).sum()) for view in data.train]
+        if rays := work.rays + work.images * sum(seen) / len(seen):
+            seconds += rays * _timed(_image(data, static, spacing, volume)) / SAMPLE
     except SimulationError:
         return [f"{line}; how long it takes is not known: the guess of the material is unstable at this time step"]
     return [f"{line}, about {_duration(seconds)} on this machine as busy as it is now"]
@@ -79,16 +85,6 @@ def interval_particles(option: bool | int) -> int:
     if found and found < LEAST_PARTICLES:
         raise UserInputError(f"--intervals {option}: give true, false, or at least {LEAST_PARTICLES} particles")
     return found
-
-
-def _finest(static: StaticGridModule) -> float:
-    """Voxels of the field in the end [m]."""
-    return static.base_spacing / 2**static.length.halvings
-
-
-def _particles(volume: float, spacing: float) -> int:
-    """Of a body of a volume [m^3]."""
-    return max(1, round(PER_CELL * volume / spacing**3))
 
 
 def _volume(data: VideoData) -> tuple[float, str]:
@@ -111,20 +107,6 @@ def memory(data: VideoData, spacing: float, particles: int) -> float:
     return now + BYTES * (rays + grids + rollout)
 
 
-def _seconds(work: Work, data: VideoData, physics: Physics, static: StaticGridModule, volume: float) -> float:
-    """The work by the clock, of a body of a volume [m^3]."""
-    spacing, found = _finest(static), 0.0
-    particles = _particles(volume, spacing)
-    if work.frames:
-        count = min(particles, SAMPLE)
-        found += work.frames * _timed(_simulation(physics, spacing, count)) * particles / count
-    seen = [float(hits_box(data.rays(view), data.box).sum()) for view in data.train]
-    rays = work.rays + work.images * sum(seen) / len(seen)
-    if rays:
-        found += rays * _timed(_image(data, static, volume)) / SAMPLE
-    return found
-
-
 def _simulation(physics: Physics, spacing: float, count: int) -> Callable[[], object]:
     """One frame of a block of so many particles at rest above the ground."""
     edge = torch.arange(round(count ** (1 / 3)) + 1) * (spacing / 2)
@@ -134,13 +116,13 @@ def _simulation(physics: Physics, spacing: float, count: int) -> Callable[[], ob
     return lambda: physics.motion(positions, torch.zeros_like(positions), full, full, values, spacing, 2)
 
 
-def _image(data: VideoData, static: StaticGridModule, volume: float) -> Callable[[], object]:
-    """Rays through a field of the finest voxels, with gradients: nothing but a ball of that volume [m^3]."""
+def _image(data: VideoData, static: StaticGridModule, spacing: float, volume: float) -> Callable[[], object]:
+    """Rays through a field of voxels of a size [m], with gradients: nothing but a ball of that volume [m^3]."""
     view = data.train[0]
     rays = data.rays(view)
     hit = hits_box(rays, data.box).nonzero().squeeze(1)
     pixels = hit[torch.linspace(0, len(hit) - 1, SAMPLE).long()]
-    field, colour = VoxelField.create(data.box, _finest(static)), ColourNetwork()
+    field, colour = VoxelField.create(data.box, spacing), ColourNetwork()
     with torch.no_grad():
         nodes = torch.cartesian_prod(*(torch.arange(count) * field.dx for count in field.density.shape))
         middle = (torch.tensor(data.box.upper) - torch.tensor(data.box.lower)) / 2

@@ -60,14 +60,9 @@ class GridOptimizationModule(Correction):
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames of freshly sampled particles, one random training view for each frame."""
-        frames = self.image_cost.frames
-        positions, density, features = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
-        seen, observer = self.seen(self.state.velocity.mean(0), positions, density)
-        loss = self.image_cost.loss(seen, density, features, self.one_view_per_frame(step, frames), observer=observer)
-        self.log_test_psnr(step, seen, density, features, observer)
-        self.log("correction/loss", loss)
-        self.log("correction/particles", float(len(positions)))
-        return loss
+        particles = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
+        self.log("correction/particles", float(len(particles[0])))
+        return self.loss(step, self.state.velocity.mean(0), *particles)
 
     def particles(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """Positions [m, (N, 3)]; density (N,), features (N, 12), differentiable. UserInputError: the body is gone."""

@@ -32,8 +32,6 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
     values = physics.values(state)
     observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
-    errors = []
-    for view, frame in sorted(images):
-        positions = seen[observer.clock(video.view_ids[view]), frame]
-        errors.append(cost.residual(positions, state.density, state.features, view, frame, observer))
+    body = state.density, state.features
+    errors = [cost.residual_at(seen[:, frame], *body, view, frame, observer) for view, frame in sorted(images)]
     return torch.stack(errors).square().sum(-1).mean().item()

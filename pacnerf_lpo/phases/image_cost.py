@@ -57,6 +57,13 @@ class ImageCost:
         """
         return self.residual_of_field(self.field(positions, density, features), view, frame, observer)
 
+    def residual_at(
+        self, seen: Tensor, density: Tensor, features: Tensor, view: int, frame: int, observer: Observer
+    ) -> Tensor:
+        """:meth:`residual` where the particles are given as each clock sees them [m, (clocks, N, 3)]."""
+        at = observer.clock(self.data.video.view_ids[view])
+        return self.residual(seen[at], density, features, view, frame, observer)
+
     def field(self, positions: Tensor, density: Tensor, features: Tensor) -> FieldGrid:
         """The field of the particles, on the device; arguments as of :meth:`residual`."""
         there = self.device
@@ -101,17 +108,13 @@ class ImageCost:
             views: for each frame, the indices of the views it is compared in
             first: frame number of ``seen[:, 0]``
         """
-        view_ids, names = self.data.video.view_ids, observer.names
-        clocks = [observer.clock(view_id) for view_id in view_ids]
+        names = observer.names
         coefficients = torch.stack([observer.values[name] for name in names]) if names else seen.new_empty(0)
 
         def frame_loss(index: int, positions: Tensor, sigma: Tensor, colour: Tensor, values: Tensor) -> Tensor:
             now = Observer(observer.observations, dict(zip(names, values, strict=True)))
-            terms = [
-                self.residual(positions[clocks[view]], sigma, colour, view, first + index, now).square().sum(-1).mean()
-                for view in views[index]
-            ]
-            return torch.stack(terms).mean()
+            found = [self.residual_at(positions, sigma, colour, view, first + index, now) for view in views[index]]
+            return torch.stack([residual.square().sum(-1).mean() for residual in found]).mean()
 
         return _FrameByFrame.apply(frame_loss, seen, density, features, coefficients)
 
@@ -122,31 +125,24 @@ class _FrameByFrame(torch.autograd.Function):
     @staticmethod
     def forward(ctx, loss: Callable, seen: Tensor, *others: Tensor):
         needed = ctx.needs_input_grad[1:]
-        inputs = [tensor.detach() for tensor in (seen, *others)]
-        gradients = [torch.zeros_like(tensor) if need else None for tensor, need in zip(inputs, needed, strict=True)]
+        inputs = zip((seen, *others), needed, strict=True)
+        gradients = [torch.zeros_like(tensor) if need else None for tensor, need in inputs]
         frames, total = seen.shape[1], 0.0
         for index in range(frames):
-            leaves = [
-                tensor.detach().requires_grad_(need)
-                for tensor, need in zip((inputs[0][:, index], *inputs[1:]), needed, strict=True)
-            ]
+            of_frame = zip((seen[:, index], *others), needed, strict=True)
+            leaves = [tensor.detach().requires_grad_(need) for tensor, need in of_frame]
             with torch.set_grad_enabled(any(needed)):
                 value = loss(index, *leaves) / frames
             total += value.item()
             if value.requires_grad:
-                _accumulate(gradients, leaves, value, index)
+                targets = [leaf for leaf in leaves if leaf.requires_grad]
+                found = iter(torch.autograd.grad(value, targets, materialize_grads=True))
+                for slot, gradient in enumerate(gradients):
+                    if gradient is not None:
+                        (gradient if slot else gradient[:, index]).add_(next(found))
         ctx.save_for_backward(*gradients)
         return seen.new_tensor(total)
 
     @staticmethod
     def backward(ctx, outer: Tensor):
         return None, *(None if gradient is None else gradient * outer for gradient in ctx.saved_tensors)
-
-
-def _accumulate(gradients: list[Tensor | None], leaves: list[Tensor], value: Tensor, index: int) -> None:
-    targets = [leaf for leaf in leaves if leaf.requires_grad]
-    found = iter(torch.autograd.grad(value, targets, materialize_grads=True))
-    for slot, leaf in enumerate(leaves):
-        gradient = gradients[slot]
-        if leaf.requires_grad and gradient is not None:
-            (gradient[:, index] if slot == 0 else gradient).add_(next(found))

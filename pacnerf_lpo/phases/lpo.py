@@ -77,32 +77,27 @@ class LPOModule(Correction):
 
     def training_step(self, step: int, _: int) -> Tensor:
         """Cost over all frames, one random training view for each."""
-        seen, observer = self.seen(self.state.velocity, self.positions, self.density)
-        views = self.one_view_per_frame(step, self.image_cost.frames)
-        loss = self.image_cost.loss(seen, self.density, self.features, views, observer=observer)
-        self.log_test_psnr(step, seen, self.density, self.features, observer)
+        loss = self.loss(step, self.state.velocity, self.positions, self.density, self.features)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
             for name in PARTICLES:
                 getattr(self, f"best_{name}").copy_(getattr(self, name).detach())
-        self.log("correction/loss", loss)
-        moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
-        self.log("correction/mean displacement [m]", moved)
+        self.log("correction/mean displacement [m]", self.moved)
         return loss
+
+    @property
+    def moved(self) -> Tensor:
+        """Mean displacement of the particles so far [m, scalar]."""
+        return (self.positions.detach() - self.state.positions).norm(dim=-1).mean()
 
     @torch.no_grad()
     def export_state(self) -> ParticleState:
         """The state with the last particles, or the remembered ones where these fit better."""
-        images = self.one_view_per_frame(self.steps, self.image_cost.frames)
         last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
-        chosen = min(last, best, key=lambda particles: finite_loss(lambda: self._loss(images, **particles).item()))
+        cost = lambda particles: self.loss(self.steps, self.state.velocity, **particles).item()  # noqa: E731
+        chosen = min(last, best, key=lambda particles: finite_loss(lambda: cost(particles)))
         found = {name: values.detach().cpu().clone() for name, values in chosen.items()}
         return self.state.with_(**found, corrected=True)
 
     def progress_metrics(self) -> dict[str, str]:
-        moved = (self.positions.detach() - self.state.positions).norm(dim=-1).mean().item()
-        return {"moved": f"{1000 * moved:.2f} mm"}
-
-    def _loss(self, views: list[list[int]], positions: Tensor, density: Tensor, features: Tensor) -> Tensor:
-        seen, observer = self.seen(self.state.velocity, positions, density)
-        return self.image_cost.loss(seen, density, features, views, observer=observer)
+        return {"moved": f"{1000 * self.moved.item():.2f} mm"}

@@ -236,8 +236,7 @@ class PixelsAfterOutlines(GaussNewton):
         """Mean square, gradient and Gauss-Newton Hessian of how far unknowns are from their prior means."""
         weight = self.group["image_error"] / sum(map(len, self._views))
         size = sum(unknown.numel() for unknown in module.unknowns)
-        loss, gradient = 0.0, torch.zeros(size, dtype=torch.float64)
-        hessian = torch.zeros(size, size, dtype=torch.float64)
+        residuals, slopes = torch.zeros(2, size, dtype=torch.float64)
         for index, (name, free) in enumerate(module.free.items()):
             parameter = module.physics.parameters[name]
             if parameter.prior_value is None:
@@ -246,11 +245,10 @@ class PixelsAfterOutlines(GaussNewton):
             with torch.enable_grad():
                 moved = free.detach().double().requires_grad_()
                 residual = (parameter.transform.to_physical(moved) - mean) / deviation
-                (slope,) = torch.autograd.grad(residual, moved)
-            loss += weight * residual.item() ** 2
-            gradient[index] = weight * slope * residual.detach()
-            hessian[index, index] = weight * slope**2
-        return loss, gradient, hessian
+                (slopes[index],) = torch.autograd.grad(residual, moved)
+            residuals[index] = residual.detach()
+        loss = sum(weight * residual**2 for residual in residuals.tolist())
+        return loss, weight * slopes * residuals, torch.diag(weight * slopes**2)
 
 
 def _bar(items: Iterable[Item], count: int) -> Iterable[Item]:
@@ -320,10 +318,11 @@ class OutlineCost:
         """Which rows of the residual are of the first frames, or of no frame [(D,), bool]."""
         return np.append(self._frames < frames, np.ones(len(self.prior_terms(self.model.start)), bool))
 
-    def stage(self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, **more) -> Stage:
+    def stage(
+        self, rows: Sequence[np.ndarray | None] = (None,), keep: int = 2, iterations: int = SEARCH_ITERATIONS, **more
+    ) -> Stage:
         """Short fits of the cost, as a stage of a search; arguments as of :class:`Stage`."""
-        settings = {"iterations": SEARCH_ITERATIONS, **more}
-        return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, **settings)
+        return Stage(self.residual, self.model.scales, self.model.bounds, rows, keep, iterations, **more)
 
     def needs_shorter_step(self, free: np.ndarray) -> bool:
         """Whether the time step that fits start with is too long at free coordinates [(K,)]. Raises SimulationError."""

@@ -85,13 +85,12 @@ class PhysicsIDModule(DynamicPhase):
     @property
     def bounds(self) -> tuple[Tensor, Tensor]:
         """Between what each entry of :attr:`unknowns` has to stay [(K,)]; the velocity may be anything."""
-        described, ends = self.physics.parameters, torch.full((len(self.scales), 2), torch.inf, dtype=torch.float64)
-        ends[:, 0] = -torch.inf
+        described, ends = self.physics.parameters, [[-torch.inf, torch.inf] for _ in self.scales]
         for index, name in enumerate(self.free):
             if name in self.within:
-                of_parameter = [described[name].transform.to_free(end) for end in self.within[name]]
-                ends[index] = torch.tensor(of_parameter, dtype=torch.float64)
-        return ends[:, 0], ends[:, 1]
+                ends[index] = [described[name].transform.to_free(end) for end in self.within[name]]
+        low, high = torch.tensor(ends, dtype=torch.float64).T
+        return low, high
 
     @property
     def warm_up_length(self) -> int:
@@ -121,8 +120,8 @@ class PhysicsIDModule(DynamicPhase):
     def residual(self, watched: tuple[Tensor, Observer], view: int, frame: int) -> Tensor:
         """Predicted minus measured image [(H, W, 3)] of what :meth:`watch` returned."""
         seen, observer = watched
-        positions = seen[observer.clock(self.data.video.view_ids[view]), frame]
-        return self.image_cost.residual(positions, self.state.density, self.state.features, view, frame, observer)
+        body = self.state.density, self.state.features
+        return self.image_cost.residual_at(seen[:, frame], *body, view, frame, observer)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return self.method.optimiser(self)

@@ -146,10 +146,7 @@ class StaticGridModule(AbstractPhase):
             terms["view_invariant"] = mse_loss(seen, measured)
         if self.silhouette_weight > 0:
             terms["silhouette"] = matte_cross_entropy(samples.transmittance, matte)
-        return self._weighted_sum(terms, self.weights_at(batch))
-
-    def _weighted_sum(self, terms: dict[str, Tensor], weights: dict[str, float]) -> Tensor:
-        """The loss, after logging every term, every weight and the voxel size."""
+        weights = self.weights_at(batch)
         loss = torch.stack([weights[name] * term for name, term in terms.items()]).sum()
         self.last_psnr = psnr(terms["pixel"].item())
         if self.global_step % LOGGED_EVERY == 0:
@@ -216,9 +213,8 @@ class StaticGridModule(AbstractPhase):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Give the field the shape it had before its weights are loaded."""
-        saved = checkpoint["state_dict"]
-        names = ("field.density", "field.features", "field.lower")
-        density, features, lower = (torch.empty_like(saved[name]) for name in names)
+        saved = (checkpoint["state_dict"][f"field.{name}"] for name in ("density", "features", "lower"))
+        density, features, lower = map(torch.empty_like, saved)
         self.field = VoxelField(density, features, lower, checkpoint["static_spacing"])
         self._rays_through_box.clear()
 

@@ -138,12 +138,8 @@ class Observer:
 
     def changing(self, aspect: str, view_id: int | None = None) -> list[Observation]:
         """The effects that override a method and, if a view is given, concern it."""
-        return [
-            effect
-            for effect in self.observations
-            if getattr(type(effect), aspect) is not getattr(Observation, aspect)
-            and (view_id is None or effect.concerns(view_id))
-        ]
+        acting = [effect for effect in self.observations if view_id is None or effect.concerns(view_id)]
+        return [effect for effect in acting if getattr(type(effect), aspect) is not getattr(Observation, aspect)]
 
     def _newton_step(self, ideal: Tensor, observed: Tensor, view_id: int) -> Tensor:
         """J^-1 (observed - distorted(ideal)), with a constant J: the derivative by the coefficients is exact."""

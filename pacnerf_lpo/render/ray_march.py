@@ -90,15 +90,11 @@ def shade(samples: March, colour: ColourNetwork, directions: Tensor | None = Non
     lengths = samples.lengths.index_select(0, hit)
     per_ray = colour.direction_part(along.index_select(0, hit))
     rays, counts = _blocks(lengths)
+    of_samples, of_rays = (samples.features, samples.weights), (per_ray, lengths)
+    blocks = [*(one.split(counts) for one in of_samples), *(one.split(rays) for one in of_rays)]
     light = [
         segment_sum(colour.finish(features, segment_copy(seen, many)) * weights[:, None], many)
-        for features, weights, seen, many in zip(
-            samples.features.split(counts),
-            samples.weights.split(counts),
-            per_ray.split(rays),
-            lengths.split(rays),
-            strict=True,
-        )
+        for features, weights, seen, many in zip(*blocks, strict=True)
     ]
     behind = samples.transmittance[:, None].repeat(1, 3)
     return Rendering(behind.index_add(0, hit, torch.cat(light)), samples.transmittance)

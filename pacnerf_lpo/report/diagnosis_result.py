@@ -44,9 +44,8 @@ def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
             name = OVERLAY if part.recording is problem else OVERLAY_OF.format(part.name)
             write_atomically(folder / name, overlay(part.recording, part.effects, part.known).encode())
     else:
-        for path in folder.glob(OVERLAY_OF.format("*")):
-            path.unlink()
-        (folder / OVERLAY).unlink(missing_ok=True)
+        for path in [folder / OVERLAY, *folder.glob(OVERLAY_OF.format("*"))]:
+            path.unlink(missing_ok=True)
 
 
 def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:

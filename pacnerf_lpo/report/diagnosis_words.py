@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 from pacnerf_lpo.inference.decision import DECISIVE, LEVEL
@@ -233,7 +234,7 @@ def changes(result: Result) -> str:
         return f"{place}, the distance {moved}."
     sentence = f"{place}, the distance {moved}; in the fitted data it {_moved(before, after, result)}."
     removed, held = result["verdict"]["removed"], result["rounds"][0]["check_held"]
-    if found.after > found.before and removed and held["statistic"] > _mean(held["replicates"]):
+    if found.after > found.before and removed and held["statistic"] > fmean(held["replicates"]):
         sentence += (
             f" In {unit_of(result)} all numbers count equally; with each number weighted by its noise, the held-out "
             f"error beyond noise falls by {removed:.0%}."
@@ -277,15 +278,11 @@ def checked(done: Mapping[str, Any]) -> str:
     parts = []
     for key, where in (("check", "fitted"), ("check_held", "held-out")):
         check = done[key]
-        times = check["statistic"] / _mean(check["replicates"])
+        times = check["statistic"] / fmean(check["replicates"])
         verdict = "more than its error explains" if check["p_value"] < LEVEL else "within its error"
         said = f"{verdict} ({probability(check['p_value'])})"
         parts.append(f"in the {where} data {times:.2g} times that of the null replicates, {said}")
     return f"Mean square of the standardised residual: {'; '.join(parts)}."
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
 
 
 def notes(result: Result) -> list[str]:

@@ -68,9 +68,8 @@ def is_evaluated(run: Run) -> bool:
         return False
     results = json.loads(results_path.read_text())
     evaluated = [phase["stem"] for phase in results["phases"]]
-    intervals = run.run_dir / INTERVALS_FILE
-    paths = [*(stage.state_path for stage in run.stages), *([intervals] if intervals.is_file() else [])]
-    newest = max(path.stat().st_mtime for path in paths)
+    paths = [*(stage.state_path for stage in run.stages), run.run_dir / INTERVALS_FILE]
+    newest = max(path.stat().st_mtime for path in paths if path.is_file())
     current = {"doubts", "density_kg_m3"} <= results.keys() and evaluated == [stage.stem for stage in run.stages]
     return current and results_path.stat().st_mtime >= newest
 

@@ -126,7 +126,6 @@ def moving_particles(
 class Curve:
     """One logged scalar: for each phase that logged it, its label, the iterations within the phase, and the values."""
 
-    name: str
     unit: str
     parts: list[tuple[str, list[int], list[float]]] = field(default_factory=list)
 
@@ -141,18 +140,16 @@ def read_curves(run_dir: Path, stages: list[Stage]) -> dict[str, Curve]:
     if (run_dir / FOLDER).is_dir():
         events.Reload()
     curves: dict[str, Curve] = {}
+    starts = [sum(stage.record.steps for stage in stages[:number]) for number in range(len(stages))]
     for tag in events.Tags().get(SCALARS, []):
         role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
         points = [(event.step, event.value) for event in events.Scalars(tag)]
-        curve = curves.setdefault(name, Curve(name, unit))
-        first = 0
-        for stage in stages:
+        curve = curves.setdefault(name, Curve(unit))
+        for stage, first in zip(stages, starts, strict=True):
             last = first + stage.record.steps
-            if stage.record.phase == role:
-                mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
-                if mine:
-                    curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
-            first = last
+            mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
+            if mine and stage.record.phase == role:
+                curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
     for curve in curves.values():
         curve.parts.sort(key=lambda part: [stage.label for stage in stages].index(part[0]))
     return curves
@@ -171,7 +168,7 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
 
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dict[str, Any]:
     """Losses, one chart per phase; identified parameters, one chart each; the initial velocity."""
-    loss, truth = curves.get("loss", Curve("loss", "1")), results.get("truth_errors") or {}
+    loss, truth = curves.get("loss", Curve("1")), results.get("truth_errors") or {}
     parameters = [
         {
             "title": symbol(name),

@@ -49,7 +49,11 @@ class VoxelField(nn.Module):
 
         The parameters are new objects afterwards. Raises UserInputError where nothing is left to refine.
         """
-        region = self._occupied_region()
+        self.check_object()
+        opacity = alpha(self.density, 1.0)
+        nodes = (opacity >= RELATIVE_ALPHA * opacity.max()).nonzero()
+        ends = zip((nodes.amin(0) - 1).clamp_min(0).tolist(), (nodes.amax(0) + 1).tolist(), strict=True)
+        region = tuple(slice(low, max(high, low + 1) + 1) for low, high in ends)
         first = torch.tensor([part.start for part in region], device=self.lower.device)
         self.lower = self.lower + first * self.dx
         self.density = nn.Parameter(_upsample(self.density[region][..., None]).squeeze(3))
@@ -65,14 +69,6 @@ class VoxelField(nn.Module):
                 "lower phases.static.surface_weight, or check that data.box_lower and data.box_upper enclose the "
                 "object in frame 0"
             )
-
-    def _occupied_region(self) -> tuple[slice, ...]:
-        self.check_object()
-        opacity = alpha(self.density, 1.0)
-        nodes = (opacity >= RELATIVE_ALPHA * opacity.max()).nonzero()
-        first = (nodes.amin(0) - 1).clamp_min(0).tolist()
-        last = (nodes.amax(0) + 1).tolist()
-        return tuple(slice(low, max(high, low + 1) + 1) for low, high in zip(first, last, strict=True))
 
 
 def _upsample(values: Tensor) -> Tensor:

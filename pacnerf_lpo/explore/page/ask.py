@@ -26,8 +26,7 @@ class Ask:
 
     def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, self.gui = page, page.server.gui
-        self._offered: dict[str, tuple[Suggestion, viser.GuiCheckboxHandle]] = {}
-        self._rows: list[Any] = []
+        self._offered: list[tuple[Suggestion, viser.GuiCheckboxHandle, viser.GuiHtmlHandle]] = []
         groups = dict.fromkeys(s.group for s in page.session.settings if s.active and s.fitted)
         with tabs.add_tab("Ask", viser.Icon.BULB):
             self.doing = self.gui.add_html("")
@@ -83,20 +82,20 @@ class Ask:
 
     def draw(self) -> None:
         """Ticks follow the model."""
-        for found, tick in self._offered.values():
+        for found, tick, _ in self._offered:
             tick.value = found.effect in self.page.session.current.effects
 
     def _suggest(self) -> None:
         found = self.page.session.suggest(MOST, self.tell)
-        for row in self._rows:
-            row.remove()
-        self._offered, self._rows = {}, []
+        for _, *row in self._offered:
+            for handle in row:
+                handle.remove()
+        self._offered = []
         with self.offers:
             for one in found:
                 tick = self.gui.add_checkbox(capitalised(one.readable), False, hint=reason(one))
                 tick.on_update(self.page.by_hand(partial(self._ticked, one)))
-                self._offered[one.effect] = one, tick
-                self._rows += [tick, self.gui.add_html(evidence(one))]
+                self._offered.append((one, tick, self.gui.add_html(evidence(one))))
         self.offers.label = f"Suggestions for step {self.page.session.current.number}"
         self.offers.visible = True
         if not found:

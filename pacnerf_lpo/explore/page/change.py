@@ -51,7 +51,12 @@ class Change:
             self._build(settings)
             self._drawn = names
         for setting in settings:
-            self._follow(setting)
+            if setting.name in self._wanted:  # the hand is further on
+                continue
+            slider, (low, high, value) = self._sliders[setting.name], _places(setting)
+            slider.min, slider.max = min(low, slider.min), max(high, slider.max)
+            slider.value = value
+            slider.label, slider.hint = short(setting), long(setting)
         view = self.page.cameras[self.page.camera].view if self.page.cameras else None
         free = [info for info in session.effects if not info.active and info.camera in (None, view)]
         self._names = {info.readable: info.name for info in free}
@@ -115,15 +120,6 @@ class Change:
         except ValueError:
             raise UserInputError(f"{self.exact.value}: write it as E = 9.5e4, in SI units") from None
         self.page.session.set(name.strip(), value)
-
-    def _follow(self, setting: Setting) -> None:
-        slider = self._sliders[setting.name]
-        if setting.name in self._wanted:  # the hand is further on
-            return
-        low, high, value = _places(setting)
-        slider.min, slider.max = min(low, slider.min), max(high, slider.max)
-        slider.value = value
-        slider.label, slider.hint = short(setting), long(setting)
 
 
 def _places(setting: Setting) -> tuple[float, float, float]:

@@ -69,9 +69,10 @@ class See:
 
     def _listen(self) -> None:
         page = self.page
+        choose = lambda: page.choose_recording(self.recording.value)  # noqa: E731
         self.frame.on_update(page.by_hand(lambda _: page.look(frame=int(self.frame.value))))
         self.camera.on_update(page.by_hand(lambda _: page.look(camera=int(self.camera.value))))
-        self.recording.on_update(page.by_hand(lambda _: page.make("recording", self._other, False)))
+        self.recording.on_update(page.by_hand(lambda _: page.make("recording", choose, False)))
         self.paint.on_update(page.by_hand(lambda _: page.changes.ask("paint", self.take)))
         self.measured.on_update(page.by_hand(lambda _: page.changes.ask("measured", self._measure)))
         self.dark.on_update(page.by_hand(lambda _: page.colours(self.dark.value)))
@@ -88,9 +89,6 @@ class See:
         elif self.page.cameras:
             self.page.stage.step_into(self.page.camera, event.client)
 
-    def _other(self) -> None:
-        self.page.choose_recording(self.recording.value)
-
     def of_recording(self) -> None:
         """Ranges of the sliders, and the cameras, of the recording that is looked at."""
         page, cameras = self.page, self.page.cameras
@@ -103,11 +101,7 @@ class See:
         if cameras:
             eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras])
             scale = 0.06 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0)
-            held = np.array([camera.held_out for camera in cameras])
-            matrices = np.array([camera.intrinsics for camera in cameras])
-            poses = np.array([camera.camera_to_world for camera in cameras])
-            poses[:, :3, 3] += self._offset(page.recording)
-            page.stage.cameras(poses, matrices, (cameras[0].width, cameras[0].height), held, scale)
+            page.stage.cameras(cameras, self._offset(page.recording), scale)
 
     def _zoom(self) -> None:
         with self.page.drawing():

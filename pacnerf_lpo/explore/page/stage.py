@@ -1,6 +1,6 @@
 """The 3-D part of the page: bodies, what was measured of them, the ground, and the cameras to step into."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from scipy.spatial.transform import Rotation
 
-from pacnerf_lpo.explore.records import Motion
+from pacnerf_lpo.explore.records import Camera, Motion
 
 THUMBNAIL = 96
 """Pixels of the longer side of a picture in a frustum: it is sent again for every frame that is shown."""
@@ -107,34 +107,31 @@ class Stage:
         if moving.colours.ndim != 1 and not np.array_equal(cloud.colors, colours):
             cloud.colors = colours
 
-    def cameras(
-        self, camera_to_world: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int], held: np.ndarray, scale: float
-    ) -> None:
+    def cameras(self, cameras: Sequence[Camera], offset: np.ndarray, scale: float) -> None:
         """A frustum for every camera; a click looks through it.
 
         Args:
-            camera_to_world: [(V, 3, 4)], OpenGL axes.
-            intrinsics: [pixels, (V, 3, 3)]
-            size: width and height of the images [pixels].
-            held: whether a camera is held out [(V,), bool].
+            cameras: of the recording that is looked at.
+            offset: of where its body is drawn from where it is [m, (3,)].
             scale: length of a frustum [m].
         """
         for frustum in self._frusta:
             frustum.remove()
         self._frusta, self._poses = [], []
-        for number, (pose, matrix) in enumerate(zip(camera_to_world, intrinsics, strict=True)):
-            turn = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+        for number, camera in enumerate(cameras):
+            pose = camera.camera_to_world
+            turn, place = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0]), pose[:3, 3] + offset
             wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
-            fov = 2 * float(np.arctan(size[1] / 2 / matrix[1, 1]))
+            fov = 2 * float(np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))
             frustum = self.server.scene.add_camera_frustum(
-                f"/cameras/{number}", fov, size[0] / size[1], scale=scale, thickness=0.02 * scale,
-                color=HELD_EDGE if held[number] else EDGE, wxyz=tuple(wxyz), position=tuple(pose[:3, 3]),
+                f"/cameras/{number}", fov, camera.width / camera.height, scale=scale, thickness=0.02 * scale,
+                color=HELD_EDGE if camera.held_out else EDGE, wxyz=tuple(wxyz), position=tuple(place),
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             frustum.on_click(partial(self._chosen, number))
             self._frusta.append(frustum)
-            self._poses.append((wxyz, pose[:3, 3], fov))
-        self._held = held
+            self._poses.append((wxyz, place, fov))
+        self._held = [camera.held_out for camera in cameras]
 
     def _chosen(self, number: int, event: viser.SceneNodePointerEvent) -> None:
         self.choose(number)
