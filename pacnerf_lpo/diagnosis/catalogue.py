@@ -112,15 +112,21 @@ def read_candidates(path: Path, material: Material, installed: Sequence[Effect])
     """Candidates from a YAML list of ``class_path`` and ``init_args``, as in ``physics.effects``.
 
     Raises:
-        UserInputError: no such file, not such a list, unknown classes, effects that do not apply to the material, or of
-            which no configuration can be written.
+        UserInputError: no such file, not such a list, unknown classes, a class twice, effects that do not apply to the
+            material, or of which no configuration can be written.
     """
     if not path.is_file():
         raise UserInputError(f"{path}: no such file; give a YAML list of effects, as physics.effects has it")
     found = read_effects(path, read_any_yaml(path))
-    for effect in found:
+    names = [name_of(effect) for effect in found]
+    for name, effect in zip(names, found, strict=True):
         effect.check_material(material)
         as_config(effect, effect.guess)
+        if names.count(name) > 1:
+            raise UserInputError(
+                f"{path}: {name} is listed {names.count(name)} times; results are told by the name of a class, so "
+                f"write one for each, such as `class Other({name.partition('@')[0]})` with other defaults"
+            )
     return candidates(found, material, installed)
 
 

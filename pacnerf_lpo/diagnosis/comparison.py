@@ -266,8 +266,10 @@ def in_si(model: Model, interval: Interval) -> Interval:
     """An interval of a free coordinate in SI units, within the bounds of the parameter."""
     index = model.names.index(interval.name)
     inside = np.clip((interval.value, interval.low, interval.high), model.bounds[0][index], model.bounds[1][index])
-    value, low, high = map(model.unknowns[index].physical, inside)
-    return Interval(interval.name, value, low, high, (high - low) / 2, interval.identifiable)
+    physical = model.unknowns[index].physical
+    value, low, high = map(physical, inside)
+    error = (physical(interval.value + interval.error) - physical(interval.value - interval.error)) / 2
+    return Interval(interval.name, value, low, high, error, interval.identifiable)
 
 
 def reporter(model: Model, progress: Progress) -> Callable[[int, float, np.ndarray], None]:

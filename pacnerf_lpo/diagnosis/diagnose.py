@@ -90,8 +90,8 @@ def prepare(
     problem, fingerprint = problem_of_runs(run_dirs, stem, options.particles, points, options.images, divided)
     check(problem, options)
     what = {k: v for k, v in asdict(options).items() if k in ("replicates", "seed", "particles")}
-    what["candidates"] = None if options.candidates is None else Path(options.candidates).read_text()
-    return problem, Store(Path(out or run_dirs[0]) / FOLDER, fingerprint, what)
+    listed = None if options.candidates is None else Path(options.candidates).read_text()
+    return problem, Store(Path(out or run_dirs[0]) / FOLDER, fingerprint, what, listed)
 
 
 def investigate(
@@ -284,7 +284,7 @@ class _Diagnosis:
         settings, told = (options.replicates, options.seed), prefixed(progress, "compare: ")
         searched = not before and not again
         step = partial(compare, problem, effects, known, settings, searched, told)
-        comparison: Comparison = store.once(f"{number}_compare", step)
+        comparison: Comparison = store.once(f"{number}_compare", step, of_any_list=searched)
         parameters, undetermined = intervals(problem, effects, comparison)
         found = Round(
             effects,

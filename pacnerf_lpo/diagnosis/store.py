@@ -68,20 +68,23 @@ class Store:
         folder: where they lie.
         problem: bytes that tell what is under diagnosis.
         options: of the diagnosis.
+        candidates: the list of effects that compete; None: the whole catalogue.
 
     Attributes:
+        key: how the names of files begin, whatever list they were found with.
         seconds: that every step took, by its name, whether that was now or in an earlier run.
     """
 
-    def __init__(self, folder: Path, problem: bytes, options: dict):
+    def __init__(self, folder: Path, problem: bytes, options: dict, candidates: str | None = None):
         self.folder, self.seconds = folder, dict[str, float]()
         self.key = hashlib.sha256(problem + json.dumps([options, SCHEMA]).encode()).hexdigest()[:16]
+        self._list = "" if candidates is None else f"{hashlib.sha256(candidates.encode()).hexdigest()[:8]}_"
 
-    def once(self, name: str, step: Callable[[], Result]) -> Result:
-        """What ``step`` gives; taken from disk where it was done before with the same inputs and options. A damaged
-        file is made again.
+    def once(self, name: str, step: Callable[[], Result], of_any_list: bool = False) -> Result:
+        """What ``step`` gives; taken from disk where it was done before with the same inputs and options, and unless it
+        is ``of_any_list`` with the same list of candidates. A damaged file is made again.
         """
-        path = self.folder / "steps" / f"{self.key}_{name}.npz"
+        path = self.folder / "steps" / f"{self.key}_{'' if of_any_list else self._list}{name}.npz"
         if path.is_file():
             try:
                 found = read(path)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from inspect import signature
 
 from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share, shows_held_out
 from pacnerf_lpo.diagnosis.screening import SHAPE
@@ -147,7 +148,9 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
             if i.name in candidate.effect.parameters
             for one in [candidate.effect.parameters[i.name]]
         ]
-        found += [f"{capitalised('; '.join(sizes))} (90 % interval{'s' * (len(sizes) > 1)})."] if sizes else []
+        given = signature(type(candidate.effect)).parameters.keys() & candidate.effect.constants.keys()
+        known = "".join(f", {name} {candidate.effect.constants[name]:g} as given" for name in sorted(given))
+        found += [f"{capitalised('; '.join(sizes))} (90 % interval{'s' * (len(sizes) > 1)}{known})."] if sizes else []
         values = again.known if after is None else {i.name: i.value for i in after.parameters}
         moves = [
             f"{material.parameters[i.name].label} moves from {old} to {new}"

@@ -75,6 +75,11 @@ def test_a_list_of_candidates_is_read_and_written(tmp_path):
         ("", ": not a list of effects; write for each of them a line `- class_path: NAME`"),
         ("candidates: []\n", ": not a list of effects"),
         ("- class_path: Cohesion\n", "Cohesion"),
+        (
+            "- class_path: LinearDrag\n- class_path: LinearDrag\n  init_args: {drag: 1}\n",
+            "LinearDrag is listed 2 times; results are told by the name of a class, so write one for each, such as "
+            "`class Other(LinearDrag)` with other defaults",
+        ),
     ],
 )
 def test_a_wrong_list_is_one_clear_line(tmp_path, content, said):
@@ -101,3 +106,19 @@ class Later(LinearDrag):
 
 def test_a_given_number_is_written_with_the_coefficients():
     assert as_config(Later(onset=0.3), {"drag": 0.5})["init_args"] == {"drag": 0.5, "onset": 0.3}
+
+
+class MuchLater(Later):
+    """Another value of it."""
+
+    def __init__(self, drag: float = 0.0, onset: float = 0.4):
+        super().__init__(drag, onset)
+
+
+def test_a_class_with_another_given_number_competes_beside_the_first(tmp_path):
+    path = tmp_path / "candidates.yaml"
+    path.write_text(
+        "".join(f"- class_path: tests.diagnosis.test_catalogue.{name}\n" for name in ("Later", "MuchLater"))
+    )
+    found = {one.name: one.effect.constants for one in read_candidates(path, NeoHookean(), [])}
+    assert found == {"Later": {"onset": 0.1}, "MuchLater": {"onset": 0.4}}

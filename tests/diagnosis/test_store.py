@@ -89,6 +89,16 @@ def test_a_step_is_done_once_for_the_same_inputs_and_options(tmp_path: Path):
     assert len(done) == 4
 
 
+def test_another_list_of_candidates_takes_over_what_depends_on_none(tmp_path: Path):
+    done: list[str] = []
+    for listed in (None, "- class_path: LinearDrag", "- class_path: Magnus"):
+        store = Store(tmp_path, b"run", {}, listed)
+        store.once("1_compare", lambda: done.append("compare"), of_any_list=True)
+        store.once("1_probe", lambda: done.append("probe"))
+        store.once("1_probe", lambda: done.append("probe"))
+    assert done == ["compare", "probe", "probe", "probe"]
+
+
 def test_the_seconds_of_a_step_are_those_of_the_run_that_did_it(tmp_path: Path):
     first = Store(tmp_path, b"run", {})
     first.once("1_compare", lambda: time.sleep(0.05))

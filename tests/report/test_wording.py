@@ -15,7 +15,9 @@ from pacnerf_lpo.inference.checks import Check
 from pacnerf_lpo.inference.force_law import Law, Term
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.mpm.effects import LinearDrag
+from pacnerf_lpo.mpm.effects.base import BodyForce
 from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.report import wording
 
 DRAG = Term("velocity", -1.5, "1/s", -1.7, -1.3, 1.0, 0.9)
@@ -61,6 +63,20 @@ def a_round(fitted: float = FINE, held: float = FINE, accepted: Any = None, **mo
     return SimpleNamespace(**(entries | more))
 
 
+class Reaching(BodyForce):
+    """An effect with a number that is given, and not fitted."""
+
+    parameters = named(Parameter("push", "m/s^2", Identity(), (-100.0, 100.0), "push"))
+    signature, probes = "the body moves", ({"push": 1.0}, {"push": 4.0})
+
+    def __init__(self, push: float = 0.0, depth: float = 0.2):
+        super().__init__({"push": push}, {"depth": depth})
+
+    @staticmethod
+    def acceleration(point: Any, c: Any) -> list[Any]:
+        return [c.push * (point.x[1] < c.depth), 0.0, 0.0]
+
+
 def said(rounds: list[Any], kind: str, names: list[str]) -> list[str]:
     return wording.verdict(MATERIAL, rounds, Verdict(kind, names, False, 0.8))
 
@@ -93,6 +109,10 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
     after.parameters = [*after.parameters, Interval("drag", 1.497, 1.482, 1.512, 0.01, True)]
     found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
     assert found[1] == "Drag rate 1.5 1/s [1.48 1/s, 1.51 1/s] (90 % interval)."
+    given = SimpleNamespace(observes=False, effect=Reaching(depth=0.3))
+    after.parameters = [*ends, Interval("push", 2.0, 1.5, 2.5, 0.3, True)]
+    found = said([a_round(POOR, POOR, LINEAR, candidate=lambda name: given), after], "missing", ["LinearDrag"])
+    assert found[1] == "Push 2 m/s^2 [1.5 m/s^2, 2.5 m/s^2] (90 % interval, depth 0.3 as given)."
     after.held = check(4.0, POOR)
     assert wording.REMAINDER in said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
 

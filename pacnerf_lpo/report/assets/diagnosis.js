@@ -44,7 +44,7 @@
     if (changed) series.push({ label: "with the effect", x, y: last.by_frame, colour: colourOf("--accent") });
     lineChart(byId("timeline"), { series, bands: onAxis, range: { x, low: first.band[0], high: first.band[1] }, height: 240, zero: true, xLabel: "frame",
       cursor: shared.frame, pick: (frame) => look({ frame }), xFormat: (f) => DATA.frames[f] });
-    legend("timeline-legend", [...series, { label: "the model's own error (9 of 10 null replicates)", colour: colourOf("--muted"), area: true }]);
+    legend("timeline-legend", [...series, { label: "the model's own error (90 % of null replicates are below)", colour: colourOf("--muted"), area: true }]);
   }
 
   function drawCourse() {
