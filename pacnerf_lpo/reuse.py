@@ -22,7 +22,7 @@ from pacnerf_lpo.types import ParticleState
 KEY = "outer_loop.reuse"
 NOT_SEEN = ("root", "tracks", "clouds")
 """Of the section ``data``: files are compared by their contents, and points measured as well move no reconstruction."""
-AFTER_CONTACT = ("material", "ground", "ground_height", "fit_ground_height", "rho")
+AFTER_CONTACT = ("material", "ground", "ground_height", "ground_error", "fit_ground_height", "rho")
 """Of the section ``physics``: a body that falls freely does not feel them."""
 MACHINE = ("accelerator", "devices", "log_every_n_steps", "callbacks")
 """Of the section ``trainer``: they change no result beyond rounding."""

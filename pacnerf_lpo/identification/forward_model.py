@@ -194,7 +194,8 @@ class Model(ABC):
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest free coordinate of every unknown; a one-sided effect does not cross its null, and the
-        ground stays within half a cell: it stands for the layer in which a grid feels the ground.
+        ground stays within half a cell, and how far it may be from where it was measured: it stands for the layer in
+        which a grid feels the ground, too.
         """
         ends = [
             [parameter.transform.to_free(bound * (1 - 1e-6)) for bound in parameter.bounds]
@@ -202,7 +203,7 @@ class Model(ABC):
         ]
         low, high = np.array(ends).T
         if GROUND_HEIGHT.name in self.names:
-            index, reach = self.names.index(GROUND_HEIGHT.name), self.body.spacing / 2
+            index, reach = self.names.index(GROUND_HEIGHT.name), self.body.spacing / 2 + self.physics.ground_error
             low[index], high[index] = self.physics.ground_height - reach, self.physics.ground_height + reach
         for effect in self.physics.effects:
             for name, null in effect.null.items() if effect.one_sided else ():

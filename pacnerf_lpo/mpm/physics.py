@@ -39,6 +39,7 @@ class Physics:
         frame_rate: video frames per second [1/s].
         gravity: acceleration by gravity [m/s^2].
         ground_height: height of the ground plane [m].
+        ground_error: how far the ground may be from there [m], as it was measured; 0: it is known.
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
         mass_from: what the mass and the stiffness of a particle follow. ``alpha``: its alpha over unit length
@@ -58,6 +59,7 @@ class Physics:
         frame_rate: float = 24.0,
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
         ground_height: float = 0.0,
+        ground_error: float = 0.0,
         fit_ground_height: bool = False,
         mass_from: Literal["alpha", "opacity", "outline"] = "alpha",
     ):
@@ -73,7 +75,9 @@ class Physics:
         self.ground, self.effects = ground or Sticky(), tuple(effects)
         self.rho, self.substep_rate, self.frame_rate, self.gravity = rho, substep_rate, frame_rate, gravity
         self.ground_height = GROUND_HEIGHT.check(ground_height, "physics.ground_height")
-        self.fit_ground_height, self.mass_from = fit_ground_height, mass_from
+        if not 0 <= ground_error < math.inf:
+            raise UserInputError(f"physics.ground_error = {ground_error:g} m: give 0 or a positive number")
+        self.ground_error, self.fit_ground_height, self.mass_from = ground_error, fit_ground_height, mass_from
         try:
             check_model("physics", self.material if self.decided else NeoHookean(), self.ground, self.effects)
         except UserInputError as error:

@@ -61,6 +61,7 @@ class Findings:
     velocity: of the body at frame 0, in these axes [m/s, (3,)]
     up_why, scale_why: where the two come from
     ground: height of the ground along y, to be subtracted [m]
+    ground_error: of it; 0 where it was stated [m]
     hit_frame: first frame in which the body touches the ground
     lower, upper: box around the body at frame 0, over the ground at y = 0 [m, (3,) each]
     """
@@ -72,6 +73,7 @@ class Findings:
     up_why: str
     scale_why: str
     ground: Found
+    ground_error: float
     hit_frame: Found
     lower: np.ndarray
     upper: np.ndarray
@@ -96,10 +98,10 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
         up, up_why = find_up(recording, motion)
         normal = up if recording.normal is None else np.array(recording.normal)
         heights = np.array([lowest_point(planes, normal) for planes in frames])
-        ground, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, "")
+        ground, error, ground_why = find_ground(heights, flight, size) if lands else (recording.ground or 0.0, 0.0, "")
         if recording.ground is not None:
             _compare_grounds(recording, ground, size)
-            ground, ground_why = recording.ground, recording.stated("--ground")
+            ground, error, ground_why = recording.ground, 0.0, recording.stated("--ground")
         reached = find_contact(heights, ground, motion.at(times) @ normal, flight)
         if reached is None:
             raise UserInputError(f"{recording.source}: {NO_CONTACT}")
@@ -116,7 +118,7 @@ def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording:
     if recording.normal is not None:
         up_why += f"; the ground is tilted by {_angle(up, normal):.1f} degrees"
     gravity, velocity = -recording.gravity * rotation @ up, scale * rotation @ motion.velocity
-    found = Found(scale * ground, ground_why), Found(hit, hit_why)
+    found = Found(scale * ground, ground_why), scale * error, Found(hit, hit_why)
     return Findings(rotation, scale, gravity, velocity, up_why, scale_why, *found, lower, upper)
 
 
@@ -208,8 +210,9 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
         )
 
 
-def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, str]:
-    """Height of the ground, in the recording's unit, and where it comes from: where the lowest point comes to rest.
+def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, float, str]:
+    """Height of the ground and its error, in the recording's unit, and where it comes from: where the lowest point
+    comes to rest.
 
     heights: of that point in every frame [(F,)]. flight: frames of free flight. size: of the body.
     """
@@ -218,7 +221,7 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, s
     resting = after[after < least + RESTING * size]
     spread = max(float(resting.std()) / size, GROUND_ERROR)
     frames = f"{len(resting)} frame{'s' * (len(resting) > 1)}"
-    return float(resting.mean()), (
+    return float(resting.mean()), spread * size, (
         f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
         "physics.fit_ground_height finds it more exactly"
     )

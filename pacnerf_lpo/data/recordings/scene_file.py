@@ -39,6 +39,7 @@ def write_scene_file(scene: Scene) -> Path:
     how = "by --density" if stated is not None else "assumed: water, as nobody stated it; --density states it"
     # cameras that are out of step see the body at different places at frame 0
     velocity = f"  velocity: {_corner(found.velocity)} # m/s, from free fall; lines the cameras up at frame 0\n"
+    error = f"  ground_error: {found.ground_error:.2g} # m; so far from y = 0 the ground may be, as it was measured\n"
     path = scene.folder / SCENE_FILE
     path.write_text(
         f"""\
@@ -55,7 +56,7 @@ data:
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
 {velocity if scene.offsets.any() else ""}physics:
-  gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
+{error if found.ground_error else ""}  gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
   rho: {stated or WATER:g} # kg/m^3; {how}; moduli, stresses and viscosities are proportional to it
   material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; a law that you know goes here
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises

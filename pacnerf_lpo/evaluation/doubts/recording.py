@@ -65,7 +65,7 @@ def measure_fall(data: VideoData) -> Fall | None:
     flight = free_flight(frames, times, size)
     if flight == len(times):
         return Fall(None, 0.0, None, len(times))
-    ground, _ = find_ground(heights, flight, size)
+    ground, *_ = find_ground(heights, flight, size)
     motion = fit_ballistic(frames[:flight], times[:flight])
     error = GROUND_ERROR * size * (FEW_VIEWS_ERROR if len(data.train) <= FEWEST_VIEWS else 1.0)
     return Fall(ground, error, find_contact(heights, ground, motion.at(times) @ ALONG, flight), len(times))
