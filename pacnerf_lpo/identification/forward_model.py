@@ -47,6 +47,7 @@ def with_effects(
         physics.gravity,
         physics.ground_height,
         physics.fit_ground_height,
+        ground_error=physics.ground_error,
     )
     found.most_halvings = physics.most_halvings
     return found

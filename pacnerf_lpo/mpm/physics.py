@@ -39,7 +39,6 @@ class Physics:
         frame_rate: video frames per second [1/s].
         gravity: acceleration by gravity [m/s^2].
         ground_height: height of the ground plane [m].
-        ground_error: how far the ground may be from there [m], as it was measured; 0: it is known.
         fit_ground_height: identify the height with the other parameters. A body in contact floats above an MPM boundary
             by about half a grid spacing, so a model coarser than what it is compared with needs a lower ground.
         mass_from: what the mass and the stiffness of a particle follow. ``alpha``: its alpha over unit length
@@ -47,6 +46,7 @@ class Physics:
             what it shows, which counts on coarse grids, and half the volume is half the force; ``outline``: the same
             with the surface moved until the body is as large as the mattes of the training views at frame 0 are, for
             images so coarse that a visible surface is uncertain by a good part of a voxel.
+        ground_error: how far the ground may be from ``ground_height`` [m], as that was measured; 0: it is known.
     """
 
     def __init__(
@@ -59,9 +59,9 @@ class Physics:
         frame_rate: float = 24.0,
         gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
         ground_height: float = 0.0,
-        ground_error: float = 0.0,
         fit_ground_height: bool = False,
         mass_from: Literal["alpha", "opacity", "outline"] = "alpha",
+        ground_error: float = 0.0,
     ):
         for name, value in (("rho", rho), ("substep_rate", substep_rate), ("frame_rate", frame_rate)):
             if not (value > 0 and math.isfinite(value)):

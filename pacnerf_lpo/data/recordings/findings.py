@@ -221,9 +221,13 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, f
     resting = after[after < least + RESTING * size]
     spread = max(float(resting.std()) / size, GROUND_ERROR)
     frames = f"{len(resting)} frame{'s' * (len(resting) > 1)}"
-    return float(resting.mean()), spread * size, (
-        f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
-        "physics.fit_ground_height finds it more exactly"
+    return (
+        float(resting.mean()),
+        spread * size,
+        (
+            f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
+            "physics.fit_ground_height finds it more exactly"
+        ),
     )
 
 

@@ -56,7 +56,8 @@ data:
   box_lower: {_corner(lower)} # m; the outlines of all views at frame 0, and {100 * MARGIN:.0f} % of free room
   box_upper: {_corner(found.upper + MARGIN * size)}
 {velocity if scene.offsets.any() else ""}physics:
-{error if found.ground_error else ""}  gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
+{error if found.ground_error else ""}\
+  gravity: {_corner(found.gravity)} # m/s^2; 9.81 unless --gravity says otherwise, its direction is that of up
   rho: {stated or WATER:g} # kg/m^3; {how}; moduli, stresses and viscosities are proportional to it
   material: auto # elastic, viscous, granular, plastic and viscoplastic laws compete; a law that you know goes here
   #   class_path: NeoHookean # Newtonian, DruckerPrager, VonMises or ViscoplasticVonMises
