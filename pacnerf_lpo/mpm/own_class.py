@@ -102,6 +102,14 @@ def _described(parameters: Mapping[str, Parameter]) -> Check:
 def _small_strains(material: Material) -> Iterator[Check]:
     """The moduli, where parameters mean some; whether they follow the stiffness; and the sign of the stress."""
     law, pressed = one_particle(material), (1 - SQUEEZED) * EYE
+    at_rest = law(EYE, 0 * EYE)[1]
+    yield Check(
+        "stress is a number where nothing is deformed",
+        f"{float(at_rest.abs().max()):.3g} Pa",
+        bool(at_rest.isfinite().all()),
+    )
+    if not at_rest.isfinite().all():
+        return
 
     def answer(change: Tensor, F: Tensor = EYE, flows: bool = False, stiffness: float = 1.0) -> tuple[float, Tensor]:
         """Of the stress to a strain, or a rate of it, from a state F: along that change over its square; all [Pa]."""

@@ -96,6 +96,12 @@ def driven(point, c):
     return Newtonian.law(point, SimpleNamespace(mu=-c.mu, kappa=c.kappa))
 
 
+def undefined(point, c):
+    """A stress that is divided by the rate of deformation."""
+    rate = sqrt(sum(point.C[i][j] * point.C[i][j] for i in range(3) for j in range(3)))
+    return point.F, scaled(point.F, c.mu * rate / rate)
+
+
 class Nameless(NeoHookean):
     """Moduli whose names mean nothing, and no stress."""
 
@@ -144,6 +150,7 @@ def test_each_broken_promise_is_told():
 
 
 BULK, SHEAR = "bulk modulus at small strain", "shear modulus at small strain"
+NUMBER = "stress is a number where nothing is deformed"
 FOLLOWS, COSTS = "stress is half as large where point.stiffness is half", "deformation costs work"
 
 
@@ -157,8 +164,9 @@ FOLLOWS, COSTS = "stress is half as large where point.stiffness is half", "defor
         (elastic(0.0, 0.0), [BULK, SHEAR, COSTS]),
         (of_law(Newtonian(), driven), [COSTS]),
         (Nameless(), [COSTS]),
+        (of_law(NeoHookean(), undefined), [NUMBER]),
     ],
-    ids=["doubled", "pressure", "sign", "stiffness", "nothing", "driven", "nameless"],
+    ids=["doubled", "pressure", "sign", "stiffness", "nothing", "driven", "nameless", "undefined"],
 )
 def test_a_wrong_stress_is_told_before_anything_moves(material: Material, expected: list[str]):
     assert failed(check_material(material)) == expected
@@ -169,7 +177,7 @@ def test_stresses_of_the_package_are_what_their_parameters_mean(name: str):
     checks = list(
         itertools.takewhile(lambda check: "rest" not in check.what, check_material(getattr(materials, name)()))
     )
-    assert failed(checks) == [] and len(checks) == (3 if name == "Newtonian" else 5)
+    assert failed(checks) == [] and len(checks) == (4 if name == "Newtonian" else 6)
 
 
 def in_docs(page: str) -> str:
@@ -188,7 +196,7 @@ def test_the_command_checks_the_classes_of_the_documentation(tmp_path: Path, mon
     assert main(["check", "checked_magnetic.Magnetic"]) == 0
     assert main(["check", "checked_stiffening.Stiffening", "--arguments", '{"E": 3e4}']) == 0
     said = capsys.readouterr().out.splitlines()
-    assert all(line.startswith("ok ") for line in said) and len(said) == 7 + 9
+    assert all(line.startswith("ok ") for line in said) and len(said) == 7 + 10
 
 
 @pytest.mark.parametrize(

@@ -135,8 +135,8 @@ def doubts_about_intervals(
                 f"physics, {name}",
                 f"the identification had {parameter.label} = {parameter.show(value)}, outside of the interval of the "
                 f"weighted fit after it, {parameter.show(low)} to {parameter.show(high)}",
-                "shading pulled the colours, or the identification ended in another minimum than the best; or the "
-                "error of a coarse grid, of the shape or of the ground is larger than the interval says",
+                "the identification ended in another minimum than the best, by images perhaps as shading pulled "
+                "colours; or an error of the coarse grid, the shape or the ground is larger than the interval says",
                 "believe the weighted fit where the mattes are good; state the ground where it is known (init "
                 "--ground), and repeat at a finer resolution (a smaller phases.static.init_args.base_spacing)",
             )
@@ -265,6 +265,6 @@ def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) ->
                 f"outlines {parameter.show(by_outlines)}; each costs {excess['images']:.3g} % and "
                 f"{excess['outlines']:.3g} % more at the answer of the other",
                 "shading that changes along the fall pulls colours, or the outlines are wrong or show too little",
-                "believe outlines where the light comes from one side and mattes are good (--config cpu_outlines), "
-                "images where mattes are poor or the body has a strong texture",
+                "believe outlines where the light comes from one side and mattes are good (as `quick` does; --config "
+                "cpu_outlines), images where mattes are poor or the body has a strong texture",
             )
