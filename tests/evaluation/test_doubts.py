@@ -180,6 +180,13 @@ def test_parameters_at_their_bounds(values: dict, expected: list[str]):
     assert names(found) == expected
 
 
+@pytest.mark.parametrize(("error", "expected"), [(0.004, ["ground_moved"]), (0.012, [])])
+def test_a_ground_that_was_measured_may_be_as_far_off_as_that(error: float, expected: list[str]):
+    found = list(doubts_about_parameters(model(ground_error=error), ball_state(ground_height=0.02), {}))
+    assert names(found) == expected
+    assert all("and the error of its measurement (4 mm)" in one.what for one in found)
+
+
 @pytest.mark.parametrize(("friction", "expected"), [(0.5, []), (0.02, ["material_bound"]), (None, [])])
 def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float | None, expected: list[str]):
     effect = GroundFriction(0.5)

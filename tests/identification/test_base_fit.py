@@ -72,6 +72,15 @@ def test_priors_lie_around_the_guess_and_what_is_usual(scene):
     assert (YOUNG.prior(1e5)[0], YOUNG.prior(1e5)[1]) == pytest.approx((5.0, 1.0))
 
 
+def test_a_ground_that_was_measured_may_be_farther_off_than_a_grid_shifts_it(scene, monkeypatch):
+    problem, _ = scene
+    for error in (0.0, 0.02):
+        monkeypatch.setattr(problem.physics, "ground_error", error)
+        model = problem.model((), problem.first_guess)
+        low, high = (side[model.names.index("ground_height")] for side in model.bounds)
+        assert (low, high) == pytest.approx((-problem.spacing / 2 - error, problem.spacing / 2 + error))
+
+
 def test_estimates_at_a_bound_or_far_from_the_guess_are_reported(scene):
     problem, _ = scene
     model = problem.model((), problem.first_guess)

@@ -295,7 +295,7 @@ def test_options_override(made, tmp_path):
     assert main(["init", str(source), str(scene), *words]) == 0
     text = (scene / "scene.yaml").read_text()
     assert "up: z of the calibration: stated by --up" in text and "0.001 m: stated by --unit" in text
-    assert "ground: stated by --ground; 800 along z" in text
+    assert "ground: stated by --ground; 800 along z" in text and "ground_error" not in text
     assert (
         "door" not in text and len({e["file_path"][9] for e in json.loads((scene / "all_data.json").read_text())}) == 4
     )

@@ -72,6 +72,8 @@ def test_the_same_scene(made, name):
     assert scale == pytest.approx(1.0, rel=1e-6 if name in UNIT_KNOWN else 0.02)
     landed = body(FRAMES - 1)[0] * [1.0, 0.0, 1.0]
     assert abs((scale * rotation @ landed + shift)[1]) < 3e-3
+    error = done.config["physics"].get("ground_error", 0.0)
+    assert error == 0.0 if "# ground: stated" in done.text else 0.04 < error / (2 * RADIUS) < 0.08
     assert done.config["phases"]["velocity"]["init_args"]["hit_frame"] == CONTACT
 
     config, centre = done.config, scale * rotation @ START + shift
