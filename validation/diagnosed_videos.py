@@ -16,8 +16,8 @@ intervals.
 LIMITS = """
 Gravity and quadratic drag move the outlines in nearly the same way as linear drag, but leave more of the error. What
 is left beside the named effects passes the check in all four (p = 0.4 and more in the held-out data). The size of
-one force, 2 % of the acceleration by contact, was chosen on the first, third and fourth of these videos: it is what
-makes them most likely ([the error of the solver](solver_error.md)), and errors of the shape are simulated at two
+one force, 2 % of the acceleration by contact, was chosen on the first, third and fourth of these videos: it was what
+made them most likely ([the error of the solver](solver_error.md)), and errors of the shape are simulated at two
 resolutions, as these videos are far more probable so. Versions before took what the bird's solver dissipates for a
 viscosity (13 and 61 Pa s): that is an error of every model now, and an effect is taken back that is not needed beside
 what a model with it may get wrong.
