@@ -95,7 +95,7 @@ def run(
     print("\n".join((f"clocks: {written.clocks}", *written.mended)))
     print(f"up: {found.up_why}\nscale: {found.scale:.6g} m per unit, {found.scale_why}\nground: {found.ground.why}")
     print(f"contact: frame {found.hit_frame.value:.0f} of {len(written.times)}, {found.hit_frame.why}")
-    if density is None:
+    if recording.density is None:
         print("density: that of water is assumed; moduli, stresses and viscosities are proportional to it: --density")
     page = look_at(Path(scene))
     print(f"{page}: whether all of it is right; {path}: every value with where it comes from")

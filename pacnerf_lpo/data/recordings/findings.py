@@ -221,14 +221,8 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, f
     resting = after[after < least + RESTING * size]
     spread = max(float(resting.std()) / size, GROUND_ERROR)
     frames = f"{len(resting)} frame{'s' * (len(resting) > 1)}"
-    return (
-        float(resting.mean()),
-        spread * size,
-        (
-            f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
-            "physics.fit_ground_height finds it more exactly"
-        ),
-    )
+    why = f"lowest point of the outlines in {frames}, to about {100 * spread:.1g} % of the body; "
+    return float(resting.mean()), spread * size, why + "physics.fit_ground_height finds it more exactly"
 
 
 def find_contact(heights: np.ndarray, ground: float, path: np.ndarray, flight: int) -> int | None:
