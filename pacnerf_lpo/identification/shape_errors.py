@@ -124,7 +124,7 @@ def of_each(problem: Problem, changes: Sequence[np.ndarray]) -> np.ndarray:
 def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.ndarray:
     problem, changes = part.recording, []
     sigma = distortion(problem, reference)
-    for name, body in (("", problem.body), (", coarse", problem.coarse_body)):
+    for where, body in (("", problem.body), (" on a coarse body", problem.coarse_body)):
         bodies = problem.wrong_bodies(body, sigma)
         if not bodies:
             return np.zeros((*problem.usable.shape, 0))
@@ -134,7 +134,7 @@ def _of_recording(part: Part, reference: np.ndarray, progress: Progress) -> np.n
         for found in each(outcome, ((problem.model(part.effects, part.known, wrong),) for wrong in bodies)):
             seen.append(found)
             if len(seen) % TOLD == 0:
-                progress(f"errors that the shape of {problem.scene} may have{name}: {len(seen)} of {len(bodies)}")
+                progress(f"errors that the shape of {problem.scene} may have{where}: {len(seen)} of {len(bodies)}")
         unstable = [found for found in seen if isinstance(found, SimulationError)]
         if len(unstable) == len(seen):
             raise unstable[0]

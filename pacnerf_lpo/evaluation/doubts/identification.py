@@ -83,15 +83,15 @@ def doubts_about_parameters(
                 "(physics.material.known: [nu])",
             )
         elif name == GROUND_HEIGHT.name:
-            away, measured = abs(value - physics.ground_height), 1000 * physics.ground_error
+            away, error = abs(value - physics.ground_height), physics.ground_error
             # a grid shifts the contact by half a cell; a fitted height may make up for that
-            if away > state.spacing / 2 + physics.ground_error:
+            if away > state.spacing / 2 + error:
                 yield Doubt(
                     "ground_moved",
                     "physics, ground_height",
                     f"the identified ground, {value:.3f} m, is {1000 * away:.0f} mm from where it was said to be, more "
                     f"than half a cell ({500 * state.spacing:.0f} mm)"
-                    + (f" and the error of its measurement ({measured:.0f} mm)" if measured else ""),
+                    + (f" and the error of its measurement ({1000 * error:.0f} mm)" if error else ""),
                     "the ground lies elsewhere, or the height makes up for a wrong velocity",
                     "measure the ground and set physics.ground_height; physics.ground_error says how exact that is",
                 )
