@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Family = Literal["null", "single", "camera", "pair", "outside"]
-DEVELOPMENT, SCORED = range(0, 1000), range(1000, 4000)
+DEVELOPMENT, SCORED = range(0, 1000), range(1000, 7000)
 """Seeds to tune the method with, and seeds that it is judged by; they never meet."""
 CYCLE: tuple[tuple[Family, float], ...] = (
     ("null", 0.0),
@@ -79,7 +79,8 @@ def plan(seed: int) -> Plan:
     if family == "null":
         return Plan(seed, family, snr, ())
     if family == "pair":
-        first = PHYSICS[turn % len(PHYSICS)]
-        return Plan(seed, family, snr, (first, PHYSICS[(turn + 4 + turn // len(PHYSICS)) % len(PHYSICS)]))
+        apart = 1 + (3 + turn // len(PHYSICS)) % (len(PHYSICS) - 1)
+        first, second = (PHYSICS[(turn + step) % len(PHYSICS)] for step in (0, apart))
+        return Plan(seed, family, snr, (first, second))
     names = {"single": PHYSICS, "camera": CAMERAS, "outside": OUTSIDE}[family]
     return Plan(seed, family, snr, (names[turn % len(names)],))
