@@ -1,6 +1,8 @@
 """Physical values as a person writes them: symbols, SI prefixes, few digits."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 NU, RHO = "\N{GREEK SMALL LETTER NU}", "\N{GREEK SMALL LETTER RHO}"
 SYMBOLS = {
@@ -33,6 +35,12 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))) / 3 + 1e-12) * 3
     exponent = min(max(exponent, min(PREFIXES)), max(PREFIXES))
     return f"{value / 10**exponent:.{digits}g} {PREFIXES[exponent]}{unit}"
+
+
+def published(interval: Mapping[str, Any]) -> tuple[float, float]:
+    """Ends of an interval of a result, with the errors of the solver where they are known."""
+    low, high = interval.get("with_solver") or (interval["low"], interval["high"])
+    return low, high
 
 
 def duration(seconds: float) -> str:

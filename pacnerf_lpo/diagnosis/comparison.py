@@ -1,9 +1,12 @@
 """Fit the model as it is, and learn what its residual may be where nothing is missing."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
@@ -216,25 +219,54 @@ def intervals(problem: Problem, effects: Sequence[Effect], comparison: Compariso
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
 
 
-def solver_shifts(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> dict[str, float]:
-    """How far each unknown would be from where it is [SI], by name, if the recording came from a coarser grid, from
-    more steps, from a solver with more viscosity of its own or with the other errors of
-    :func:`~pacnerf_lpo.identification.shape_errors.discretisation_errors`: the root of the sum of the squares.
+@dataclass(frozen=True)
+class SolverError:
+    """What the discretisation does to an unknown [SI].
 
-    Intervals are of the solver as it is: where data show that the recording has not all that another grid changes, its
-    stiffness may still be that of another grid. The change of an estimate with the discretisation is the usual measure
-    of that error (ASME V&V 20, 2009).
+    shift: how far it would be from where it is in another solver, one standard deviation.
+    low, high: ends of the 90 % interval with that error.
+    """
+
+    shift: float
+    low: float
+    high: float
+
+    def as_json(self) -> dict[str, Any]:
+        """As results have it, beside an interval of the solver as it is."""
+        return {"solver": self.shift, "with_solver": [self.low, self.high]}
+
+
+def solver_errors(
+    problem: Problem, effects: Sequence[Effect], comparison: Comparison, found: Sequence[Interval]
+) -> dict[str, SolverError]:
+    """How far each unknown would be from where it is, by name, if the recording came from a coarser grid, from more
+    steps, from a solver with more viscosity of its own or with the other errors of
+    :func:`~pacnerf_lpo.identification.shape_errors.discretisation_errors`: the root of the sum of the squares. And its
+    interval with that error, the variances of both added.
+
+    An interval alone is of the solver as it is: where data show that the recording has not all that another grid
+    changes, its stiffness may still be that of another grid. The change of an estimate with the discretisation is the
+    usual measure of that error, and independent errors add by their squares (ASME V&V 20, 2009).
+
+    Args:
+        problem, effects, comparison: the fitted model.
+        found: interval of each unknown [SI], from :func:`intervals`.
     """
     mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise = comparison.errors.but_of_solver.noise(problem, mask)
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
     targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))
     moved = _posterior(rows) @ rows.T @ targets * comparison.deviation[:, None]
-    found = {}
-    for parameter, free, step in zip(model.unknowns, comparison.free, np.linalg.norm(moved, axis=1), strict=True):
-        ends = [parameter.physical(free + sign * step) for sign in (-1, 1)]
-        found[parameter.name] = (ends[1] - ends[0]) / 2
-    return found
+    quantile = float(student.ppf(0.5 + CONFIDENCE / 2, len(noise.replicates) - 1))
+    own, (lowest, highest), errors = {interval.name: interval for interval in found}, model.bounds, {}
+    for index, (parameter, step) in enumerate(zip(model.unknowns, np.linalg.norm(moved, axis=1), strict=True)):
+        free, to_free, physical = comparison.free[index], parameter.transform.to_free, parameter.physical
+        ends = [to_free(end) for end in (own[parameter.name].low, own[parameter.name].high)]
+        half = math.hypot(max(abs(end - free) for end in ends), quantile * step)
+        low, high = (physical(float(np.clip(free + side * half, lowest[index], highest[index]))) for side in (-1, 1))
+        shift = (physical(free + step) - physical(free - step)) / 2
+        errors[parameter.name] = SolverError(shift, low, high)
+    return errors
 
 
 def intervals_in_si(

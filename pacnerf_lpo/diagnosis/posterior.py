@@ -6,7 +6,7 @@ from functools import partial
 
 import torch
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, estimate, intervals, solver_shifts
+from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, estimate, intervals, solver_errors
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
@@ -20,7 +20,7 @@ REPLICATES, SEED = 8, 1
 
 def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> None:
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], how far another solver moves
-    it, what the recording does not determine, and from which phase.
+    it, the intervals with that error, what the recording does not determine, and from which phase.
 
     A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
     grids and by errors of the reconstructed shape, first with the same data held out as in a diagnosis, then to all of
@@ -49,7 +49,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     comparison = store.once("intervals", step)
     best = store.once("estimate", partial(estimate, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, best)
-    shifts = solver_shifts(problem, effects, best)
+    errors = solver_errors(problem, effects, best, found)
     content = {
         "phase": problem.stage.stem,
         "level": CONFIDENCE,
@@ -59,7 +59,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
                 "low": one.low,
                 "high": one.high,
                 "determined": one.identifiable,
-                "solver": shifts[one.name],
+                **errors[one.name].as_json(),
             }
             for one in found
         },

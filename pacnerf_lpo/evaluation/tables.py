@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pacnerf_lpo.quantities import quantity
+from pacnerf_lpo.quantities import published, quantity
 
 ALL_FRAMES, FRAME_0 = "all frames", "frame 0"
 IDENTIFIED = "identified"
@@ -172,7 +172,8 @@ def interval_cell(results: Mapping[str, Any], name: str, unit: str) -> str:
     found = results["intervals"]["parameters"].get(name)
     if found is None:
         return ""
-    ends = f"[{found['low']:.4g}, {found['high']:.4g}]{unit}"
+    low, high = published(found)
+    ends = f"[{low:.4g}, {high:.4g}]{unit}"
     return ends if found["determined"] else f"{ends}, not determined"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis import localising
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
-from pacnerf_lpo.diagnosis.comparison import solver_shifts
+from pacnerf_lpo.diagnosis.comparison import solver_errors
 from pacnerf_lpo.diagnosis.contributions import recordings
 from pacnerf_lpo.diagnosis.overlay import overlay
 from pacnerf_lpo.diagnosis.refitting import Refit
@@ -23,6 +23,7 @@ from pacnerf_lpo.inference.decision import LEVEL, log_odds
 from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
+from pacnerf_lpo.quantities import published
 from pacnerf_lpo.report import diagnosis_stages, wording
 from pacnerf_lpo.report.diagnosis import FORMAT, RESULT
 from pacnerf_lpo.report.flights import agreement, flights
@@ -52,7 +53,9 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
     """Everything a report shows."""
     video, split, force = problem.video, problem.split, rounds[-1].force
     said = verdict(rounds)
-    sentences = wording.verdict(problem.physics.material, rounds, said)
+    described = [_round(problem, found) for found in rounds]
+    last = {one["name"]: published(one) for one in described[-1]["parameters"]}
+    sentences = wording.verdict(problem.physics.material, rounds, said, last)
     shown = flights(problem, diagnosis_stages.stages_of(rounds), rounds) if not problem.views else []
     turned = agreement(shown)
     sentences += [turned] if turned else []
@@ -80,7 +83,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "points": problem.point_names,
         "stages": diagnosis_stages.stages(problem, rounds),
         "flights": shown,
-        "rounds": [_round(problem, found) for found in rounds],
+        "rounds": described,
         "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),
     }
 
@@ -100,13 +103,13 @@ def _round(problem: Problem, found: Round) -> dict[str, Any]:
     comparison = found.comparison
     unknowns = problem.model(found.effects, comparison.known).unknowns
     odds, effects = {}, [name_of(effect) for effect in found.effects]
-    shifts = solver_shifts(problem, found.effects, found.best)
+    errors = solver_errors(problem, found.effects, found.best, found.parameters)
     if found.screening is not None:
         contenders = [again.contender for again in found.refits]
         odds = log_odds(contenders, int(problem.usable.sum()), found.screening.usual_scale)
     return {
         "effects": effects,
-        "parameters": [{**one, "solver": shifts[one["name"]]} for one in _intervals(found.parameters, unknowns)],
+        "parameters": [{**one, **errors[one["name"]].as_json()} for one in _intervals(found.parameters, unknowns)],
         "notes": list(found.best.notes),
         "left_out": [
             *(wording.unstable(name, name in effects, why) for name, why in found.left_out.items()),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pacnerf_lpo.inference.decision import DECISIVE
+from pacnerf_lpo.quantities import published
 from pacnerf_lpo.report import diagnosis_words as words
 from pacnerf_lpo.report.diagnosis_words import Result
 from pacnerf_lpo.report.page import parts, shown
@@ -60,30 +61,35 @@ def points_table(result: Result) -> str:
 
 
 def parameter_table(result: Result) -> str:
-    """Values before and after with their 90 % intervals, as numbers and drawn, and what another solver does to them."""
+    """Values before and after with their 90 % intervals, as numbers and drawn; of the solver as it is, and with its
+    errors.
+    """
     before, after = _parameters(result)
-    solver = {p["name"]: p["solver"] for done in result["rounds"] for p in done["parameters"]}
+    deforms = any(p["solver"] for done in result["rounds"] for p in done["parameters"])
     pairs = [(name, before.get(name), after.get(name)) for name in {**before, **after}]
-    rows = [(name, old or new, old, new, interval_places(old, new), solver.get(name)) for name, old, new in pairs]
+    rows = [(name, old or new, old, new, interval_places(old, new)) for name, old, new in pairs]
     wider = float(result["rounds"][-1]["disagreement"]) ** 0.5
-    return PARTS.parameters(rows, bool(after), any(solver.values()), wider if wider > NOTICED else None)
+    return PARTS.parameters(rows, bool(after), deforms, wider if wider > NOTICED else None)
 
 
 def interval_places(
     before: Mapping[str, Any] | None, after: Mapping[str, Any] | None
-) -> list[tuple[str, int, float, float, float]]:
-    """Two points with their intervals on a common axis, from 6 to 214: each a kind, its row, value, low and high."""
+) -> list[tuple[str | int | float, ...]]:
+    """Two points with their intervals on a common axis, from 6 to 214: each a kind, its row, value, low and high of the
+    solver as it is, and with its errors.
+    """
     lines = [(kind, y, p) for kind, y, p in (("before", 11, before), ("after", 24, after)) if p is not None]
-    ends = [p[key] for _, _, p in lines for key in ("value", "low", "high") if math.isfinite(p[key])]
+    places = [(p["value"], p["low"], p["high"], *published(p)) for _, _, p in lines]
+    finite = [place for row in places for place in row if math.isfinite(place)]
     values = [p["value"] for _, _, p in lines]
     reach = max(abs(v) for v in values)
-    low, high = max(min(ends), min(values) - 2 * reach), min(max(ends), max(values) + 2 * reach)
+    low, high = max(min(finite), min(values) - 2 * reach), min(max(finite), max(values) + 2 * reach)
     span = max(high - low, 1e-9 * max(reach, 1e-9))
 
     def place(value: float) -> float:
         return 6 + 208 * min(max((value - low) / span, 0.0), 1.0)
 
-    return [(kind, y, place(p["value"]), place(p["low"]), place(p["high"])) for kind, y, p in lines]
+    return [(kind, y, *map(place, row)) for (kind, y, _), row in zip(lines, places, strict=True)]
 
 
 def bounds_table(result: Result) -> str:

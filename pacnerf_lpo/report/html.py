@@ -14,7 +14,7 @@ from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE, evaluate_run
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE, Run
 from pacnerf_lpo.manifest import INTERVALS_FILE, write_atomically
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
-from pacnerf_lpo.quantities import duration, quantity, symbol
+from pacnerf_lpo.quantities import duration, published, quantity, symbol
 from pacnerf_lpo.report.page import page, parts
 from pacnerf_lpo.report.payload import build_payload
 
@@ -44,7 +44,7 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
     found = found_values(results)
     return page(
         "report",
-        f"{results['scene']}: {', '.join(f'{symbol(name)} = {value}' for name, value in found)}",
+        f"{results['scene']}: {', '.join(f'{symbol(name)} = {value}' for name, value, _ in found)}",
         ("report.css",),
         SCRIPTS,
         payload,
@@ -74,18 +74,22 @@ def is_evaluated(run: Run) -> bool:
     return current and results_path.stat().st_mtime >= newest
 
 
-def found_values(results: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names of the identified parameters, and their values with units, ? where the recording does not determine it;
-    without the ground's height beside others.
+def found_values(results: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Names of the identified parameters, their values with units, ? where the recording does not determine it, and
+    their intervals, empty where they have none; without the ground's height beside others.
     """
     if tables.value_head(results) != tables.IDENTIFIED:
         return []
     found = tables.result_phase(results)["parameters"]
     names = [name for name in results["free"] if name != GROUND_HEIGHT.name] or results["free"]
-    intervals = results.get("intervals", {}).get("parameters", {})
-    known = [intervals.get(name, {}).get("determined", True) for name in names]
-    shown = [quantity(found[name]["value"], found[name]["unit"]) for name in names]
-    return [(name, text if one else "?") for name, text, one in zip(names, shown, known, strict=True)]
+    fit = results.get("intervals", {"parameters": {}, "level": 0.0})
+    intervals, level = fit["parameters"], f"{100 * fit['level']:.0f}"
+    shown = []
+    for name in names:
+        value, unit, own = found[name]["value"], found[name]["unit"], intervals.get(name)
+        between = "" if own is None else f"{level} %: {' to '.join(quantity(end, unit) for end in published(own))}"
+        shown.append((name, "?" if own and not own["determined"] else quantity(value, unit), between))
+    return shown
 
 
 def parameter_table(results: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 from PIL import Image
 
-from pacnerf_lpo.quantities import duration, figure, quantity, symbol
+from pacnerf_lpo.quantities import duration, figure, published, quantity, symbol
 from pacnerf_lpo.report.wording import capitalised, readable
 
 PARTS = "_parts.html"
@@ -33,7 +33,7 @@ def environment() -> Environment:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    named = (capitalised, duration, figure, options, quantity, readable, share, short_symbol, shown, signed)
+    named = (capitalised, duration, figure, options, published, quantity, readable, share, short_symbol, shown, signed)
     made.filters |= {function.__name__: function for function in named}
     made.filters |= {"form": format, "symbol": symbol_html, "places": places, "decades": lambda x: x / math.log(10.0)}
     made.tests["finite"] = math.isfinite

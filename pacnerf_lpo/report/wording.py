@@ -1,7 +1,7 @@
 """The verdict of a diagnosis in sentences."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from inspect import signature
 
 from pacnerf_lpo.diagnosis.rounds import Round, Verdict, leaves_more, removed_share, shows_held_out
@@ -86,8 +86,12 @@ def capitalised(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
-    """The verdict on a diagnosis of a model with this material, then what else is to be said."""
+def verdict(
+    material: Material, rounds: list[Round], said: Verdict, intervals: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """The verdict on a diagnosis of a model with this material then what else is to be said; ``intervals`` of
+    the last model's values by name [SI].
+    """
     last = rounds[-1]
     if said.kind == "unfinished":
         return [UNFINISHED]
@@ -96,7 +100,7 @@ def verdict(material: Material, rounds: list[Round], said: Verdict) -> list[str]
     elif said.kind == "unknown":
         found = [UNKNOWN, *_nearest(rounds, said)]
     else:
-        found = [*_named(material, rounds, said), *([REMAINDER] if leaves_more(last) else [])]
+        found = [*_named(material, rounds, said, intervals), *([REMAINDER] if leaves_more(last) else [])]
     found += _removed(rounds)
     if last.force is not None:
         determined = force_is_determined(last, said)
@@ -129,7 +133,9 @@ def _nearest(rounds: list[Round], said: Verdict) -> list[str]:
     return [f"{causes} remove{'' if several else 's'} {_share(share, rounds[0])}."]
 
 
-def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
+def _named(
+    material: Material, rounds: list[Round], said: Verdict, intervals: Mapping[str, tuple[float, float]]
+) -> list[str]:
     """Every effect that was found: its name, how sure it is, and what it changes."""
     found: list[str] = []
     for number, done in enumerate(rounds):
@@ -143,10 +149,10 @@ def _named(material: Material, rounds: list[Round], said: Verdict) -> list[str]:
         removes = "" if after is None else f"; adding it removes {_share(removed_share(done, after), done)}"
         found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
         sizes = [
-            f"{one.label} {quantity(i.value, one.unit)} [{quantity(i.low, one.unit)}, {quantity(i.high, one.unit)}]"
+            f"{one.label} {quantity(i.value, one.unit)} [{quantity(low, one.unit)}, {quantity(high, one.unit)}]"
             for i in rounds[-1].parameters
             if i.name in candidate.effect.parameters
-            for one in [candidate.effect.parameters[i.name]]
+            for one, (low, high) in [(candidate.effect.parameters[i.name], intervals[i.name])]
         ]
         given = signature(type(candidate.effect)).parameters.keys() & candidate.effect.constants.keys()
         known = "".join(f", {name} {candidate.effect.constants[name]:g} as given" for name in sorted(given))

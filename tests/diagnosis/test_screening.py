@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, f
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, solver_shifts
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, solver_errors
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import Round
@@ -57,9 +57,16 @@ def test_a_solver_that_errs_like_a_change_of_a_velocity_moves_it_by_as_much(fitt
     problem, comparison = fitted
     place = comparison.names.index("v_x")
     errs = comparison.jacobian[..., [place, place]] * [0.03, -0.04]
-    found = solver_shifts(problem, (), replace(comparison, errors=replace(comparison.errors, solver=errs)))
-    assert found["v_x"] == pytest.approx(0.05, rel=0.02)
-    assert found["v_z"] < 0.001
+    own = {one.name: one for one in intervals(problem, (), comparison)[0]}
+    wrong = replace(comparison, errors=replace(comparison.errors, solver=errs))
+    found = solver_errors(problem, (), wrong, list(own.values()))
+    assert found["v_x"].shift == pytest.approx(0.05, rel=0.02)
+    assert found["v_z"].shift < 0.001
+    x, with_solver = own["v_x"], found["v_x"]
+    quantile = (x.high - x.value) / x.error  # the same for both errors, whose variances add
+    assert with_solver.high - x.value == pytest.approx(quantile * np.hypot(x.error, 0.05), rel=0.02)
+    assert x.value - with_solver.low == pytest.approx(with_solver.high - x.value, rel=1e-6)
+    assert found["v_z"].low == pytest.approx(own["v_z"].low, abs=0.1 * own["v_z"].error)
 
 
 def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):

@@ -54,7 +54,7 @@ def test_a_run_without_an_identification_says_that_its_values_are_not_identified
         assert found_values(found) == []
     for found in (results((None,), None), {**law, "result": "r0_law"}):
         assert "| parameter | guess | identified | true |" in markdown_table(found)
-        assert [name for name, _ in found_values(found)] == ["E"]
+        assert [name for name, _, _ in found_values(found)] == ["E"]
     page = parameter_table({**static, "phases": [{**phase("static", 0, 20.0, 1e4), "velocity": [0.0, 0.0, 0.0]}]})
     assert "<th>value (physics not identified)</th>" in page
 
@@ -70,9 +70,9 @@ def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     assert before.startswith("Values and intervals are") and before.endswith("Before it the phase had E = 90 kPa.")
     later = {**found, "phases": [last, phase("physics", 2, 20.0, 1.15e5)], "result": "r2_physics"}
     assert "It has E = 110 kPa. Before it the phase had E = 90 kPa." in remarks(later)[1]
-    assert found_values(found) == [("E", "100 kPa")]
-    own["determined"] = False
-    assert found_values(found) == [("E", "?")]
+    assert found_values(found) == [("E", "100 kPa", "90 %: 100 kPa to 120 kPa")]
+    own |= {"determined": False, "with_solver": [8e4, 1.4e5]}
+    assert found_values(found) == [("E", "?", "90 %: 80 kPa to 140 kPa")]
     assert "E = 98 kPa by images alone, E = 104 kPa by outlines alone" in against
     assert "a ground of the kind Sticky, and as effects: LinearDrag." in acting
     assert all(sentence in markdown_table(found) for sentence in remarks(found))

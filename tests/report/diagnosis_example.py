@@ -73,7 +73,7 @@ def screen() -> dict[str, Any]:
 
 
 def parameter(name: str, value: float, unit: str, label: str) -> dict[str, Any]:
-    ends = {"low": 0.8 * value, "high": 1.2 * value, "identifiable": True}
+    ends = {"low": 0.8 * value, "high": 1.2 * value, "with_solver": [0.7 * value, 1.3 * value], "identifiable": True}
     return {"name": name, "value": value, "unit": unit, "label": label, "solver": 0.1 * value, **ends}
 
 
@@ -85,7 +85,7 @@ def refit(name: str, factor: float, held: float) -> dict[str, Any]:
         "camera": False,
         "signature": "the body arrives late",
         "separating_experiment": f"the experiment for {name}",
-        "values": {value["name"]: value for value in values},
+        "values": {one["name"]: {key: one[key] for key in one if "solver" not in key} for one in values},
         "cost_without": 900.0,
         "cost": 300.0,
         "log_bayes_factor": factor,

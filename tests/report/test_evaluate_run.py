@@ -20,7 +20,7 @@ from pacnerf_lpo.evaluation.tables import markdown_table, result_phase
 from pacnerf_lpo.manifest import INTERVALS_FILE
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.quantities import quantity
-from pacnerf_lpo.report.html import is_evaluated, parameter_table
+from pacnerf_lpo.report.html import found_values, is_evaluated, parameter_table
 from tests.report.example_run import write_example_run
 
 
@@ -133,7 +133,7 @@ def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_p
     shutil.copytree(evaluated_run, copied)
     names = list(results["free"])
     parameters = {
-        name: {"value": 2e5, "low": 1e5, "high": 3e5, "determined": index == 0, "solver": 4e4}
+        name: {"value": 2e5, "low": 1e5, "high": 3e5, "determined": index == 0, "with_solver": [0.9e5, 3.1e5]}
         for index, name in enumerate(names)
     }
     content = {"phase": "02_r1_physics", "level": 0.9, "parameters": parameters, "undetermined": []}
@@ -144,14 +144,16 @@ def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_p
     again = evaluate_run(copied)
     assert again["intervals"] == content
     table = markdown_table(again)
-    assert "| parameter | guess | identified | 90 % interval |" in table and "[1e+05, 3e+05] Pa |" in table
+    assert "| parameter | guess | identified | 90 % interval |" in table and "[9e+04, 3.1e+05] Pa |" in table
     assert table.count("not determined") == len(names) - 1
     page = parameter_table(again)
     assert "<th>90 % interval</th>" in page and page.count("not determined") == len(names) - 1
-    assert "<th>other solver</th>" in page and "± 40 kPa" in page
+    assert "<th>of this solver alone</th>" in page and "90 kPa to 310 kPa" in page and "100 kPa to 300 kPa" in page
+    found = {name: (value, between) for name, value, between in found_values(again)}
+    assert found[names[0]][1] == "90 %: 90 kPa to 310 kPa" and found[names[1]][0] == "?"
     for one in again["intervals"]["parameters"].values():
-        del one["solver"]  # an older run
-    assert "other solver" not in parameter_table(again)
+        del one["with_solver"]  # an older run
+    assert "solver" not in parameter_table(again)
 
 
 def test_the_fit_of_the_intervals_is_the_result_and_what_the_phase_had_is_said(evaluated_run, tmp_path):

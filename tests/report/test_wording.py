@@ -78,7 +78,8 @@ class Reaching(BodyForce):
 
 
 def said(rounds: list[Any], kind: str, names: list[str]) -> list[str]:
-    return wording.verdict(MATERIAL, rounds, Verdict(kind, names, False, 0.8))
+    ends = {one.name: (one.low, one.high) for one in rounds[-1].parameters}
+    return wording.verdict(MATERIAL, rounds, Verdict(kind, names, False, 0.8), ends)
 
 
 LINEAR = SimpleNamespace(name="LinearDrag", p_value=1e-6, known={"E": 7e4, "nu": 0.3}, notes=())

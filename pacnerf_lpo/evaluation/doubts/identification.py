@@ -10,6 +10,7 @@ from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.parameters import Log10, Parameter, Saturated
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
+from pacnerf_lpo.quantities import published
 from pacnerf_lpo.types import ParticleState
 
 NEAR_BOUND = 0.02
@@ -128,7 +129,7 @@ def doubts_about_intervals(
         parameter, interval = physics.parameters[name], fit["parameters"].get(name)
         if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
-        low, high, value = interval["low"], interval["high"], identified[name]
+        (low, high), value = published(interval), identified[name]
         if not low <= value <= high:
             yield Doubt(
                 "outside_interval",
