@@ -217,10 +217,9 @@ class PhaseCLI(LightningCLI):
 
     def _announce(self) -> None:
         """Say what overlays changed, and what the run will take."""
-        physics = self.physics if self.physics.decided else self.physics.candidates[0]
         todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
         intervals = interval_particles(self.config.intervals)
-        lasts = estimate(todo, self.phases.get("static"), self.datamodule, physics, intervals)
+        lasts = estimate(todo, self.phases.get("static"), self.datamodule, self.physics, intervals)
         for line in [*self.remarks, *lasts]:
             print(line, flush=True)
 

@@ -18,7 +18,8 @@ class _Heart(threading.Thread):
     def __init__(self, task: str | None):
         super().__init__(daemon=True)
         self.task, self.began = task, time.monotonic()
-        self.heard, self.ended = self.began, threading.Event()
+        self.heard = self.spoken = self.began
+        self.ended = threading.Event()
 
     def run(self) -> None:
         from tqdm import tqdm  # which asks when it is imported whether bars are drawn at all
@@ -26,14 +27,22 @@ class _Heart(threading.Thread):
         while not self.ended.wait(POLL):
             now = time.monotonic()
             if self.task is not None and now - self.heard >= QUIET:
-                tqdm.write(f"still {self.task} ({now - self.began:.0f} s)", file=sys.stderr)
+                spoken = self.spoken
+                tqdm.write(self._sign(now), file=sys.stderr)
+                self.spoken = spoken
+
+    def _sign(self, now: float) -> str:
+        """What is being done; once the command has said something else after that, for how long it has been silent."""
+        if self.spoken > self.began:
+            return f"still busy with that ({now - self.spoken:.0f} s)"
+        return f"still {self.task} ({now - self.began:.0f} s)" if now - self.began >= QUIET / 2 else f"{self.task} ..."
 
     def listen(self, stream: Any) -> None:
         """Hear from now on when a text stream is written to. The stream stays the same object: others look at it."""
         write = stream.write
 
         def heard(text: str) -> int:
-            self.heard = time.monotonic()
+            self.heard = self.spoken = time.monotonic()
             return write(text)
 
         stream.write = heard

@@ -18,7 +18,7 @@ def symbol(name: str) -> str:
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """``103 kPa``, ``0.296``, ``39.8°``: a value with its unit.
+    """``103 kPa``, ``0.296``, ``39.8°``, ``9.81 m/s²``: a value with its unit.
 
     Pressures and viscosities take the prefix that leaves one to three digits before the point.
 
@@ -30,6 +30,7 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
         return f"{value:.{digits}g}"
     if unit == "deg":
         return f"{value:.{digits}g}°"
+    unit = unit.replace("^2", "²").replace("^3", "³")
     if not unit.startswith("Pa") or value == 0 or not math.isfinite(value):
         return f"{value:.{digits}g} {unit}"
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))) / 3 + 1e-12) * 3

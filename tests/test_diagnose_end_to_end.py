@@ -20,6 +20,7 @@ from pacnerf_lpo.diagnosis.posterior import keep_intervals
 from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.manifest import INTERVALS_FILE
 from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.report import diagnosis_result, wording
 
 pytestmark = pytest.mark.end_to_end
 ROOT = Path(__file__).resolve().parents[1]
@@ -101,12 +102,24 @@ def test_the_overlay_adds_the_drag_and_lets_the_next_fit_identify_it(diagnosed: 
 def test_nothing_is_simulated_again(diagnosed: Path, monkeypatch):
     """All steps are on disk."""
     monkeypatch.setattr("pacnerf_lpo.diagnosis.store.packed", None)  # what a step that is done again would call
+    kept: list[dict] = []
+    written = diagnosis_result.write
+
+    def write(problem, folder, rounds, finished):
+        written(problem, folder, rounds, finished)
+        kept.append(json.loads((folder / "diagnosis.json").read_text())["verdict"])
+
+    monkeypatch.setattr("pacnerf_lpo.commands.diagnose.write", write)
     run_dir, before = diagnosed.parent, (diagnosed / "diagnosis.json").read_text()
     candidates = str(run_dir.parent / "candidates.yaml")
     diagnose.run(str(run_dir), candidates=candidates, particles=500, replicates=6, effects=1, jobs=1)
     after = (diagnosed / "diagnosis.json").read_text()
     verdicts = [json.loads(text)["verdict"] for text in (before, after)]
     assert verdicts[0] == verdicts[1]
+    *stopped, ended = kept  # what a diagnosis that is stopped after a round leaves, and one that is not
+    assert ended["finished"] and wording.GOES_ON not in ended["details"]
+    assert stopped and not any(one["finished"] for one in stopped)
+    assert all(wording.GOES_ON in one["details"] for one in stopped if one["kind"] != "unfinished")
 
 
 def test_the_fit_of_the_intervals_takes_the_place_of_the_phase_once(diagnosed: Path, tmp_path: Path, monkeypatch):
@@ -119,7 +132,9 @@ def test_the_fit_of_the_intervals_takes_the_place_of_the_phase_once(diagnosed: P
     content = json.loads((copied / INTERVALS_FILE).read_text())
     found = content["parameters"]
     assert content["phase"] == stage.stem and stage.record.before is not None
-    assert all(one["low"] <= one["value"] <= one["high"] for one in found.values())
+    for one in found.values():
+        low, high = one["with_solver"]
+        assert low <= one["low"] <= one["value"] <= one["high"] <= high
     assert stage.state.physics["E"] == pytest.approx(found["E"]["value"], rel=1e-6)
     assert stage.state.velocity.mean(0).tolist() == pytest.approx([found[f"v_{k}"]["value"] for k in "xyz"], abs=1e-5)
     assert stage.record.before["v_x"] == pytest.approx(float(had.velocity.mean(0)[0]))

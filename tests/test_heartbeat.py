@@ -39,6 +39,18 @@ def test_who_speaks_is_left_alone(capsys: pytest.CaptureFixture[str]):
     assert "still" not in capsys.readouterr().err
 
 
+def test_what_was_said_after_a_task_began_is_what_goes_on(capsys: pytest.CaptureFixture[str]):
+    with heartbeat.heartbeat("reading"):
+        time.sleep(0.1)
+        print("drawing")
+        time.sleep(0.6)
+        heartbeat.doing("fitting")
+        time.sleep(0.15)
+    said = [line.split(" (")[0] for line in capsys.readouterr().err.splitlines()]
+    assert said[:2] == ["still busy with that"] * 2 and "still reading" not in said
+    assert said[2:] in ([], ["fitting ..."], ["still fitting"])
+
+
 def test_a_task_inside_another_changes_its_name_only(capsys: pytest.CaptureFixture[str]):
     with heartbeat.heartbeat("outer"):
         with heartbeat.heartbeat("inner"):

@@ -99,7 +99,7 @@ def investigate(
     store: Store,
     options: Options,
     progress: Progress,
-    keep: Callable[[list[Round]], None] = lambda _: None,
+    keep: Callable[[list[Round], bool], None] = lambda *_: None,
 ) -> list[Round]:
     """All rounds. At the end, an effect that a later model does without is removed; or each but the last one competes
     again beside those that were found after it, which were not there when it was chosen.
@@ -109,7 +109,7 @@ def investigate(
         store: of the results.
         options: of the diagnosis.
         progress: receives a line about each step.
-        keep: called with the rounds so far after each of them.
+        keep: called with the rounds so far after each of them, and whether they are all.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -125,7 +125,7 @@ class _Diagnosis:
     store: Store
     options: Options
     progress: Progress
-    keep: Callable[[list[Round]], None]
+    keep: Callable[[list[Round], bool], None]
     rounds: list[Round] = field(default_factory=list)
 
     def run(self) -> list[Round]:
@@ -147,7 +147,7 @@ class _Diagnosis:
             told = prefixed(self.progress, "profile likelihood: ")
             followed = partial(profile, problem, last.effects, last.best, options.profile, told)
             last.profiles[options.profile] = store.once(f"{len(rounds)}_profile_{options.profile}", followed)[:2]
-        self.keep(rounds)
+        self.keep(rounds, True)
         return rounds
 
     def _estimate(self, last: Round) -> None:
@@ -238,7 +238,7 @@ class _Diagnosis:
                     f"round {place + 1} begins again: a fit with one more effect led to a better one without it"
                 )
                 continue
-            self.keep(rounds)
+            self.keep(rounds, False)
             if self.options.until != "refit" or (last.accepted is None and not self._widened()):
                 break
             last = rounds[-1]

@@ -124,15 +124,19 @@ def _small_strains(material: Material) -> Iterator[Check]:
         off = float((stress / (share * modulus) - change).norm() / change.norm())
         said = f"{work / share:.5g} Pa, the parameters mean {modulus:.5g} Pa; stress off by {100 * off:.2g} %"
         yield Check(f"{name} modulus at small strain", said, off <= AGREE)
-    costs, least = {name: work for name, (work, _) in found.items()}, -NONE * abs(found["bulk"][0])
-    halves = {name: answer(change, F, stiffness=0.5)[0] for name, (change, F, _) in trials.items()}
+    costs = {name: work / trials[name][2] for name, (work, _) in found.items()}
+    halves = {name: answer(change, F, stiffness=0.5)[0] / share for name, (change, F, share) in trials.items()}
+    least = -NONE * abs(costs["bulk"])
     follows = all(abs(halves[name] - work / 2) <= AGREE * abs(work) - least for name, work in costs.items())
     said = ", ".join(f"{name} {costs[name]:.3g} and {half:.3g} Pa" for name, half in halves.items())
     yield Check("stress is half as large where point.stiffness is half", said, follows)
-    costs |= {"expansion": answer(SQUEEZED * EYE)[0]}
-    costs |= {name: answer(rate, flows=True)[0] for name, rate in (("flow", SHEAR), ("flow inwards", -EYE))}
-    said = "stress along strain or rate: " + ", ".join(f"{name} {work:.3g}" for name, work in costs.items())
-    yield Check("deformation costs work", said, costs["bulk"] > 0 and all(work >= least for work in costs.values()))
+    costs |= {"expansion": answer(SQUEEZED * EYE)[0] / 3}
+    solid = ", ".join(f"{name} {work:.3g}" for name, work in costs.items())
+    flows = {"flow": answer(SHEAR, flows=True)[0] / 2, "flow inwards": answer(-EYE, flows=True)[0] / 3}
+    said = f"moduli: {solid} Pa; viscosities: " + ", ".join(f"{name} {work:.3g}" for name, work in flows.items())
+    costs |= flows
+    positive = costs["bulk"] > 0 and all(work >= least for work in costs.values())
+    yield Check("deformation costs work", f"{said} Pa s", positive)
 
 
 def _meant_moduli(material: Material) -> dict[str, float]:

@@ -33,10 +33,12 @@ OVERLAY, OVERLAY_OF = "effects.yaml", "effects_{}.yaml"
 MOST_CORRELATIONS = 30
 
 
-def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
-    """Write diagnosis.json and, where effects were found that explain the recording, the overlay effects.yaml."""
+def write(problem: Problem, folder: Path, rounds: list[Round], finished: bool = True) -> None:
+    """Write diagnosis.json and, where effects were found that explain the recording, the overlay effects.yaml;
+    ``finished``: whether these are all rounds.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / RESULT, json.dumps(summary(problem, rounds), indent=1).encode())
+    write_atomically(folder / RESULT, json.dumps(summary(problem, rounds, finished), indent=1).encode())
     if verdict(rounds).kind in ("missing", "camera"):
         last = rounds[-1]
         more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
@@ -49,8 +51,8 @@ def write(problem: Problem, folder: Path, rounds: list[Round]) -> None:
             path.unlink(missing_ok=True)
 
 
-def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
-    """Everything a report shows."""
+def summary(problem: Problem, rounds: list[Round], finished: bool = True) -> dict[str, Any]:
+    """Everything a report shows; ``finished``: whether these are all rounds."""
     video, split, force = problem.video, problem.split, rounds[-1].force
     said = verdict(rounds)
     described = [_round(problem, found) for found in rounds]
@@ -59,6 +61,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
     shown = flights(problem, diagnosis_stages.stages_of(rounds), rounds) if not problem.views else []
     turned = agreement(shown)
     sentences += [turned] if turned else []
+    sentences += [wording.GOES_ON] if not finished and said.kind != "unfinished" else []
     return {
         "format": FORMAT,
         "scene": problem.scene,
@@ -69,6 +72,7 @@ def summary(problem: Problem, rounds: list[Round]) -> dict[str, Any]:
         "held_frames": [video.frame_ids[f] for f in np.flatnonzero(~np.atleast_2d(split.frames).any(0))],
         "verdict": {
             "kind": said.kind,
+            "finished": finished,
             "effects": said.names if said.kind != "unknown" else [],
             "nearest": said.names if said.kind == "unknown" else [],
             "more_than_noise": said.more_than_noise,

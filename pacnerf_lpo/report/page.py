@@ -63,8 +63,8 @@ def page(
 
 
 def shown(value: float, unit: str) -> Markup:
-    """A value with its unit, or infinity; powers and the minus sign as in print."""
-    size = quantity(abs(value), unit).replace("^2", "²").replace("^3", "³") if math.isfinite(value) else "∞"
+    """A value with its unit, or infinity; the minus sign as in print."""
+    size = quantity(abs(value), unit) if math.isfinite(value) else "∞"
     return Markup("&minus;{}" if value < 0 else "{}").format(size)
 
 

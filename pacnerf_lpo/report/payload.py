@@ -1,6 +1,6 @@
 """The data behind the report's pictures and charts, small enough to travel inside the page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -166,9 +166,35 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
     return points[::stride] + ([points[-1]] if points and (len(points) - 1) % stride else [])
 
 
+def with_weighted_fits(curves: Mapping[str, Curve], phases: Sequence[Mapping[str, Any]]) -> dict[str, Curve]:
+    """The curves of parameters and velocity, each phase followed by what the weighted fit after it has found, if there
+    was one: a level as long as a tenth of the phase.
+
+    Args:
+        curves: of a run.
+        phases: of its results.
+    """
+    found = {}
+    for name, curve in curves.items():
+        ends = {}
+        for phase in phases:
+            values = dict(zip(("v_x", "v_y", "v_z"), phase["velocity"], strict=True))
+            values |= {own: one["value"] for own, one in phase["parameters"].items()}
+            if "before" in phase and name in values:
+                ends[phase["label"]] = values[name]
+        parts = []
+        for label, steps, points in curve.parts:
+            parts.append((label, steps, points))
+            if label in ends:
+                parts.append(("weighted fit", [0, max(1, steps[-1] // 10)], [ends[label]] * 2))
+        found[name] = Curve(curve.unit, parts)
+    return found
+
+
 def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dict[str, Any]:
     """Losses, one chart per phase; identified parameters, one chart each; the initial velocity."""
     loss, truth = curves.get("loss", Curve("1")), results.get("truth_errors") or {}
+    curves = with_weighted_fits(curves, results["phases"])
     parameters = [
         {
             "title": symbol(name),

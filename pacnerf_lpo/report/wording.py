@@ -24,6 +24,7 @@ DOUBT_FITTED = (
 DOUBT_SHAPE = "No missing effect is detectable, but the residual looks like an error of the reconstructed shape."
 UNKNOWN = "Something is missing, but none of the known effects explains it."
 UNFINISHED = "The diagnosis is not finished: no effect has been fitted yet."
+GOES_ON = "The diagnosis is not finished: the same command goes on with it, and may still change the verdict."
 REMAINDER = (
     "The held-out views and frames still differ from the model by more than its numerical error: a further effect, or "
     "an error of the reconstruction."

@@ -66,7 +66,7 @@ def test_remarks_say_what_the_values_hold_for_and_what_else_was_found():
     fit = {"phase": "r1_physics", "level": 0.9, "parameters": {"E": own}}
     found = {**results((None,), None), "phases": [last], "result": "r1_physics", "intervals": fit}
     density, before, acting, against = remarks(found)
-    assert "for a density of 1050 kg/m^3" in density
+    assert "for a density of 1050 kg/m³" in density
     assert before.startswith("Values and intervals are") and before.endswith("Before it the phase had E = 90 kPa.")
     later = {**found, "phases": [last, phase("physics", 2, 20.0, 1.15e5)], "result": "r2_physics"}
     assert "It has E = 110 kPa. Before it the phase had E = 90 kPa." in remarks(later)[1]

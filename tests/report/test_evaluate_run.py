@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,6 +128,13 @@ def test_intersection_over_union():
     one = torch.tensor([True, True, False, False])
     assert intersection_over_union(one, torch.tensor([True, False, True, False])) == pytest.approx(1 / 3)
     assert intersection_over_union(~one & one, ~one & one) == 1
+
+
+def test_every_key_of_the_results_is_documented(results):
+    text = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    told = set(re.findall(r"`([\w\[\].]+)`", text[text.index("### results.json") : text.index("### diagnosis.json")]))
+    told |= {name.removeprefix("phases[].") for name in told}
+    assert set(results) | {key for phase in results["phases"] for key in phase} <= told
 
 
 def test_intervals_are_in_results_table_and_report(evaluated_run, results, tmp_path):

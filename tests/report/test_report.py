@@ -20,7 +20,7 @@ from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.quantities import duration, quantity
 from pacnerf_lpo.report.html import judge, write_report
 from pacnerf_lpo.report.page import atlas, atlas_columns, parts, quantised
-from pacnerf_lpo.report.payload import read_curves, split_unit
+from pacnerf_lpo.report.payload import Curve, read_curves, split_unit, with_weighted_fits
 from tests.report.browser import dom
 
 
@@ -120,6 +120,17 @@ def test_curves_of_parameters_and_losses(data):
 
 def test_curves_are_empty_without_events(evaluated_run, tmp_path):
     assert read_curves(tmp_path, Run(evaluated_run).stages) == {}
+
+
+def test_what_a_weighted_fit_found_follows_the_phase_that_it_took_the_place_of():
+    course = [("velocity", [0, 1], [0.1, 0.2]), ("physics, round 1", [0, 10, 40], [0.2, 0.3, 0.4])]
+    curves = {"E": Curve("Pa", [("physics, round 1", [0, 40], [1e4, 2e4])]), "v_x": Curve("m/s", course)}
+    physics = {"label": "physics, round 1", "velocity": [0.5, 0.0, 0.0], "parameters": {"E": {"value": 3e4}}}
+    velocity = {"label": "velocity", "velocity": [0.2, 0.0, 0.0], "parameters": {"E": {"value": 1e4}}}
+    assert with_weighted_fits(curves, [velocity, physics]) == curves
+    found = with_weighted_fits(curves, [velocity, {**physics, "before": {"E": 2e4, "v_x": 0.4}}])
+    assert found["E"].parts == [*curves["E"].parts, ("weighted fit", [0, 4], [3e4, 3e4])]
+    assert found["v_x"].parts == [*course, ("weighted fit", [0, 4], [0.5, 0.5])]
 
 
 def test_report_evaluates_a_run_that_has_not_been(evaluated_run, tmp_path):

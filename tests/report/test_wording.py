@@ -113,7 +113,7 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
     given = SimpleNamespace(observes=False, effect=Reaching(depth=0.3))
     after.parameters = [*ends, Interval("push", 2.0, 1.5, 2.5, 0.3, True)]
     found = said([a_round(POOR, POOR, LINEAR, candidate=lambda name: given), after], "missing", ["LinearDrag"])
-    assert found[1] == "Push 2 m/s^2 [1.5 m/s^2, 2.5 m/s^2] (90 % interval, depth 0.3 as given)."
+    assert found[1] == "Push 2 m/s² [1.5 m/s², 2.5 m/s²] (90 % interval, depth 0.3 as given)."
     after.held = check(4.0, POOR)
     assert wording.REMAINDER in said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
 
