@@ -62,7 +62,8 @@ class LawChoice(DynamicPhase):
 
     def work(self, particles: int) -> Work:
         """See :meth:`AbstractPhase.work`: half of the laws are left after their searches."""
-        laws = len(self.physics.material.laws) if isinstance(self.physics.material, Auto) else 0
+        assert isinstance(self.physics.material, Auto)
+        laws = len(self.physics.material.laws)
         fine = (self.particles / particles) ** (4 / 3)  # half the spacing is half the step
         coarse = fine / COARSER**4
         rollouts = laws * (SEARCHED * coarse + FITTED / 2 * fine) + NOISE * coarse

@@ -10,11 +10,12 @@ import torch
 
 from pacnerf_lpo.data.video_data import VideoData
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.materials import Auto, NeoHookean, Newtonian
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.phases import estimate as module
 from pacnerf_lpo.phases.estimate import estimate
 from pacnerf_lpo.phases.identification_methods import GaussNewton, PaperAdam
+from pacnerf_lpo.phases.law_choice import LawChoice
 from pacnerf_lpo.phases.outline_method import OutlineGaussNewton
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.schedules import Constant, TrainingLength
@@ -61,6 +62,15 @@ def test_work_grows_with_frames_and_ends_without_search(data: VideoData, method)
     assert frames(method) > 10 * len(data.video.times)
     if isinstance(method, OutlineGaussNewton):
         assert frames(OutlineGaussNewton(samples=0)) < frames(method)
+
+
+def test_every_law_that_competes_is_counted(data: VideoData):
+    def frames(laws) -> float:
+        phase = LawChoice()
+        phase.attach(data, Physics(Auto(laws), substep_rate=480.0))
+        return phase.work(4000).frames
+
+    assert frames(None) > 1.9 * frames([NeoHookean(), Newtonian()])
 
 
 def test_an_unstable_guess_is_said(data: VideoData, monkeypatch: pytest.MonkeyPatch, small_threads: None):
