@@ -50,7 +50,8 @@ FRESH = (("torus", 6e4, 5), ("block", 2e5, 6), ("torus", 2.5e5, 7), ("block", 5e
 class Row:
     """One recording: seconds of both commands, and what came out [Pa].
 
-    best: what ``fit`` identified;  low, high: ends of its 90 % interval, with errors of the solver;  particles: of the run
+    best: what ``fit`` identified;  low, high: ends of its 90 % interval, with errors of the solver
+    particles: of the run
     """
 
     body: str
