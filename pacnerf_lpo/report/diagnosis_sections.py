@@ -159,12 +159,15 @@ def asks_for(recording: Mapping[str, Any]) -> str:
 
 def ranking(done: Mapping[str, Any]) -> str:
     """Bars of log Bayes factors, largest first, with the threshold: after a refit where there is one, else of the
-    linear change; camera faults, and the hypotheses that are no effect, in other colours.
+    linear change; camera faults, and the hypotheses that are no effect, in other colours. Of the refits, that of the
+    most probable one, and of the others as much less as it is more probable: each factor by itself is in units of its
+    own noise, and does not say which of two explains more.
     """
     screen = done["screen"]
     if screen is None:
         return PARTS.untried("No effect has been tried yet.")
-    refitted = {again["name"]: again["log_bayes_factor"] for again in done["refits"]}
+    leader = max(done["refits"], key=lambda again: again["log_odds"], default={"log_bayes_factor": 0.0})
+    refitted = {again["name"]: leader["log_bayes_factor"] + again["log_odds"] for again in done["refits"]}
     bars = [
         {
             "factor": refitted.get(c["name"], c["log_bayes_factor"]),

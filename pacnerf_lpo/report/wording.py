@@ -159,13 +159,13 @@ def _named(
         known = "".join(f", {name} {candidate.effect.constants[name]:g} as given" for name in sorted(given))
         found += [f"{capitalised('; '.join(sizes))} (90 % interval{'s' * (len(sizes) > 1)}{known})."] if sizes else []
         values = again.known if after is None else {i.name: i.value for i in after.parameters}
-        moves = [
-            f"{material.parameters[i.name].label} moves from {old} to {new}"
-            for i in done.parameters
-            if i.name in material.free_names
-            for old, new in [[quantity(v, material.parameters[i.name].unit) for v in (i.value, values[i.name])]]
-            if old != new
-        ]
+        moves = []
+        for i in (i for i in done.parameters if i.name in material.free_names):
+            label, unit = material.parameters[i.name].label, material.parameters[i.name].unit
+            ends = intervals[i.name] if after is rounds[-1] else ()
+            old, new, *between = (quantity(value, unit) for value in (i.value, values[i.name], *ends))
+            if old != new:
+                moves.append(f"{label} moves from {old} to {new}" + (f" [{', '.join(between)}]" if between else ""))
         found += [f"{capitalised('; '.join(moves))}."] if moves else []
         others = [name for name in done.indistinguishable if name != again.name]
         advice = done.proposals[0].words if done.proposals else candidate.effect.separating_experiment

@@ -206,10 +206,19 @@ def test_an_effect_is_at_its_bound_only_where_it_does_not_vanish(friction: float
 def test_an_interval_that_leaves_out_what_the_identification_had(
     low: float, high: float, determined: bool, expected: list[str]
 ):
-    parameters = {"E": {"value": 1.07e5, "low": low, "high": high, "determined": determined}}
-    found = list(doubts_about_intervals(model(), {"E": 1e5, "nu": 0.3}, {"parameters": parameters}))
+    nu = {"value": 0.1, "low": 0.0, "high": 0.2, "determined": determined}
+    parameters = {"E": {"value": 1.07e5, "low": low, "high": high, "determined": determined}, "nu": nu}
+    found = list(doubts_about_intervals(model(), {"E": 1e5, "nu": 0.1}, {"parameters": parameters}))
     assert names(found) == expected
-    assert all("1e+05 Pa" in one.what and "1.05e+05 Pa" in one.what for one in found)
+    assert all(one.what.endswith("had E = 100 kPa (interval 105 kPa to 110 kPa)") for one in found)
+    both = list(doubts_about_intervals(model(), {"E": 2e5, "nu": 0.3}, {"parameters": parameters}))
+    assert names(both) == ["outside_interval"] * determined
+    assert all("E = 200 kPa" in one.what and "= 0.3 (interval" in one.what for one in both)
+    nu["with_solver"] = [-0.1, 0.4]  # which leaves out what the solver alone would
+    assert all(
+        "0.3 (interval" not in one.what
+        for one in doubts_about_intervals(model(), {"E": 2e5, "nu": 0.3}, {"parameters": parameters})
+    )
 
 
 def test_intervals_of_a_fit_that_leaves_more_than_noise_are_doubted():

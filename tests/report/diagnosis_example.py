@@ -150,7 +150,7 @@ def missing() -> dict[str, Any]:
             "removed": 0.64,
             "p_value": 1e-7,
             "sentence": "Linear drag is missing (p < 0.0001); adding it removes 64% of the held-out error.",
-            "details": ["Young's modulus moves from 34 kPa to 70 kPa."],
+            "details": ["Young's modulus moves from 34 kPa to 70 kPa [49 kPa, 91 kPa]."],
         },
         "unit": "px",
         "stages": [stage(None, 1.0), stage("LinearDrag", 0.4)],

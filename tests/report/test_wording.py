@@ -105,7 +105,7 @@ def test_a_named_effect_comes_with_its_p_value_its_share_and_what_moves():
     found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])
     # of an excess of 4 over noise 0.8 is left
     assert found[0] == "Linear drag is missing (p < 0.0001; adding it removes 80% of the held-out error beyond noise)."
-    assert found[1] == "Young's modulus moves from 50 kPa to 70 kPa."  # and nu stays
+    assert found[1] == "Young's modulus moves from 50 kPa to 70 kPa [60 kPa, 80 kPa]."  # and nu stays
     assert wording.REMAINDER not in found
     after.parameters = [*after.parameters, Interval("drag", 1.497, 1.482, 1.512, 0.01, True)]
     found = said([a_round(POOR, POOR, LINEAR), after], "missing", ["LinearDrag"])

@@ -10,7 +10,7 @@ from pacnerf_lpo.evaluation.doubts.doubt import Doubt
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.mpm.parameters import Log10, Parameter, Saturated
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT, Physics
-from pacnerf_lpo.quantities import published
+from pacnerf_lpo.quantities import published, quantity, symbol
 from pacnerf_lpo.types import ParticleState
 
 NEAR_BOUND = 0.02
@@ -125,22 +125,25 @@ def doubts_about_intervals(
             "do not rely on the intervals; use more views or a finer resolution, and let `pacnerf-lpo diagnose` name "
             "what is missing",
         )
+    outside = []
     for name in physics.free_names:
-        parameter, interval = physics.parameters[name], fit["parameters"].get(name)
+        interval, unit = fit["parameters"].get(name), physics.parameters[name].unit
         if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
-        (low, high), value = published(interval), identified[name]
-        if not low <= value <= high:
-            yield Doubt(
-                "outside_interval",
-                f"physics, {name}",
-                f"the identification had {parameter.label} = {parameter.show(value)}, outside of the interval of the "
-                f"weighted fit after it, {parameter.show(low)} to {parameter.show(high)}",
-                "the identification ended in another minimum than the best, by images perhaps as shading pulled "
-                "colours; or an error of the coarse grid, the shape or the ground is larger than the interval says",
-                "believe the weighted fit where the mattes are good; state the ground where it is known (init "
-                "--ground), and repeat at a finer resolution (a smaller phases.static.init_args.base_spacing)",
-            )
+        low, high = published(interval)
+        if not low <= identified[name] <= high:
+            value, *ends = (quantity(one, unit) for one in (identified[name], low, high))
+            outside.append(f"{symbol(name)} = {value} (interval {' to '.join(ends)})")
+    if outside:
+        yield Doubt(
+            "outside_interval",
+            "physics",
+            f"the identification before the weighted fit had {' and '.join(outside)}",
+            "the identification ended in another minimum than the best, by images perhaps as shading pulled "
+            "colours; or an error of the coarse grid, the shape or the ground is larger than the interval says",
+            "believe the weighted fit where the mattes are good; state the ground where it is known (init "
+            "--ground), and repeat at a finer resolution (a smaller phases.static.init_args.base_spacing)",
+        )
 
 
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
