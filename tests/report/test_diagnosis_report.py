@@ -156,7 +156,7 @@ def test_parameters_in_sentences_carry_their_labels():
 
 def test_ranking_marks_threshold_cameras_discrepancies_and_refits():
     done = example.missing()["rounds"][0]
-    done["refits"][1]["log_bayes_factor"] = 60.0  # in units of its own noise; its odds count
+    done["refits"][0]["log_bayes_factor"] = 60.0  # in units of its own noise; its odds count
     text = sections.ranking(done)
     assert re.findall(r'<div class="rank ([a-z ]+)"', text) == [
         "physics passed",
