@@ -14,7 +14,7 @@ from pacnerf_lpo.identification.least_squares import CLOSE, Effort, Fit, fit
 from pacnerf_lpo.identification.model_errors import ModelErrors
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
-from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective, spread
+from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
 from pacnerf_lpo.inference.intervals import Interval, disagreement, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
@@ -148,13 +148,12 @@ def compare(
         SimulationError: the motion is unstable at every start.
     """
     model, rollouts = problem.model(effects, known), 0
-    free, changes = model.start, None
+    free = model.start
     if searched:
         begun = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = begun.model, begun.free, begun.rollouts
-        changes = spread(begun.jacobian * problem.presumed_error[:, None], problem.fitted)
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    first = standardised(problem, model, free, changes, errors, progress, rough=True)
+    first = standardised(problem, model, free, None, errors, progress, rough=True)
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)

@@ -9,7 +9,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CONVERGED, Fit
 from pacnerf_lpo.identification.multistart import Search, Stage, Watch, horizons, multistart
-from pacnerf_lpo.identification.problem import Problem
+from pacnerf_lpo.identification.problem import COARSER, Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.parameters import Log10
@@ -31,6 +31,10 @@ MOST_OPTIMA = 2
 """Of the coarse body: so many are followed on the fine one."""
 FAR = 2.0
 """Standard deviations of a prior: an estimate farther away is reported."""
+TO_NO_SPACING = 1 / (COARSER**2 - 1)
+"""Of the step from the coarse body to the problem's: so much farther is vanishing node spacing, if the error goes with
+its square (Richardson 1911). A plastic body is deformed by a coarse grid as by another yield stress, and a fit that
+does not know that ends in another valley."""
 TOUCH = 1.5
 """Node spacings above the ground: a particle lower than this feels it, as far as a quadratic B-spline reaches. A stiff
 body is thrown back before it comes much nearer."""
@@ -42,8 +46,6 @@ class BaseFit:
 
     model: of the problem's body.
     free: its coordinates [(K,)];  known: every value there [SI]
-    residual: weighted residual of the fitted entries, without the priors [(D,)]
-    jacobian: derivative of that residual by the coordinates [(D, K)]
     cost: sum of squares of the residual and of the priors' rows.
     notes: sentences about estimates at a bound or far from the guess, and about points left out as unstable.
     rollouts: simulations that it took, on both bodies.
@@ -52,8 +54,6 @@ class BaseFit:
     model: Model
     free: np.ndarray
     known: dict[str, float]
-    residual: np.ndarray
-    jacobian: np.ndarray
     cost: float
     notes: tuple[str, ...]
     rollouts: int
@@ -69,16 +69,31 @@ class Objective:
         mean, deviation: of the priors, in free coordinates [(K,)]
         level: error of the residual in units of its weights, which know the sensor's error but not the model's: a prior
             must not be outvoted by what is not known.
+        coarse: the same model of a coarse body, by which what the model shows is extrapolated to vanishing node
+            spacing; None: it is not.
     """
 
-    def __init__(self, problem: Problem, model: Model, mean: np.ndarray, deviation: np.ndarray, level: float = 1.0):
-        self.model, self.mean, self.deviation, self.level = model, mean, deviation, level
-        self._weighted = problem.weighted_residual_of(model)
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        mean: np.ndarray,
+        deviation: np.ndarray,
+        level: float = 1.0,
+        coarse: Model | None = None,
+    ):
+        self.models = [model] if coarse is None else [model, coarse]
+        self.mean, self.deviation, self.level = mean, deviation, level
+        self._weighted = [problem.weighted_residual_of(one) for one in self.models]
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
         """Rows at free coordinates [(K,) to (D + K,)]. Raises SimulationError."""
-        self.model.restart()
-        return np.concatenate((self._weighted(free), self.level * (free - self.mean) / self.deviation))
+        for one in self.models:
+            one.restart()
+        rows, *coarse = (weighted(free) for weighted in self._weighted)
+        for others in coarse:
+            rows = rows + TO_NO_SPACING * (rows - others)
+        return np.concatenate((rows, self.level * (free - self.mean) / self.deviation))
 
 
 def base_fit(
@@ -91,8 +106,9 @@ def base_fit(
     """Fit material, velocity and effects to the fitted views and frames, with priors, beginning from a guess.
 
     Fits on a coarse body take in more and more frames, from ``known`` and from points that differ in the moduli and
-    promise another minimum, and one takes in all frames at once, from ``known``; the best of them go on with the
-    problem's own body. Where nothing is difficult that takes some sixty rollouts.
+    promise another minimum, and one takes in all frames at once, from ``known``; the best of them go on with what the
+    problem's own body shows, extrapolated to vanishing node spacing. Where nothing is difficult that takes some sixty
+    rollouts.
 
     Args:
         problem: measurements, and the user's guess, around which the priors lie.
@@ -173,7 +189,8 @@ def refined(
     found: Sequence[Fit | np.ndarray] = search.fits or starts
     level = level_of(search.fits, len(mean))
     progress(f"base fit: {len(found)} optima on the body itself")
-    final = Objective(problem, fine, mean, deviation, level)
+    coarse = problem.coarse_model(effects, known) if problem.deforms else None
+    final = Objective(problem, fine, mean, deviation, level, coarse)
     last = Stage(final, fine.scales, fine.bounds, iterations=ITERATIONS, confirm=not followed)
     ended = multistart([last], found)
     if not ended.fits:  # a point may be stable on the coarse body alone
@@ -181,15 +198,12 @@ def refined(
     if not ended.fits:
         raise SimulationError(0, 0, "the motion is unstable from every start of the base fit; give another guess")
     best = ended.fits[0]
-    assert best.jacobian is not None
     left_out = search.unstable + ended.unstable
     unstable = [f"{left_out} points of the search were left out: their motion is unstable."] if left_out else []
     return BaseFit(
         fine,
         best.free,
         fine.physical(best.free),
-        best.residual[: -len(mean)],
-        best.jacobian[: -len(mean)],
         best.cost,
         (*notes(fine, best.free, mean, deviation), *unstable),
         search.rollouts + ended.rollouts,

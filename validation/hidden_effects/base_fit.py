@@ -153,7 +153,8 @@ def score(folder: Path) -> dict:
     found = base_fit(problem, [effect], {**problem.first_guess, **effect.null})
     seconds = time.perf_counter() - begun
     model, (mean, deviation) = found.model, priors(problem, found.model)
-    objective = Objective(problem, model, mean, deviation)  # every fit is compared by the same cost
+    coarse = problem.coarse_model([effect], found.known)
+    objective = Objective(problem, model, mean, deviation, coarse=coarse)  # every fit is compared by the same cost
     index = next(k for k, unknown in enumerate(model.unknowns) if isinstance(unknown.transform, Log10))
     fits = [Fit(found.free, objective(found.free))]
     true = problem.model([effect], {**problem.first_guess, **truth["values"]}).start
