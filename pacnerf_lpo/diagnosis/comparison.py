@@ -21,6 +21,8 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 24
+BENT = 1.0
+"""Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 CONFIDENCE = 0.9
 """Of all intervals."""
 
@@ -134,7 +136,8 @@ def compare(
 
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
     once more with errors of the shape as large as the recording shows them there, and with what the solver may get
-    wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion.
+    wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion. If
+    the standardised fit moves far from where errors were simulated, they are simulated again.
 
     Args:
         problem: the run.
@@ -154,6 +157,11 @@ def compare(
         model, free, rollouts = begun.model, begun.free, begun.rollouts
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
     first = standardised(problem, model, free, None, errors, progress, rough=True)
+    if np.any(np.abs(first.free - free) > BENT * first.deviation):
+        progress("the fit has moved far; errors are learnt again where it is")
+        rollouts += errors.simulations + first.rollouts
+        errors = ModelErrors.learn(problem, effects, model, first.free, settings, progress)
+        first = standardised(problem, model, first.free, first.jacobian, errors, progress, rough=True)
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, intervals_in_si, reporter
 from pacnerf_lpo.diagnosis.screening import Screening, fitted_by
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
@@ -35,8 +35,6 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 ITERATIONS, QUICK = 24, Effort(8, confirm=False, remeasured=1)
-BENT = 1.0
-"""Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 How = Literal["quickly", "thoroughly", "searched", "beside"]
 GIVE_UP = 1.2
 """A fit that is still so much worse than the best one after a few iterations is given up."""

@@ -69,6 +69,15 @@ def test_a_solver_that_errs_like_a_change_of_a_velocity_moves_it_by_as_much(fitt
     assert found["v_z"].low == pytest.approx(own["v_z"].low, abs=0.1 * own["v_z"].error)
 
 
+@pytest.mark.parametrize(("young", "times"), [(7e4, 1), (2e6, 2)])
+def test_errors_are_learnt_again_where_the_fit_has_moved_far(stable, young: float, times: int, small_threads):
+    problem, told = falling.Falling({}), list[str]()
+    known = {**problem.first_guess, "E": young}
+    found = compare(problem, (), known, (6, 1), False, told.append)
+    assert sum(line.startswith("replicate 1 of") for line in told) == times
+    assert [found.known[name] for name in ("v_x", "v_y")] == pytest.approx([0.4, -1.0], abs=0.02)
+
+
 def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):
     problem, comparison = fitted
     found = screened(problem, (), comparison, [*BOTH, HELD])

@@ -24,9 +24,9 @@ NUMERICAL = {
     "inference/layout.py": {"AT_REST"},
     "inference/noise.py": {"LEAST_REPLICATES", "SHRINKAGES", "LARGEST_CORRELATION"},
     "inference/sensor.py": {"LEAST_ENTRIES", "FACTORS", "CLIPPED"},
-    "diagnosis/comparison.py": {"WHITENED_ITERATIONS"},
+    "diagnosis/comparison.py": {"WHITENED_ITERATIONS", "BENT"},
     "diagnosis/screening.py": {"LEAST_CHANGE", "PARALLEL", "EFFICIENCY"},
-    "diagnosis/refitting.py": {"BENT", "ITERATIONS", "QUICK", "GIVE_UP"},
+    "diagnosis/refitting.py": {"ITERATIONS", "QUICK", "GIVE_UP"},
     "identification/rigid.py": {"UNIT", "PLACE", "SPEED", "RELEASE", "ACROSS", "SHORT_DROP", "POWERS", "KEPT"},
 }
 """Budgets of optimisers and simulations, grids of a search, and mathematical facts: a better value changes nothing but
