@@ -71,7 +71,7 @@ def test_the_next_best_takes_the_place_of_what_is_taken_back(tmp_path, monkeypat
         return asked[-1] != "LinearDrag", 7
 
     monkeypatch.setattr(diagnose, "newest_is_needed", needed)
-    problem, told = falling.Falling({"drag": 4.0}), list[str]()
+    problem, told = falling.Falling({"drag": 2.0}), list[str]()
     options = Options(falling.listed(tmp_path), replicates=5, effects=2)
     rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, told.append)
     assert rounds[0].unconfirmed == ["LinearDrag"] and rounds[0].effort["confirm"]["simulations"] == 7
