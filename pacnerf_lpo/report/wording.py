@@ -90,7 +90,7 @@ def capitalised(sentence: str) -> str:
 def verdict(
     material: Material, rounds: list[Round], said: Verdict, intervals: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """The verdict on a diagnosis of a model with this material then what else is to be said; ``intervals`` of
+    """The verdict on a diagnosis of a model with this material, then what else is to be said; ``intervals`` of
     the last model's values by name [SI].
     """
     last = rounds[-1]
