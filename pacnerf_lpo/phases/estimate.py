@@ -32,8 +32,8 @@ PARTICLE_NUMBERS = 60
 """Numbers kept per particle and frame of a rollout with gradients: state, adjoint, and what is stored of a step."""
 BYTES = 4
 INTERVAL_ROLLOUTS, LEAST_PARTICLES = 300, 300
-"""What intervals take, as counted on videos of eleven and six views: null replicates on finer grids, errors of shape and
-force, of which those of a coarse body count a quarter, fits; how small a body may be."""
+"""What intervals take, as counted on three videos: null replicates on finer grids, errors of shape and force, of which
+those of a coarse body count a quarter, and fits; how small a body may be."""
 
 
 def estimate(
