@@ -35,6 +35,7 @@ def scene():
 
 
 def test_it_takes_few_rollouts(scene):
+    """Each of the last ones on two bodies; without extrapolation at most 100."""
     problem, _ = scene
     assert base_fit(problem, (), problem.first_guess).rollouts <= 120
 
