@@ -28,9 +28,9 @@ was stopped there. The version before named friction alone, of another reconstru
 too, went on after the friction.
 
 **What another solver may change** is most of these intervals: of this solver alone they are a third to a tenth as wide.
-Those miss E in torus (81.5 to 86.4 kPa) and bird (88.9 to 92.7), the friction (0.114 to 0.136) and Poisson's ratio in all
-three; they hold the drag (1.456 to 1.504) and the cat's E (74.2 to 80.8). Poisson's ratio comes out too large, in the cat
-beyond its interval: torus 0.351 [0.144, 0.424], cat 0.404 [0.351, 0.430], bird 0.321 [0.252, 0.369], for 0.3.
+Those miss E in torus (81.5 to 86.4 kPa) and bird (88.9 to 92.7), the friction (0.114 to 0.136) and Poisson's ratio in
+all three; they hold the drag (1.456 to 1.504) and the cat's E (74.2 to 80.8). Poisson's ratio comes out too large, in
+the cat beyond its interval: torus 0.351 [0.144, 0.424], cat 0.404 [0.351, 0.430], bird 0.321 [0.252, 0.369], for 0.3.
 
 Two other jobs ran on the two cores: the times are no measurement. The version before took 7.0, 6.4 and 4.3 minutes for
 torus, cat and bird beside tests.

@@ -34,10 +34,14 @@ def scene():
     return KnownShape.simulated("small", setting, true), {**physics_of(setting).guess, **true}
 
 
-def test_it_takes_few_rollouts(scene):
-    """Each of the last ones on two bodies; without extrapolation at most 100."""
-    problem, _ = scene
-    assert base_fit(problem, (), problem.first_guess).rollouts <= 120
+@pytest.mark.parametrize(("extrapolated", "most"), [(False, 100), (True, 120)])
+def test_it_finds_its_own_modulus_in_few_rollouts(scene, monkeypatch, extrapolated: bool, most: int):
+    """What the model itself shows has the modulus of the model's own grid, not of a finer one."""
+    problem, true = scene
+    monkeypatch.setattr(type(problem), "deforms", extrapolated)
+    found = base_fit(problem, (), problem.first_guess)
+    assert found.rollouts <= most
+    assert extrapolated or np.log10(found.known["E"] / true["E"]) == pytest.approx(0.0, abs=0.1)
 
 
 @pytest.mark.parametrize("material", ["NeoHookean", "VonMises"])
