@@ -194,6 +194,15 @@ def test_the_page_says_which_seeds_it_is_about():
     assert "development seeds" in page(record([tuned, scored_]))
 
 
+def test_intervals_that_contain_another_solver_are_counted_beside_those_of_this_one(tmp_path):
+    wider = {**LAST, "parameters": [{**one, "with_solver": [0.05, 0.35]} for one in LAST["parameters"][1:2]]}
+    found = write(tmp_path / "1001", "single", [DRAG], [FIRST, wider], "missing", "LinearDrag")
+    assert found.covered == {"nu": True} and found.covered_alone == {"nu": False}
+    text = rows([found])
+    assert f"| material, where an effect was hidden | {share([True])} |" in text
+    assert f"| material, where an effect was hidden; by this solver alone | {share([False])} |" in text
+
+
 def test_shares_have_exact_intervals():
     """No event in 59: the upper end of the two-sided 95 % interval is 1 - 0.025^(1/59) = 6.1 %."""
     assert share([False] * 59) == "0/59 = 0% [0%, 6%]"

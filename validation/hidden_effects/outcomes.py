@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.diagnosis.store import FOLDER
+from pacnerf_lpo.quantities import published
 from pacnerf_lpo.report.diagnosis_result import RESULT
 from validation.hidden_effects.full import reconstructed_from
 from validation.hidden_effects.known_shape import TRUTH
@@ -33,8 +34,10 @@ class Outcome:
         fitted: of the selection whose chances are simulated.
     fitted: the smallest of the same hypotheses where those that were fitted count as fitted.
     more_than_noise: whether the verdict says that what is left is more than the model predicts.
-    covered: whether the 90 % interval of the last table has the true value, by parameter: of the hidden coefficients
-        that the last model has, and, where it has all that was hidden and nothing else, of material and velocity.
+    covered: whether the 90 % interval that the report shows, which contains what another solver may change, has the
+        true value, by parameter: of the hidden coefficients that the last model has, and, where it has all that was
+        hidden and nothing else, of material and velocity.
+    covered_alone: the same of the intervals of this solver alone.
     hidden: names of the coefficients among those.
     beyond: of an effect outside the catalogue, the signal-to-noise ratio that its best imitation leaves; None: not
         measured.
@@ -55,6 +58,7 @@ class Outcome:
     fitted: float | None = None
     more_than_noise: bool = False
     covered: dict[str, bool] = field(default_factory=dict)
+    covered_alone: dict[str, bool] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
     beyond: float | None = None
     seconds: float = 0.0
@@ -80,9 +84,12 @@ class Outcome:
         """Whether a hidden effect is among the first names of the ranking."""
         return any(name in self.ranking[:count] for name in self.truth)
 
-    def inside(self, what: str) -> list[bool]:
-        """Which true values their intervals cover: of ``coefficient``, ``velocity`` or ``material``."""
-        return [covers for name, covers in self.covered.items() if self._kind(name) == what]
+    def inside(self, what: str, alone: bool = False) -> list[bool]:
+        """Which true values their intervals cover: of ``coefficient``, ``velocity`` or ``material``; ``alone``: those
+        of this solver alone.
+        """
+        covered = self.covered_alone if alone else self.covered
+        return [covers for name, covers in covered.items() if self._kind(name) == what]
 
     def _kind(self, name: str) -> str:
         if name in self.hidden:
@@ -115,7 +122,8 @@ def outcome(scene: Path) -> Outcome | None:
         p_value=_smallest(rounds[0], []),
         fitted=_smallest(rounds[0], rounds[0]["refits"]),
         more_than_noise=verdict["more_than_noise"],
-        covered=_covered(true, table),
+        covered=_covered(true, {name: published(entry) for name, entry in table.items()}),
+        covered_alone=_covered(true, {name: (entry["low"], entry["high"]) for name, entry in table.items()}),
         hidden=tuple(name for name in moved if name in table),
         beyond=None if beyond is None else round(beyond, 1),
         seconds=round(json.loads((scene / EFFORT).read_text())["cpu_seconds"]),
@@ -144,6 +152,6 @@ def _moved(truth: dict) -> dict[str, float]:
     return {name: value for name, value, null in pairs if value != null[name]}
 
 
-def _covered(true: Mapping[str, float], table: Mapping[str, dict]) -> dict[str, bool]:
-    """Whether each true value that a table has lies in its interval."""
-    return {n: bool(table[n]["low"] <= value <= table[n]["high"]) for n, value in true.items() if n in table}
+def _covered(true: Mapping[str, float], ends: Mapping[str, tuple[float, float]]) -> dict[str, bool]:
+    """Whether each true value that has an interval lies between its ends."""
+    return {n: bool(ends[n][0] <= value <= ends[n][1]) for n, value in true.items() if n in ends}

@@ -16,15 +16,16 @@ from pacnerf_lpo.inference.decision import LEVEL
 from validation.hidden_effects.outcomes import Outcome, outcome
 from validation.hidden_effects.plan import SCORED
 from validation.hidden_effects.run import scenes_in
-from validation.record import Record, keep, made, origin
+from validation.record import Record, keep, made, origin, read
 
 NOTES = f"""
 *Class named*: the verdict names the hidden effect, or one that it says this recording does not tell apart from it.
 *Named*: that very effect. *First, first three*: of the ranking of the first round, refits by their odds, by which
 the verdict chooses, then the others by their Bayes factors, whatever the verdict; of a pair, one of the two.
 *p-value*: of the best of all hypotheses of the first round, unknown force and wrong shape among them, before any
-was fitted; the level is {LEVEL:.0%}. *Covered*: true values in the 90 % intervals of the table that the report ends
-with: of hidden coefficients wherever the last model has them, of material and velocity where the verdict is right.
+was fitted; the level is {LEVEL:.0%}. *Covered*: true values in the 90 % intervals that the report shows, which
+contain what another solver may change, and in those of this solver alone: of hidden coefficients wherever the last
+model has them, of material and velocity where the verdict is right.
 *Outside the catalogue*: 20 sigma are left of the effect by its best imitation among the known ones, or, where that
 was not measured, by material and velocity alone. Intervals in brackets are exact binomial ones at 95 %. A diagnosis
 that failed counts as wrong everywhere.
@@ -147,7 +148,8 @@ def tables(outcomes: Sequence[Outcome]) -> list[str]:
         group = [o for o in outcomes if belongs(o)]
         lines += table(f"{title}: {len(group)}", rows(group), *(uniformity(group) if rows is null else []))
     parts = [
-        (f"{what}, {title}", [covers for o in group for covers in o.inside(kind)])
+        (f"{what}, {title}{whose}", [covers for o in group for covers in o.inside(kind, alone)])
+        for alone, whose in ((False, ""), (True, "; by this solver alone"))
         for kind, what in (("coefficient", "hidden coefficients"), ("material", "material"), ("velocity", "velocity"))
         for title, group in (
             ("where an effect was hidden", [o for o in outcomes if o.truth]),
@@ -236,7 +238,9 @@ def compact(outcomes: Sequence[Outcome]) -> list[Record]:
     defaults = {f.name: f.default for f in fields(Outcome)}
 
     def values(o: Outcome) -> Record:
-        found = {**asdict(o), "covered": {name: int(covers) for name, covers in o.covered.items()}}
+        covered = {"covered": o.covered, "covered_alone": o.covered_alone}
+        digits = {key: {name: int(covers) for name, covers in table.items()} for key, table in covered.items()}
+        found = {**asdict(o), **digits}
         return {name: value for name, value in found.items() if value not in (defaults[name], {})}
 
     return json.loads(json.dumps([values(o) for o in outcomes]))
@@ -254,10 +258,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--keep", action="store_true", help="write validation/results/hidden_effects.json and its page")
+    parser.add_argument("--add", action="store_true", help="to the scenes of that file, drawn by the same version")
     parser.add_argument("--note", default="", help="a sentence for the page, such as which version was scored")
     options = parser.parse_args()
     found = [outcome(scene) for folder in options.folders for scene in scenes_in(folder)]
-    outcomes = sorted((o for o in found if o is not None), key=lambda o: (o.views or "", o.seed))
+    before = map(outcome_of, read("hidden_effects")["outcomes"] if options.add else [])
+    by_scene = {(o.views or "", o.seed): o for o in (*before, *found) if o is not None}
+    outcomes = [by_scene[scene] for scene in sorted(by_scene)]
     record = {**made(), "note": options.note, "outcomes": compact(outcomes)}
     print(page(record))
     if options.keep:
