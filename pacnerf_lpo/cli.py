@@ -217,7 +217,10 @@ class PhaseCLI(LightningCLI):
 
     def _announce(self) -> None:
         """Say what overlays changed, and what the run will take."""
-        todo = [copy.deepcopy(self.phases[step.template]) for step in self.outer_loop.remaining()]
+        todo = []
+        for step in self.outer_loop.remaining():
+            todo.append(copy.deepcopy(self.phases[step.template]))
+            todo[-1].searches = self.outer_loop.searches(step)
         intervals = interval_particles(self.config.intervals)
         lasts = estimate(todo, self.phases.get("static"), self.datamodule, self.physics, intervals)
         for line in [*self.remarks, *lasts]:

@@ -153,6 +153,13 @@ class OuterLoop(pl.Callback):
         """The phases that are not done yet, as far as is known now."""
         return self.steps[len(self.manifest.done) :] if self.next_phase() is not None else []
 
+    def searches(self, step: PhaseStep) -> bool:
+        """Whether an identification looks at the whole parameter space: the first one does, unless laws have competed,
+        for the space of each of them was searched then; those that restart all do.
+        """
+        competed = any(other.role == "law" for other in self.steps)
+        return self.physics_start == "restart" or (step.round <= 1 and not competed)
+
     def first_step(self) -> int:
         """Optimiser steps of all finished phases: where the next one begins on the time line."""
         return sum(record.steps for record in self.manifest.done)
@@ -196,7 +203,7 @@ class OuterLoop(pl.Callback):
         role = record.phase
         if state is not None and role == "physics" and self.physics_start == "restart":
             state = state.with_(physics={})
-        phase.searches = record.round <= 1 or self.physics_start == "restart"
+        phase.searches = self.searches(self.steps[record.index])
         if not phase.searches:
             phase.within = self.manifest.intervals
         if role == "correction" and self.stop_when == "held_out":

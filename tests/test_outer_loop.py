@@ -176,6 +176,13 @@ def test_a_warm_identification_is_not_preceded_by_another_search(
     assert [seen[2], seen[4]] == searches  # static, velocity, physics, correction, physics, correction
 
 
+def test_after_laws_have_competed_their_parameters_are_not_searched_again(tmp_path: Path):
+    loop = OuterLoop(str(tmp_path / "run"), rounds=2)
+    for law, searches in ((False, [True, False]), (True, [False, False])):
+        loop.steps = algorithm_1(2, False, law=law)
+        assert [loop.searches(step) for step in loop.steps if step.role == "physics"] == searches
+
+
 @pytest.mark.slow
 def test_correction_can_be_switched_off(tmp_path: Path):
     words = [*fake_run.arguments(tmp_path / "run"), "--phases.correction=null", "--outer_loop.rounds=2"]

@@ -238,7 +238,8 @@ class GaussNewton(DampedLeastSquares):
         names, views = module.physics.free_names, len(module.fixed_views(1, self.views_per_frame)[0])
         early, late = (compared(count, views, gradients=False) for count in (module.warm_up_length, module.frame_count))
         once = len(names) + (3 if self.fits_velocity else 0) + TRIALS
-        scans = (2 * self.scan_decades + 1) * len(names) * (len(names) + 1) / 2 if self.scan_decades > 0 else 0
+        searches = self.searches and module.searches
+        scans = (2 * self.scan_decades + 1) * len(names) * (len(names) + 1) / 2 if searches else 0
         return early * (scans + once * self.warm_up_iterations) + late * (once * self.main_iterations)
 
     def prepare(self, module: PhysicsIDModule) -> None:
