@@ -61,7 +61,7 @@ folder = Path(tempfile.mkdtemp())
 # %%
 DRAG = 3.0  # 1/s
 random = np.random.default_rng(5)
-size = Size(particles=1500, views=5, held=2, frames=10, image_size=64)
+size = Size(particles=800, views=5, held=2, frames=10, image_size=64)
 setting, true = draw_setting(random, size, "NeoHookean")
 recorded = film(setting, {**true, "drag": DRAG}, [LinearDrag(DRAG)], random, size.finer)
 problem = KnownShape.seen("a body in air", setting, recorded.silhouettes, recorded.brightness)
@@ -88,7 +88,7 @@ print(f"{setting.shape}, E = {true['E'] / 1e3:.0f} kPa, views {setting.held_view
 candidates = [{"class_path": name} for name in ("LinearDrag", "GravityMagnitude", "UniformForce", "KelvinVoigt")]
 list_file = folder / "candidates.yaml"
 list_file.write_text(yaml.safe_dump(candidates))
-options = Options(candidates=str(list_file), effects=1)
+options = Options(candidates=str(list_file), effects=1, replicates=8)
 rounds = investigate(problem, Store(folder, b"a body in air", asdict(options)), options, lambda text: None)
 verdict = summary(problem, rounds)["verdict"]
 Markdown("\n\n".join([f"**{verdict['sentence']}**", *verdict["details"]]))
