@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import norm
 
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
@@ -249,7 +249,8 @@ def solver_errors(
     """How far each unknown would be from where it is, by name, if the recording came from a coarser grid, from more
     steps, from a solver with more viscosity of its own or with the other errors of
     :func:`~pacnerf_lpo.identification.shape_errors.discretisation_errors`: the root of the sum of the squares. And its
-    interval with that error, the variances of both added.
+    interval with that error, half the width of which is the root of the sum of the squares of both halves; how large
+    errors of the solver are is presumed, and not learnt from a few replicates, so they are normal.
 
     An interval alone is of the solver as it is: where data show that the recording has not all that another grid
     changes, its stiffness may still be that of another grid. The change of an estimate with the discretisation is the
@@ -264,7 +265,7 @@ def solver_errors(
     rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
     targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))
     moved = _posterior(rows) @ rows.T @ targets * comparison.deviation[:, None]
-    quantile = float(student.ppf(0.5 + CONFIDENCE / 2, len(noise.replicates) - 1))
+    quantile = float(norm.ppf(0.5 + CONFIDENCE / 2))
     own, (lowest, highest), errors = {interval.name: interval for interval in found}, model.bounds, {}
     for index, (parameter, step) in enumerate(zip(model.unknowns, np.linalg.norm(moved, axis=1), strict=True)):
         free, to_free, physical = comparison.free[index], parameter.transform.to_free, parameter.physical

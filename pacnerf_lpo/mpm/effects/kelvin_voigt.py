@@ -27,8 +27,8 @@ class KelvinVoigt(LawEffect):
     one_sided = True
     probes = ({"solid_viscosity": 5.0}, {"solid_viscosity": 50.0}, {"solid_viscosity": 500.0})
     reach = 2.0
-    """The motion is no straight line in the viscosity: it is tried up to a sixth of sqrt(E rho) L, the critical one of a
-    body of 100 kPa, 1000 kg/m^3 and 0.3 m, and explicit steps bear hardly more.
+    """The motion is no straight line in the viscosity: it is tried up to a sixth of the critical one, sqrt(E rho) L, of
+    a body of 100 kPa, 1000 kg/m^3 and 0.3 m, and explicit steps bear hardly more.
     """
 
     @staticmethod
