@@ -18,8 +18,10 @@ from pacnerf_lpo.phases.dynamic import DynamicPhase
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
 
-SEARCHED, FITTED, NOISE = 60, 40, 80
-"""Rollouts of a search and of a fit of one law, and of what the best law may leave; about, as counted on a droplet."""
+SEARCHED, FITTED = 130, 40
+"""Rollouts of a search of one law on a coarse body, and of its fit; about, as counted on a ball."""
+NOISE, COARSE_NOISE = 130, 100
+"""Rollouts that show what the best law may leave, a finer grid counted as what it costs, and those of a coarse body."""
 HELD_SHARE = 3
 """One of so many training views is held out, and one of so many frames that remain after contact."""
 
@@ -66,7 +68,7 @@ class LawChoice(DynamicPhase):
         laws = len(self.physics.material.laws)
         fine = (self.particles / particles) ** (4 / 3)  # half the spacing is half the step
         coarse = fine / COARSER**4
-        rollouts = laws * (SEARCHED * coarse + FITTED / 2 * fine) + NOISE * coarse
+        rollouts = (laws * SEARCHED + COARSE_NOISE) * coarse + (laws * FITTED / 2 + NOISE) * fine
         return Work(frames=rollouts * len(self.data.video.times))
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
