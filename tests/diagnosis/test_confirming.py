@@ -60,8 +60,8 @@ def test_what_is_not_needed_is_taken_back_and_said_to_be(tmp_path, monkeypatch, 
 
 
 def test_the_next_best_takes_the_place_of_what_is_taken_back(tmp_path, monkeypatch, small_threads):
-    """Drag is hidden. Taken back in a round, it does not compete there any more, also where that goes on from what was
-    stored.
+    """Drag and a push are hidden. Taken back in a round, the drag does not compete there any more, also where that goes
+    on from what was stored.
     """
     falling.install(monkeypatch)
     asked: list[str] = []
@@ -71,7 +71,7 @@ def test_the_next_best_takes_the_place_of_what_is_taken_back(tmp_path, monkeypat
         return asked[-1] != "LinearDrag", 7
 
     monkeypatch.setattr(diagnose, "newest_is_needed", needed)
-    problem, told = falling.Falling({"drag": 2.0}), list[str]()
+    problem, told = falling.Falling({"drag": 4.0, "push_x": 2.5, "push_z": -1.0}), list[str]()
     options = Options(falling.listed(tmp_path), replicates=5, effects=2)
     rounds = diagnose.investigate(problem, Store(tmp_path, b"falling", {}), options, told.append)
     assert rounds[0].unconfirmed == ["LinearDrag"] and rounds[0].effort["confirm"]["simulations"] == 7

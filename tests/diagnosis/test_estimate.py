@@ -44,7 +44,7 @@ def test_intervals_from_all_data_are_narrower_and_cover(monkeypatch, small_threa
 def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_threads):
     """What the model does not know of is in the last frames only: the drag ends there."""
     falling.install(monkeypatch)
-    problem, other = (falling.Falling({"drag": drag}) for drag in (DRAG, 0.1))
+    problem, other = (falling.Falling({"drag": drag}) for drag in (2 * DRAG, 0.0))
     late = np.arange(falling.FRAMES) >= falling.FRAMES - 2
     problem.measured[:, late] = other.measured[:, late]
     part, whole = fitted(problem)
