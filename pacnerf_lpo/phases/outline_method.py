@@ -108,9 +108,8 @@ class OutlineGaussNewton(DampedLeastSquares):
         coarse, scan, fine = ((count / particles) ** (4 / 3) for count in numbers)  # half the spacing is half the step
         searched = coarse * self.samples + (coarse + scan) * self.starts * stages * short
         finer = (fine + coarse) * (follow * 2 * short + len(NEIGHBOURS) * short)
-        rollouts = (searched + finer) * (self.searches and module.searches) + (
-            fine + coarse
-        ) * self.main_iterations * each / 2
+        searches = self.searches and module.searches
+        rollouts = (searched + finer) * searches + (fine + coarse) * self.main_iterations * each / 2
         return Work(frames=rollouts * module.frame_count)
 
     def suited_to(self, state: ParticleState) -> DampedLeastSquares:
