@@ -50,7 +50,9 @@ FRESH = (("torus", 6e4, 5), ("block", 2e5, 6), ("torus", 2.5e5, 7), ("block", 5e
 class Row:
     """One recording: seconds of both commands, and what came out [Pa].
 
-    best: what ``fit`` identified;  low, high: ends of its 90 % interval, with errors of the solver
+    law: that ``fit`` has chosen
+    best: Young's modulus that it identified;  low, high: ends of its 90 % interval, with errors of the solver;  nu: all
+        None where the law has other parameters
     particles: of the run
     """
 
@@ -59,10 +61,11 @@ class Row:
     seed: int
     init_s: float
     fit_s: float
-    best: float
-    low: float
-    high: float
-    nu: float
+    law: str
+    best: float | None
+    low: float | None
+    high: float | None
+    nu: float | None
     particles: int
     doubts: list[str]
 
@@ -121,18 +124,19 @@ def identified(work: Path, body: str, young: float, seed: int) -> Row:
     fit_s = timed("fit", str(scene), "--preset", "quick")
     results = json.loads((scene / "run" / "results.json").read_text())
     phase = next(phase for phase in results["phases"] if phase["stem"] == results["result"])
-    found = phase["parameters"]
-    low, high = published(results["intervals"]["parameters"]["E"])
+    found, intervals = phase["parameters"], results["intervals"]["parameters"]
+    low, high = published(intervals["E"]) if "E" in found else (None, None)
     return Row(
         body,
         young,
         seed,
         init_s,
         fit_s,
-        found["E"]["value"],
+        results["material"],
+        found["E"]["value"] if "E" in found else None,
         low,
         high,
-        found["nu"]["value"],
+        found["nu"]["value"] if "nu" in found else None,
         phase["particles"],
         [doubt["name"] for doubt in results["doubts"]],
     )
@@ -157,19 +161,26 @@ def page(found: Record) -> str:
         "were looked at while the method was built, the others were not. Asked: ten minutes in all, E within 0.1 in",
         f"log10 and inside its interval. Load before the first one: {found['load']:.1f}.",
         "",
-        "| body | true E [kPa] | E [kPa] | off in log10 | 90 % interval [kPa] | inside | nu | init | fit | doubts |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| body | true E [kPa] | law | E [kPa] | off in log10 | 90 % interval [kPa] | inside | nu | init | fit | doubts |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in found["rows"]:
         seen = "*" if row["seed"] in {seed for _, _, seed in DEVELOPMENT} else ""
+        law = row["law"]
+        told = ["-", "-", "-", "**no**", "-"]
+        if row["best"] is not None:
+            told = [
+                f"{row['best'] / 1e3:.1f}",
+                f"{np.log10(row['best'] / row['true']):+.3f}",
+                f"{row['low'] / 1e3:.1f} to {row['high'] / 1e3:.1f}",
+                "yes" if row["low"] <= row["true"] <= row["high"] else "**no**",
+                f"{row['nu']:.2f}",
+            ]
         cells = [
             row["body"] + seen,
             f"{row['true'] / 1e3:g}",
-            f"{row['best'] / 1e3:.1f}",
-            f"{np.log10(row['best'] / row['true']):+.3f}",
-            f"{row['low'] / 1e3:.1f} to {row['high'] / 1e3:.1f}",
-            "yes" if row["low"] <= row["true"] <= row["high"] else "**no**",
-            f"{row['nu']:.2f}",
+            law if law == NeoHookean.__name__ else f"**{law}**",
+            *told,
             f"{row['init_s']:.0f} s",
             f"{row['fit_s']:.0f} s",
             ", ".join(row["doubts"]) or "-",
