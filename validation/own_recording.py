@@ -161,7 +161,7 @@ def page(found: Record) -> str:
         "were looked at while the method was built, the others were not. Asked: ten minutes in all, E within 0.1 in",
         f"log10 and inside its interval. Load before the first one: {found['load']:.1f}.",
         "",
-        "| body | true E [kPa] | law | E [kPa] | off in log10 | 90 % interval [kPa] | inside | nu | init | fit | doubts |",
+        "| body | true E [kPa] | law | E [kPa] | log10 off | 90 % interval [kPa] | inside | nu | init | fit | doubts |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in found["rows"]:
