@@ -181,6 +181,8 @@ def test_after_laws_have_competed_their_parameters_are_not_searched_again(tmp_pa
     for law, searches in ((False, [True, False]), (True, [False, False])):
         loop.steps = algorithm_1(2, False, law=law)
         assert [loop.searches(step) for step in loop.steps if step.role == "physics"] == searches
+    loop.physics_start = "restart"
+    assert all(loop.searches(step) for step in loop.steps)
 
 
 @pytest.mark.slow

@@ -28,6 +28,8 @@ from pacnerf_lpo.commands.synthesize import dropped, patches, placed
 from pacnerf_lpo.data import skin
 from pacnerf_lpo.data.shapes import Block, Shape, Torus
 from pacnerf_lpo.data.synthetic import draw_discs, hemisphere_rig, shade
+from pacnerf_lpo.diagnosis.run_problem import RunProblem
+from pacnerf_lpo.evaluation.run_directory import Run
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.quantities import published
@@ -37,6 +39,8 @@ VIEWS, FRAMES, PIXELS, FPS, DX = 6, 20, 128, 30.0, 0.02
 HEIGHT, VELOCITY, POISSON = 0.62, (0.9, 0.3, -0.5), 0.35
 NOISE = 0.01
 SHAPES: dict[str, Shape] = {"torus": Torus(0.17, 0.075), "block": Block((0.36, 0.22, 0.28))}
+VOLUMES = {"torus": 2 * np.pi**2 * 0.17 * 0.075**2, "block": 0.36 * 0.22 * 0.28}
+"""Of the bodies [m^3]."""
 Z_UP = np.array([[1, 0, 0], [0, 0, -1.0], [0, 1, 0]])
 ORIGIN = np.array([0.4, -0.3, 0.8])
 """Of the world of the calibration, in metres: its axes and its origin are not those of the simulation."""
@@ -54,6 +58,7 @@ class Row:
     best: Young's modulus that it identified;  low, high: ends of its 90 % interval, with errors of the solver;  nu: all
         None where the law has other parameters
     particles: of the run
+    volume: of the reconstructed body relative to that of the true one
     """
 
     body: str
@@ -67,6 +72,7 @@ class Row:
     high: float | None
     nu: float | None
     particles: int
+    volume: float
     doubts: list[str]
 
 
@@ -138,6 +144,7 @@ def identified(work: Path, body: str, young: float, seed: int) -> Row:
         high,
         found["nu"]["value"] if "nu" in found else None,
         phase["particles"],
+        RunProblem(Run(scene / "run")).body.volume / VOLUMES[body],
         [doubt["name"] for doubt in results["doubts"]],
     )
 
@@ -159,10 +166,12 @@ def page(found: Record) -> str:
         "Thrown elastic bodies of nu = 0.35, 128 x 128 pixels, six views, a calibration in millimetres with z up,",
         "simulated at dx 2 cm; then `init RECORDING SCENE --unit mm` and `fit SCENE --preset quick`. Those with a star",
         "were looked at while the method was built, the others were not. Asked: ten minutes in all, E within 0.1 in",
-        f"log10 and inside its interval. Load before the first one: {found['load']:.1f}.",
+        "log10 and inside its interval. *Volume*: of the reconstructed body, relative to that of the true one. Load",
+        f"before the first one: {found['load']:.1f}. {found.get('note', '')}".rstrip(),
         "",
-        "| body | true E [kPa] | law | E [kPa] | log10 off | 90 % interval [kPa] | inside | nu | init | fit | doubts |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "| body | true E [kPa] | law | E [kPa] | log10 off | 90 % interval [kPa] | inside | nu | volume | init | fit "
+        "| doubts |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in found["rows"]:
         seen = "*" if row["seed"] in {seed for _, _, seed in DEVELOPMENT} else ""
@@ -181,6 +190,7 @@ def page(found: Record) -> str:
             f"{row['true'] / 1e3:g}",
             law if law == NeoHookean.__name__ else f"**{law}**",
             *told,
+            f"{row['volume']:.2f}",
             f"{row['init_s']:.0f} s",
             f"{row['fit_s']:.0f} s",
             ", ".join(row["doubts"]) or "-",

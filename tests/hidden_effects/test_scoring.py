@@ -11,7 +11,7 @@ from validation.hidden_effects.known_shape import SETTING, TRUTH
 from validation.hidden_effects.outcomes import Outcome, outcome
 from validation.hidden_effects.plan import DEVELOPMENT, PHYSICS, SCORED, plan
 from validation.hidden_effects.run import EFFORT, FAILURE
-from validation.hidden_effects.score import compact, page, share, written
+from validation.hidden_effects.score import compact, page, share, together, written
 
 
 def test_two_hundred_scenes_hold_what_the_figures_need():
@@ -201,6 +201,15 @@ def test_intervals_that_contain_another_solver_are_counted_beside_those_of_this_
     text = rows([found])
     assert f"| material, where an effect was hidden | {share([True])} |" in text
     assert f"| material, where an effect was hidden; by this solver alone | {share([False])} |" in text
+
+
+def test_a_draw_goes_on_and_what_was_found_again_is_as_found_last():
+    first, second = (Outcome(seed, "null", 0.0, None, (), "nothing") for seed in (1001, 1003))
+    again = replace(second, kind="unknown")
+    later = [again, None, replace(first, views="3 views"), replace(first, seed=1002)]
+    assert [(o.seed, o.views, o.kind) for o in together([first, second], later)] == [
+        (1001, None, "nothing"), (1002, None, "nothing"), (1003, None, "unknown"), (1001, "3 views", "nothing"),
+    ]  # fmt: skip
 
 
 def test_shares_have_exact_intervals():

@@ -233,6 +233,12 @@ def outcome_of(values: Record) -> Outcome:
     return Outcome(**{name: tupled(value) for name, value in values.items()})
 
 
+def together(before: Sequence[Outcome], found: Sequence[Outcome | None]) -> list[Outcome]:
+    """Scenes by views and seed; those that were found again are as they were found last."""
+    by_scene = {(o.views or "", o.seed): o for o in (*before, *found) if o is not None}
+    return [by_scene[scene] for scene in sorted(by_scene)]
+
+
 def compact(outcomes: Sequence[Outcome]) -> list[Record]:
     """The outcomes as plain values, without what is as by default; covered as 0 or 1."""
     defaults = {f.name: f.default for f in fields(Outcome)}
@@ -262,10 +268,9 @@ def main() -> None:
     parser.add_argument("--note", default="", help="a sentence for the page, such as which version was scored")
     options = parser.parse_args()
     found = [outcome(scene) for folder in options.folders for scene in scenes_in(folder)]
-    before = map(outcome_of, read("hidden_effects")["outcomes"] if options.add else [])
-    by_scene = {(o.views or "", o.seed): o for o in (*before, *found) if o is not None}
-    outcomes = [by_scene[scene] for scene in sorted(by_scene)]
-    record = {**made(), "note": options.note, "outcomes": compact(outcomes)}
+    before = read("hidden_effects") if options.add else {"note": "", "outcomes": []}
+    outcomes = together([outcome_of(values) for values in before["outcomes"]], found)
+    record = {**made(), "note": options.note or before["note"], "outcomes": compact(outcomes)}
     print(page(record))
     if options.keep:
         keep("hidden_effects", record, page, written(record))
