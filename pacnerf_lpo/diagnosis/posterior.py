@@ -2,17 +2,29 @@
 
 import io
 import json
+from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
 import torch
+from scipy.stats import norm
 
-from pacnerf_lpo.diagnosis.comparison import CONFIDENCE, compare, estimate, intervals, solver_errors
+from pacnerf_lpo.diagnosis.comparison import (
+    CONFIDENCE,
+    Comparison,
+    compare,
+    estimate,
+    intervals,
+    solver_errors,
+)
 from pacnerf_lpo.diagnosis.run_problem import RunProblem
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
-from pacnerf_lpo.identification.problem import PARTICLES
+from pacnerf_lpo.identification.problem import PARTICLES, Problem
 from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.manifest import INTERVALS_FILE, write_atomically
+from pacnerf_lpo.mpm.effects.base import Effect
 
 REPLICATES, SEED = 8, 1
 """As few simulated nulls as a diagnosis can do with; Student's t makes the intervals as much wider."""
@@ -49,7 +61,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     comparison = store.once("intervals", step)
     best = store.once("estimate", partial(estimate, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, best)
-    errors = solver_errors(problem, effects, best, found)
+    errors, before = solver_errors(problem, effects, best, found), of_equal_weights(problem, effects, best)
     content = {
         "phase": problem.stage.stem,
         "level": CONFIDENCE,
@@ -60,6 +72,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
                 "high": one.high,
                 "determined": one.identifiable,
                 **errors[one.name].as_json(),
+                "equal_weights": before[one.name],
             }
             for one in found
         },
@@ -71,6 +84,24 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     write_atomically(run.run_dir / INTERVALS_FILE, json.dumps(content, indent=1).encode())
     if problem.stage.stem == run.stages[-1].stem:
         take_over(run, problem.stage, best.known)
+
+
+def of_equal_weights(problem: Problem, effects: Sequence[Effect], best: Comparison) -> dict[str, tuple[float, float]]:
+    """Between which ends a fit is expected to which every number of an outline counts as much, as in an identification
+    before this one, if it ends in the same optimum: in all but one of a hundred runs [SI, low and high by name].
+
+    The estimate A r, with A = (J^T J)^-1 J^T of the residual in units of its presumed error, has the covariance A C A^T
+    where C is that of the noise and of the known errors (the sandwich of Huber 1967; the difference from the weighted
+    estimate has less, Hausman 1978).
+    """
+    model, mask = problem.model(effects, best.known), problem.fitted
+    weight = problem.presumed_error[:, None]
+    rows = np.nan_to_num(best.jacobian[mask]) * best.deviation / weight
+    estimator = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T) / weight.T
+    spread = np.linalg.norm(best.noise(problem, mask).inverse_adjoint(estimator.T), axis=0) * best.deviation
+    half = float(norm.ppf(1 - LEVEL / 2)) * spread
+    low, high = (model.physical(np.clip(best.free + side * half, *model.bounds)) for side in (-1, 1))
+    return {name: (low[name], high[name]) for name in model.names}
 
 
 def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:

@@ -27,6 +27,7 @@ from pacnerf_lpo.identification.silhouette_moments import (
 )
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.identification.surface import Lines, density_at_edges, density_of, seen_by, signed_distance
+from pacnerf_lpo.identification.unbounded import Unbounded, value_at
 from pacnerf_lpo.inference.layout import AT_REST, Layout
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.physics import Physics
@@ -386,20 +387,26 @@ class StateProblem(BodyProblem):
     @cached_property
     def surface(self) -> FieldGrid:
         """Distance to the surface of the body, positive inside [m]. Raises UserInputError where it has no inside."""
+        return self._unbounded.surface
+
+    @cached_property
+    def _unbounded(self) -> Unbounded:
         found = signed_distance(self._density, surface_density(*self.state.spacings) + self.surface_offset)
         if found is None:
             raise UserInputError(
                 f"{self.data.video.source}: the reconstruction is a haze that is solid nowhere; train the static phase "
                 "longer, or see in its images what it took for the body"
             )
-        return seen_by(self.lines, found)
+        return Unbounded.of(seen_by(self.lines, found), self.lines)
 
     def sample(self, spacing: float, seed: int) -> Body:
         """The body, as large as it looks at frame 0 on every side."""
         return self._sampling(spacing, seed).body()
 
     def wrong_bodies(self, body: Body, sigma: float) -> list[Body]:
-        return ShapeModes(body, sigma).bodies(self._sampling(body.spacing, 0).body)
+        sampled = self._sampling(body.spacing, 0).body
+        found = [sampled(partial(value_at, error)) for error in self._unbounded.beyond(sigma)]
+        return ShapeModes(body, sigma).bodies(sampled) + [one if len(one.positions) else body for one in found]
 
     @cached_property
     def _sampling(self) -> Callable[[float, int], bodies.Sampling]:

@@ -108,13 +108,14 @@ def doubts_about_parameters(
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], fit: Mapping[str, Any]
 ) -> Iterator[Doubt]:
-    """What the weighted fit leaves is no noise, or what the identification before it had lies outside its interval.
+    """What the weighted fit leaves is no noise, or what the identification before it had lies outside of its interval,
+    and farther away than a fit that does not know its weights would be.
 
     Args:
         physics: the model.
         identified: value that the identification had of each parameter [SI].
-        fit: ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were estimated [SI], and
-            whether each is ``determined``, by name.
+        fit: ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were estimated [SI],
+            whether each is ``determined``, and between which ends a fit of ``equal_weights`` is expected, by name.
     """
     if fit.get("p_value", 1.0) < LEVEL:
         yield Doubt(
@@ -131,7 +132,8 @@ def doubts_about_intervals(
         if name == GROUND_HEIGHT.name or name not in identified or interval is None or not interval["determined"]:
             continue
         low, high = published(interval)
-        if not low <= identified[name] <= high:
+        least, most = interval.get("equal_weights", (low, high))
+        if not min(low, least) <= identified[name] <= max(high, most):
             value, *ends = (quantity(one, unit) for one in (identified[name], low, high))
             outside.append(f"{symbol(name)} = {value} (interval {' to '.join(ends)})")
     if outside:

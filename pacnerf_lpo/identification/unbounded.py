@@ -1,0 +1,106 @@
+"""Where a reconstruction may be wrong because no outline passes there: the roof that the cones of few cameras leave on
+a flat face, the underside that cameras above a body do not see.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial.distance import cdist
+from torch import Tensor
+from torch.nn.functional import interpolate as resized
+
+from pacnerf_lpo.identification.shape_modes import spread
+from pacnerf_lpo.identification.silhouette_moments import EDGE
+from pacnerf_lpo.identification.surface import FINER, SLACK, Lines
+from pacnerf_lpo.particles.sampling import interpolate
+from pacnerf_lpo.types import FieldGrid
+
+REACH = 2.0
+"""Over how many voxels errors of a surface are alike: finer shapes than that are not in a trilinear field."""
+DEPTH = 1.0
+"""How far inside its reconstruction a body may lie where no outline is near [voxels], the scale of a half-normal
+distribution: two or three voxels from the nearest outline, between cones that meet it at up to 30 degrees."""
+MEAN, DEVIATION = math.sqrt(2 / math.pi), math.sqrt(1 - 2 / math.pi)
+"""Of a half-normal distribution of scale 1."""
+PLACES = 400
+"""On the surface, where its error is estimated."""
+MOST = 16
+"""Errors that are tried, beside one of the whole. Further ones are as small as those that outlines at frame 0 let
+expect everywhere, or smaller in extent than what a motion shows."""
+ROUGH = 1e-6
+"""Of the variance, for a covariance that can be inverted."""
+
+
+@dataclass(frozen=True)
+class Unbounded:
+    """What the outlines of frame 0 leave open of a surface.
+
+    surface: signed distance to where it is most likely, positive inside [m]
+    errors: how far it may be further inside, one standard deviation each: as a whole, then locally, the largest ones;
+        on a lattice of voxels [m]
+    """
+
+    surface: FieldGrid
+    errors: tuple[FieldGrid, ...]
+
+    @staticmethod
+    def of(surface: FieldGrid, lines: Lines) -> Unbounded:
+        """From a reconstruction as large as the lines of sight past the edges of mattes allow.
+
+        A body is not larger than what its outlines allow, but may be smaller. So before any is seen, its surface lies
+        inside by a Gaussian process with a mean that is not known, either: half-normal of scale :data:`DEPTH`. From
+        place to place it varies by :data:`~.surface.SLACK` voxels, over :data:`REACH`. A line of sight past the edge
+        of a matte measures it where the line touches the body, to the error of that edge. What is left is a Gaussian
+        process again (Rasmussen and Williams 2006, equations 2.23, 2.24 and 2.38), of which the errors are the
+        principal components.
+
+        Args:
+            surface: signed distance to it, positive inside [m].
+            lines: of sight that pass near the edges of mattes.
+        """
+        touching = lines.inside.abs() < 1
+        if not touching.any():
+            return Unbounded(surface, ())
+        _, touched, away = (part[touching].double().numpy() for part in lines.highest(surface))
+        edge = EDGE * away / lines.focal[touching].double().numpy()
+        voxel = surface.dx * FINER
+        near = surface.lower + surface.dx * torch.nonzero(surface.density.abs() < surface.dx)
+        places = spread(near, min(PLACES, len(near)))[0].double().numpy()
+
+        def covariance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+            return (SLACK * voxel) ** 2 * np.exp(-0.5 * cdist(first, second, "sqeuclidean") / (REACH * voxel) ** 2)
+
+        before = covariance(places, places) + ROUGH * (SLACK * voxel) ** 2 * np.eye(len(places))
+        seen = np.linalg.solve(before, covariance(places, touched)) / edge
+        left = np.linalg.inv(np.linalg.inv(before) + seen @ seen.T)
+        share = 1 - left @ seen @ seen.sum(0)
+        variances, components = np.linalg.eigh(left)
+        local = (np.sqrt(variances.clip(0)) * components)[:, : -MOST - 1 : -1]
+
+        ends = zip(surface.lower.tolist(), surface.density.shape, strict=True)
+        axes = [low + surface.dx * np.arange(0, count, FINER) for low, count in ends]
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+        nodes = covariance(lattice.reshape(-1, 3), places)
+        weights = np.linalg.solve(before, np.column_stack((DEPTH * voxel * share, local)))
+        fields = torch.from_numpy(nodes @ weights).T.reshape(-1, *lattice.shape[:3]).to(surface.density)
+        smooth = resized(fields[None, :1], surface.density.shape, mode="trilinear", align_corners=True)[0, 0]
+        moved = replace(surface, density=surface.density - MEAN * smooth)
+        errors = (DEVIATION * fields[0], *fields[1:])
+        return Unbounded(moved, tuple(_on_voxels(error, surface, voxel) for error in errors))
+
+    def beyond(self, least: float) -> list[FieldGrid]:
+        """The errors that are somewhere larger than that [m]."""
+        return [error for error in self.errors if float(error.density.abs().max()) > least]
+
+
+def value_at(field: FieldGrid, points: Tensor) -> Tensor:
+    """Of a field at some places [m, (N, 3)], (N,)."""
+    return interpolate(field, points)[0]
+
+
+def _on_voxels(values: Tensor, surface: FieldGrid, dx: float) -> FieldGrid:
+    return FieldGrid(values, values.new_zeros(*values.shape, 0), surface.lower, dx)
