@@ -63,6 +63,10 @@ class Lines:
             found.append((origins[chosen], rays.directions[chosen], inside[chosen], focal.expand(int(chosen.sum()))))
         return Lines(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 
+    def among(self, chosen: Tensor) -> "Lines":
+        """Some of them [(R,), bool]."""
+        return Lines(self.origins[chosen], self.directions[chosen], self.inside[chosen], self.focal[chosen])
+
     def highest(self, grid: FieldGrid) -> tuple[Tensor, Tensor, Tensor]:
         """The largest value of a field along each line [(R,)], where [m, (R, 3)], and how far away [m, (R,)]."""
         size = grid.dx * (torch.tensor(grid.density.shape) - 1)

@@ -31,6 +31,8 @@ PLACES = 400
 MOST = 16
 """Errors that are tried, beside one of the whole. Further ones are as small as those that outlines at frame 0 let
 expect everywhere, or smaller in extent than what a motion shows."""
+LONGEST = 12.0
+"""A line that lies on the surface for so many times :data:`REACH` says nothing any more."""
 ROUGH = 1e-6
 """Of the variance, for a covariance that can be inverted."""
 
@@ -62,12 +64,11 @@ class Unbounded:
             surface: signed distance to it, positive inside [m].
             lines: of sight that pass near the edges of mattes.
         """
-        touching = lines.inside.abs() < 1
-        if not touching.any():
+        lines = lines.among(lines.inside.abs() < 1)
+        if not len(lines.inside):
             return Unbounded(surface, ())
-        _, touched, away = (part[touching].double().numpy() for part in lines.highest(surface))
-        edge = EDGE * away / lines.focal[touching].double().numpy()
         voxel = surface.dx * FINER
+        touched, error = _touching(surface, lines, SLACK * voxel, REACH * voxel)
         near = surface.lower + surface.dx * torch.nonzero(surface.density.abs() < surface.dx)
         places = spread(near, min(PLACES, len(near)))[0].double().numpy()
 
@@ -75,7 +76,7 @@ class Unbounded:
             return (SLACK * voxel) ** 2 * np.exp(-0.5 * cdist(first, second, "sqeuclidean") / (REACH * voxel) ** 2)
 
         before = covariance(places, places) + ROUGH * (SLACK * voxel) ** 2 * np.eye(len(places))
-        seen = np.linalg.solve(before, covariance(places, touched)) / edge
+        seen = np.linalg.solve(before, covariance(places, touched)) / error
         left = np.linalg.inv(np.linalg.inv(before) + seen @ seen.T)
         share = 1 - left @ seen @ seen.sum(0)
         variances, components = np.linalg.eigh(left)
@@ -95,6 +96,23 @@ class Unbounded:
     def beyond(self, least: float) -> list[FieldGrid]:
         """The errors that are somewhere larger than that [m]."""
         return [error for error in self.errors if float(error.density.abs().max()) > least]
+
+
+def _touching(surface: FieldGrid, lines: Lines, slack: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where lines touch a surface [m, (R, 3)], and the error with which each measures it there [m, (R,)].
+
+    A line that lies on the surface for n times ``reach``, to the error of its edge, measures a place with probability
+    1/n: with (n - 1) times the variance before in addition, the variance after is what it is on average.
+    """
+    _, touched, away = lines.highest(surface)
+    edge = EDGE * away / lines.focal
+    steps = torch.arange(-int(LONGEST / 2 * reach / surface.dx), int(LONGEST / 2 * reach / surface.dx) + 1) * surface.dx
+    points = touched[:, None] + steps[:, None] * lines.directions[:, None]
+    last = surface.lower + surface.dx * (torch.tensor(surface.density.shape) - 1)
+    depths = value_at(surface, points.reshape(-1, 3).clamp(surface.lower, last)).view(len(touched), -1)
+    stretch = (depths > depths.amax(1, keepdim=True) - edge[:, None]).sum(1) * surface.dx
+    error = (edge.square() + slack**2 * (stretch / reach - 1).clamp_min(0)).sqrt()
+    return touched.double().numpy(), error.double().numpy()
 
 
 def value_at(field: FieldGrid, points: Tensor) -> Tensor:

@@ -77,7 +77,7 @@ def six() -> tuple[FieldGrid, Lines]:
     return reconstructed(6)
 
 
-@pytest.mark.parametrize(("views", "mended"), [(6, 0.1), (12, 0.3), (24, 0.3)])
+@pytest.mark.parametrize(("views", "mended"), [(6, 0.2), (12, 0.3)])
 def test_a_block_is_nearer_to_the_true_one(views: int, mended: float):
     """Cameras above it see no underside, and no face edge-on: it is a tenth too large, and more."""
     surface, lines = reconstructed(views)
