@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals
+from pacnerf_lpo.diagnosis.posterior import of_equal_weights
 from pacnerf_lpo.mpm.effects import LinearDrag
 from tests.diagnosis import falling
 
@@ -39,6 +41,24 @@ def test_intervals_from_all_data_are_narrower_and_cover(monkeypatch, small_threa
         shares.append(widths(problem, whole)["drag"] / widths(problem, part)["drag"])
     assert inside >= 6
     assert np.median(shares) < 0.8
+
+
+def test_where_a_fit_of_equal_weights_is_expected(monkeypatch, small_threads):
+    """It knows of no replicates and of no errors of the shape: all but one of a hundred end there, and not all of them
+    in the middle.
+    """
+    falling.install(monkeypatch)
+    away = []
+    for seed in range(RECORDINGS):
+        problem = falling.Falling({"drag": DRAG}, seed=seed)
+        _, whole = fitted(problem)
+        low, high = of_equal_weights(problem, MODEL, whole)["drag"]
+        model = problem.model(MODEL, whole.known)
+        plain = least_squares(problem.weighted_residual_of(model), whole.free, bounds=model.bounds, diff_step=0.01).x
+        half = (high - low) / 2
+        away.append((model.physical(plain)["drag"] - whole.known["drag"]) / half)
+    assert np.sum(np.abs(away) < 1) >= RECORDINGS - 1
+    assert np.abs(away).max() > 0.2
 
 
 def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_threads):
