@@ -78,6 +78,7 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
         },
         "undetermined": undetermined,
         "disagreement": best.dispersion,
+        "open_volume": problem.open_volume,
         "p_value": comparison.checks(problem)[0].p_value,
         "seconds": sum(store.seconds.values()),
     }

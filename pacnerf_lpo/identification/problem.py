@@ -389,6 +389,11 @@ class StateProblem(BodyProblem):
         """Distance to the surface of the body, positive inside [m]. Raises UserInputError where it has no inside."""
         return self._unbounded.surface
 
+    @property
+    def open_volume(self) -> float:
+        """What the outlines of frame 0 leave open of the body's volume, one standard deviation, relative to it."""
+        return self._unbounded.volume
+
     @cached_property
     def _unbounded(self) -> Unbounded:
         found = signed_distance(self._density, surface_density(*self.state.spacings) + self.surface_offset)

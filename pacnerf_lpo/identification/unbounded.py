@@ -44,10 +44,12 @@ class Unbounded:
     surface: signed distance to where it is most likely, positive inside [m]
     errors: how far it may be further inside, one standard deviation each: as a whole, then locally, the largest ones;
         on a lattice of voxels [m]
+    volume: that the first of them takes away, relative to that of the body.
     """
 
     surface: FieldGrid
     errors: tuple[FieldGrid, ...]
+    volume: float
 
     @staticmethod
     def of(surface: FieldGrid, lines: Lines) -> Unbounded:
@@ -66,7 +68,7 @@ class Unbounded:
         """
         lines = lines.among(lines.inside.abs() < 1)
         if not len(lines.inside):
-            return Unbounded(surface, ())
+            return Unbounded(surface, (), 0.0)
         voxel = surface.dx * FINER
         touched, error = _touching(surface, lines, SLACK * voxel, REACH * voxel)
         near = surface.lower + surface.dx * torch.nonzero(surface.density.abs() < surface.dx)
@@ -89,9 +91,10 @@ class Unbounded:
         weights = np.linalg.solve(before, np.column_stack((DEPTH * voxel * share, local)))
         fields = torch.from_numpy(nodes @ weights).T.reshape(-1, *lattice.shape[:3]).to(surface.density)
         smooth = resized(fields[None, :1], surface.density.shape, mode="trilinear", align_corners=True)[0, 0]
-        moved = replace(surface, density=surface.density - MEAN * smooth)
-        errors = (DEVIATION * fields[0], *fields[1:])
-        return Unbounded(moved, tuple(_on_voxels(error, surface, voxel) for error in errors))
+        moved = surface.density - MEAN * smooth
+        taken = 1 - _volume(moved - DEVIATION * smooth, surface.dx) / _volume(moved, surface.dx)
+        errors = tuple(_on_voxels(error, surface, voxel) for error in (DEVIATION * fields[0], *fields[1:]))
+        return Unbounded(replace(surface, density=moved), errors, taken)
 
     def beyond(self, least: float) -> list[FieldGrid]:
         """The errors that are somewhere larger than that [m]."""
@@ -118,6 +121,11 @@ def _touching(surface: FieldGrid, lines: Lines, slack: float, reach: float) -> t
 def value_at(field: FieldGrid, points: Tensor) -> Tensor:
     """Of a field at some places [m, (N, 3)], (N,)."""
     return interpolate(field, points)[0]
+
+
+def _volume(distance: Tensor, dx: float) -> float:
+    """Where a signed distance is positive [voxels]."""
+    return float((distance / dx + 0.5).clamp(0, 1).sum())
 
 
 def _on_voxels(values: Tensor, surface: FieldGrid, dx: float) -> FieldGrid:

@@ -221,6 +221,20 @@ def test_an_interval_that_leaves_out_what_the_identification_had(
     )
 
 
+@pytest.mark.parametrize(("value", "expected"), [(1.5e5, []), (1.7e5, ["outside_interval"])])
+def test_a_fit_of_equal_weights_may_be_farther_away(value: float, expected: list[str]):
+    interval = {"value": 1.07e5, "low": 9e4, "high": 1.1e5, "determined": True, "equal_weights": [7e4, 1.6e5]}
+    found = list(doubts_about_intervals(model(), {"E": value}, {"parameters": {"E": interval}}))
+    assert names(found) == expected
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.002, []), (0.06, ["open_shape"])])
+def test_what_no_outline_bounds_is_doubted(share: float, expected: list[str]):
+    found = list(doubts_about_intervals(model(), {}, {"parameters": {}, "open_volume": share}))
+    assert names(found) == expected
+    assert all("6% of the body's volume" in one.what for one in found)
+
+
 def test_intervals_of_a_fit_that_leaves_more_than_noise_are_doubted():
     for p_value, expected in ((0.2, []), (0.001, ["not_noise"])):
         fit = {"p_value": p_value, "parameters": {}}

@@ -34,6 +34,9 @@ QUARTER = 4
 DIFFERENT = 2.0
 """Noticeable changes (``Parameter.scale``) between the two answers, one for each of them."""
 
+OPEN_VOLUME = 0.03
+"""Of the volume: a stiffness that follows it is wrong by a third of what its interval usually allows."""
+
 
 def doubts_about_velocity(
     course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float
@@ -108,15 +111,24 @@ def doubts_about_parameters(
 def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], fit: Mapping[str, Any]
 ) -> Iterator[Doubt]:
-    """What the weighted fit leaves is no noise, or what the identification before it had lies outside of its interval,
-    and farther away than a fit that does not know its weights would be.
+    """Outlines leave the shape open, what the weighted fit leaves is no noise, or what the identification before it had
+    lies outside of its interval, and farther away than a fit that does not know its weights would be.
 
     Args:
         physics: the model.
         identified: value that the identification had of each parameter [SI].
-        fit: ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were estimated [SI],
-            whether each is ``determined``, and between which ends a fit of ``equal_weights`` is expected, by name.
+        fit: ``open_volume``; ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were
+            estimated [SI], whether each is ``determined``, and between which ends a fit of ``equal_weights`` is
+            expected, by name.
     """
+    if fit.get("open_volume", 0.0) > OPEN_VOLUME:
+        yield Doubt(
+            "open_shape",
+            "data.train_views",
+            f"the outlines leave {fit['open_volume']:.0%} of the body's volume open (one standard deviation)",
+            "there are few cameras, or all of them look down at the body: none sees its underside, or a face edge-on",
+            "the intervals know of it; film from more sides, and from as low as the ground allows",
+        )
     if fit.get("p_value", 1.0) < LEVEL:
         yield Doubt(
             "not_noise",
