@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CLOSE, Effort, Fit, fit
@@ -131,6 +133,7 @@ def compare(
     settings: tuple[int, int],
     searched: bool,
     progress: Progress,
+    others: Sequence[dict[str, float]] = (),
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
@@ -146,6 +149,7 @@ def compare(
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
         progress: receives a line about each step.
+        others: values to start from, too; the fit goes on from whichever start explains the standardised data best.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -153,10 +157,16 @@ def compare(
     model, rollouts = problem.model(effects, known), 0
     free = model.start
     if searched:
-        begun = base_fit(problem, effects, known, progress, followed=True)
-        model, free, rollouts = begun.model, begun.free, begun.rollouts
+        base = base_fit(problem, effects, known, progress, followed=True)
+        model, free, rollouts = base.model, base.free, base.rollouts
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    first = standardised(problem, model, free, None, errors, progress, rough=True)
+    begun = [standardised(problem, model, free, None, errors, progress, rough=True)]
+    for values in others:
+        with suppress(SimulationError):  # there is another start
+            start = problem.model(effects, values).start
+            begun.append(standardised(problem, model, start, None, errors, progress, rough=True))
+    first = min(begun, key=lambda found: found.cost)
+    rollouts += sum(found.rollouts for found in begun) - first.rollouts
     if np.any(np.abs(first.free - free) > BENT * first.deviation):
         progress("the fit has moved far; errors are learnt again where it is")
         rollouts += errors.simulations + first.rollouts

@@ -34,7 +34,8 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     """Write ``intervals.json`` into a run: 90 % posterior intervals of every unknown [SI], how far another solver moves
     it, the intervals with that error, what the recording does not determine, and from which phase.
 
-    A fit to the outlines that begins at what the phase identified, weighted by the scatter of simulated nulls on other
+    A fit to the outlines that begins at what the phase identified, and at what the comparison of laws had found where
+    there was one (by data that count by their errors, too), weighted by the scatter of simulated nulls on other
     grids and by errors of the reconstructed shape, first with the same data held out as in a diagnosis, then to all of
     them; kept step by step like those of a diagnosis. After a phase that was fitted to images it searches on a coarse
     body first: their optimum may lie in another valley of the outlines. It has more particles than the phase, and does
@@ -57,7 +58,9 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
     searched = not run.by_outlines
     options = {"replicates": REPLICATES, "seed": SEED, "particles": particles, "searched": searched}
     store = Store(run.run_dir / FOLDER, problem.fingerprint, options)
-    step = partial(compare, problem, effects, problem.first_guess, (REPLICATES, SEED), searched, progress)
+    guess, laws = problem.first_guess, [stage.state.physics for stage in run.stages if stage.record.phase == "law"]
+    others = [guess | physics for physics in laws]
+    step = partial(compare, problem, effects, guess, (REPLICATES, SEED), searched, progress, others)
     comparison = store.once("intervals", step)
     best = store.once("estimate", partial(estimate, problem, effects, comparison, progress))
     found, undetermined = intervals(problem, effects, best)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals
+from pacnerf_lpo.diagnosis import comparison
+from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals, standardised
 from pacnerf_lpo.diagnosis.posterior import of_equal_weights
 from pacnerf_lpo.mpm.effects import LinearDrag
 from tests.diagnosis import falling
@@ -59,6 +60,25 @@ def test_where_a_fit_of_equal_weights_is_expected(monkeypatch, small_threads):
         away.append((model.physical(plain)["drag"] - whole.known["drag"]) / half)
     assert np.sum(np.abs(away) < 1) >= RECORDINGS - 1
     assert np.abs(away).max() > 0.2
+
+
+def test_the_fit_goes_on_from_the_start_that_explains_most(monkeypatch, small_threads):
+    """And not from one with which the motion is unstable."""
+    falling.install(monkeypatch, lambda model, free: free[model.names.index("drag")] < 5.0)
+    problem, starts, fits = falling.Falling({"drag": DRAG}), [], []
+
+    def told(problem, model, free, *more, **options):
+        starts.append(model.physical(free)["drag"])
+        found = standardised(problem, model, free, *more, **options)
+        fits.append(replace(found, cost=found.cost - 1e6 * (len(starts) == 2)))
+        return fits[-1]
+
+    monkeypatch.setattr(comparison, "standardised", told)
+    known = {**problem.first_guess, "drag": 1.5}
+    others = [{**known, "drag": drag} for drag in (2.5, 6.0)]
+    compare(problem, MODEL, known, (6, 1), False, lambda _: None, others)
+    assert starts[:3] == pytest.approx([1.5, 2.5, 6.0])
+    assert starts[3] == pytest.approx(fits[1].known["drag"])
 
 
 def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_threads):
