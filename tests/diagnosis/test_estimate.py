@@ -64,7 +64,7 @@ def test_where_a_fit_of_equal_weights_is_expected(monkeypatch, small_threads):
 
 def test_the_fit_goes_on_from_the_start_that_explains_most(monkeypatch, small_threads):
     """And not from one with which the motion is unstable."""
-    falling.install(monkeypatch, lambda model, free: free[model.names.index("drag")] < 5.0)
+    falling.install(monkeypatch, lambda model, free: free[model.names.index("drag")] > 5.0)
     problem, starts, fits = falling.Falling({"drag": DRAG}), [], []
 
     def told(problem, model, free, *more, **options):
