@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy import ndimage
 from scipy.spatial.distance import cdist
 from torch import Tensor
 from torch.nn.functional import interpolate as resized
@@ -23,7 +24,8 @@ REACH = 2.0
 """Over how many voxels errors of a surface are alike: finer shapes than that are not in a trilinear field."""
 DEPTH = 1.0
 """How far inside its reconstruction a body may lie where no outline is near [voxels], the scale of a half-normal
-distribution: two or three voxels from the nearest outline, between cones that meet it at up to 30 degrees."""
+distribution: two or three voxels from the nearest outline, between cones that meet it at up to 30 degrees. At most half
+of its half thickness."""
 MEAN, DEVIATION = math.sqrt(2 / math.pi), math.sqrt(1 - 2 / math.pi)
 """Of a half-normal distribution of scale 1."""
 PLACES = 400
@@ -88,13 +90,16 @@ class Unbounded:
         axes = [low + surface.dx * np.arange(0, count, FINER) for low, count in ends]
         lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
         nodes = covariance(lattice.reshape(-1, 3), places)
-        weights = np.linalg.solve(before, np.column_stack((DEPTH * voxel * share, local)))
+        weights = np.linalg.solve(before, np.column_stack((share, local)))
         fields = torch.from_numpy(nodes @ weights).T.reshape(-1, *lattice.shape[:3]).to(surface.density)
-        smooth = resized(fields[None, :1], surface.density.shape, mode="trilinear", align_corners=True)[0, 0]
-        moved = surface.density - MEAN * smooth
-        taken = 1 - _volume(moved - DEVIATION * smooth, surface.dx) / _volume(moved, surface.dx)
-        errors = tuple(_on_voxels(error, surface, voxel) for error in (DEVIATION * fields[0], *fields[1:]))
-        return Unbounded(replace(surface, density=moved), errors, taken)
+        half = torch.from_numpy(ndimage.maximum_filter(surface.density.numpy(), 2 * int(1.5 * REACH * FINER) + 1))
+        depth = (half / 2).clamp(0, DEPTH * voxel)
+        whole = depth * resized(fields[None, :1], depth.shape, mode="trilinear", align_corners=True)[0, 0]
+        moved = surface.density - MEAN * whole
+        taken = 1 - _volume(moved - DEVIATION * whole, surface.dx) / _volume(moved, surface.dx)
+        errors = (DEVIATION * whole[::FINER, ::FINER, ::FINER], *fields[1:])
+        moved_by = tuple(FieldGrid(error, _nothing(error), surface.lower, voxel) for error in errors)
+        return Unbounded(replace(surface, density=moved), moved_by, taken)
 
     def beyond(self, least: float) -> list[FieldGrid]:
         """The errors that are somewhere larger than that [m]."""
@@ -128,5 +133,6 @@ def _volume(distance: Tensor, dx: float) -> float:
     return float((distance / dx + 0.5).clamp(0, 1).sum())
 
 
-def _on_voxels(values: Tensor, surface: FieldGrid, dx: float) -> FieldGrid:
-    return FieldGrid(values, values.new_zeros(*values.shape, 0), surface.lower, dx)
+def _nothing(values: Tensor) -> Tensor:
+    """No features."""
+    return values.new_zeros(*values.shape, 0)

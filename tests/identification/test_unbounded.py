@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -26,9 +27,9 @@ def rig(views: int) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(found.camera_to_world), torch.from_numpy(found.intrinsics[0])
 
 
-def of_block(rays: Rays) -> Tensor:
+def of_block(rays: Rays, edges: Tensor = EDGES) -> Tensor:
     """Which rays meet a block around the origin [(R,), bool]."""
-    near, far = ((side * EDGES / 2 - rays.origins) / rays.directions for side in (-1, 1))
+    near, far = ((side * edges / 2 - rays.origins) / rays.directions for side in (-1, 1))
     return torch.minimum(near, far).amax(1) < torch.maximum(near, far).amin(1)
 
 
@@ -115,6 +116,14 @@ def test_where_no_line_is_near_little_is_measured(six):
     moved = float(interpolate(surface, below)[0] - interpolate(found.surface, below)[0]) / (DEPTH * VOXEL)
     assert 0.5 * DEVIATION < whole < 1.05 * DEVIATION
     assert 0.5 * MEAN < moved < 1.05 * MEAN
+
+
+def test_a_plate_that_nobody_sees_edge_on_does_not_vanish():
+    """One and a half voxels thick: its faces are between outlines that are far away."""
+    surface, lines = reconstructed(6, partial(of_block, edges=torch.tensor([0.36, 1.5 * VOXEL, 0.36])))
+    found = Unbounded.of(surface, lines)
+    assert 0.4 * volume(surface) < volume(found.surface) < volume(surface)
+    assert found.volume < 0.6
 
 
 def test_without_lines_nothing_is_known_and_nothing_is_changed(six):
