@@ -56,6 +56,7 @@ def run(
         if len(session.steps) > begun:
             kept = session.save(session.folder / LAST).parent
             print(f"explore: all steps are kept; go on by pacnerf-lpo explore {kept}")
+        page.wait()
     print("explore: ended", flush=True)
 
 

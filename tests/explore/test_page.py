@@ -183,7 +183,7 @@ def test_what_was_tried_is_kept_when_the_command_ends(
 ):
     def opened(session: Session, host: str, port: int, dark: bool) -> SimpleNamespace:
         session.set("drag", 1.0)
-        return SimpleNamespace(url=f"http://{host}:{port + 1}", port=port + 1, close=lambda: None)
+        return SimpleNamespace(url=f"http://{host}:{port + 1}", port=port + 1, close=lambda: None, wait=lambda: None)
 
     monkeypatch.setattr(explore, "open_page", opened)
     monkeypatch.setattr(explore, "wait_for_signal", lambda: None)
@@ -204,5 +204,5 @@ def test_the_command_says_where_the_page_is_and_ends_cleanly(dropped: Path):
         assert urllib.request.urlopen(url[0], timeout=10).status == 200
         process.send_signal(signal.SIGINT)
         rest, wrong = process.communicate(timeout=60)
-    assert process.returncode == 0
+    assert process.returncode == 0, wrong
     assert "ended" in rest and "Traceback" not in wrong

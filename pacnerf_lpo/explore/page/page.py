@@ -21,6 +21,7 @@ from pacnerf_lpo.explore.page.story import Story
 from pacnerf_lpo.explore.page.worker import Worker, guarded
 from pacnerf_lpo.explore.records import Camera, Errors, Motion, Step
 from pacnerf_lpo.explore.session import Session
+from pacnerf_lpo.explore.stepping import ENDING
 
 REST = 0.35
 """Seconds without a movement after which a hand rests: longer than between two events of a slider that is dragged."""
@@ -73,8 +74,10 @@ class Page:
         self.server.gui.main_panel.set_width(380)
         self.choose_recording(self.recording)
         self.changes.ask("redraw", self.redraw, refined_later=True)
-        for name, job in (("play", self._play), ("prepare", self._prepare)):
-            threading.Thread(target=job, name=name, daemon=True).start()
+        jobs = (("play", self._play), ("prepare", self._prepare))
+        self._threads = [threading.Thread(target=job, name=name, daemon=True) for name, job in jobs]
+        for thread in self._threads:
+            thread.start()
 
     def colours(self, dark: bool) -> None:
         """Dark colours, or light ones."""
@@ -173,7 +176,7 @@ class Page:
 
         def prepare() -> None:
             with suppress(Stopped, UserInputError):  # a person was quicker
-                self.session.prepare()
+                self.session.prepare(stop=self._ended.is_set)
 
         guarded(prepare, self.complain)
 
@@ -201,3 +204,8 @@ class Page:
         self.changes.end()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
+
+    def wait(self) -> None:
+        """Until nothing computes any more, after :meth:`close`: a thread in native code aborts a program that ends."""
+        for thread in (*self._threads, self.questions.thread, self.changes.thread):
+            thread.join(timeout=ENDING)

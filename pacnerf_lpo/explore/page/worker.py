@@ -38,8 +38,8 @@ class Worker:
         self._refine_at: float | None = None
         self._ended = False
         self.busy = False
-        self._thread = threading.Thread(target=self._run, name="explore", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name="explore", daemon=True)
+        self.thread.start()
 
     def ask(self, kind: str, job: Callable[[], None], refined_later: bool = False) -> None:
         """Have a job done soon, from any thread; those of one kind replace each other while they wait. ``rested``
@@ -68,7 +68,7 @@ class Worker:
             self._ended = True
             self._jobs.clear()
             self._condition.notify_all()
-        self._thread.join(timeout=5.0)
+        self.thread.join(timeout=5.0)
 
     def _next(self) -> Callable[[], None] | None:
         with self._condition:
