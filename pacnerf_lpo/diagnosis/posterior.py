@@ -97,6 +97,10 @@ def of_equal_weights(problem: Problem, effects: Sequence[Effect], best: Comparis
     The estimate A r, with A = (J^T J)^-1 J^T of the residual in units of its presumed error, has the covariance A C A^T
     where C is that of the noise and of the known errors (the sandwich of Huber 1967; the difference from the weighted
     estimate has less, Hausman 1978).
+
+    Args:
+        problem, effects: what was fitted.
+        best: its weighted fit, with the residual's changes and the errors of the model there.
     """
     model, mask = problem.model(effects, best.known), problem.fitted
     weight = problem.presumed_error[:, None]

@@ -94,7 +94,7 @@ def density_of(state: ParticleState) -> FieldGrid:
     voxels = ((state.positions.amax(0) - lower) / state.spacing).ceil().long() + 3
     axes = [torch.arange(int(count - 1) * FINER + 1) * dx + low for count, low in zip(voxels, lower, strict=True)]
     fine = torch.cat([interpolate(coarse, part)[0] for part in torch.cartesian_prod(*axes).split(CHUNK)])
-    return _field(fine.view(*map(len, axes)), lower, dx)
+    return scalar_field(fine.view(*map(len, axes)), lower, dx)
 
 
 def density_at_edges(density: FieldGrid, lines: Lines) -> float:
@@ -115,7 +115,7 @@ def signed_distance(density: FieldGrid, level: float) -> FieldGrid | None:
         return None
     distance = edge_distance(inside) * density.dx
     smooth = ndimage.gaussian_filter(distance, SMOOTH * FINER)
-    return _field(torch.from_numpy(smooth if (smooth > 0).any() else distance), density.lower, density.dx)
+    return scalar_field(torch.from_numpy(smooth if (smooth > 0).any() else distance), density.lower, density.dx)
 
 
 def seen_by(lines: Lines, surface: FieldGrid) -> FieldGrid:
@@ -141,7 +141,7 @@ def seen_by(lines: Lines, surface: FieldGrid) -> FieldGrid:
         smooth = resized(
             torch.from_numpy(change).view(1, 1, *shape), surface.density.shape, mode="trilinear", align_corners=True
         )
-        found = _field(surface.density + smooth[0, 0], surface.lower, surface.dx)
+        found = scalar_field(surface.density + smooth[0, 0], surface.lower, surface.dx)
     return found
 
 
@@ -153,7 +153,8 @@ def edge_distance(inside: np.ndarray) -> np.ndarray:
     return np.where(inside, away(inside) - 0.5, 0.5 - away(~inside))
 
 
-def _field(values: Tensor, lower: Tensor, dx: float) -> FieldGrid:
+def scalar_field(values: Tensor, lower: Tensor, dx: float) -> FieldGrid:
+    """Of values at nodes [(X, Y, Z)] with a spacing [m] from a lower corner [m, (3,)], without features."""
     return FieldGrid(values.float(), values.new_zeros(*values.shape, 0).float(), lower, dx)
 
 

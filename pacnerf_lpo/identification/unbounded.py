@@ -16,7 +16,7 @@ from torch.nn.functional import interpolate as resized
 
 from pacnerf_lpo.identification.shape_modes import spread
 from pacnerf_lpo.identification.silhouette_moments import EDGE
-from pacnerf_lpo.identification.surface import FINER, SLACK, Lines
+from pacnerf_lpo.identification.surface import FINER, SLACK, Lines, scalar_field
 from pacnerf_lpo.particles.sampling import interpolate
 from pacnerf_lpo.types import FieldGrid
 
@@ -26,6 +26,9 @@ DEPTH = 1.0
 """How far inside its reconstruction a body may lie where no outline is near [voxels], the scale of a half-normal
 distribution: two or three voxels from the nearest outline, between cones that meet it at up to 30 degrees. At most half
 of its half thickness."""
+WITHIN = 3.0
+"""Voxels from a place in which its half thickness is looked for: there a body is thick that reaches deeper than twice
+:data:`DEPTH`, smoothed as it is."""
 MEAN, DEVIATION = math.sqrt(2 / math.pi), math.sqrt(1 - 2 / math.pi)
 """Of a half-normal distribution of scale 1."""
 PLACES = 400
@@ -72,38 +75,47 @@ class Unbounded:
         if not len(lines.inside):
             return Unbounded(surface, (), 0.0)
         voxel = surface.dx * FINER
-        touched, error = _touching(surface, lines, SLACK * voxel, REACH * voxel)
-        near = surface.lower + surface.dx * torch.nonzero(surface.density.abs() < surface.dx)
-        places = spread(near, min(PLACES, len(near)))[0].double().numpy()
-
-        def covariance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-            return (SLACK * voxel) ** 2 * np.exp(-0.5 * cdist(first, second, "sqeuclidean") / (REACH * voxel) ** 2)
-
-        before = covariance(places, places) + ROUGH * (SLACK * voxel) ** 2 * np.eye(len(places))
-        seen = np.linalg.solve(before, covariance(places, touched)) / error
-        left = np.linalg.inv(np.linalg.inv(before) + seen @ seen.T)
-        share = 1 - left @ seen @ seen.sum(0)
-        variances, components = np.linalg.eigh(left)
-        local = (np.sqrt(variances.clip(0)) * components)[:, : -MOST - 1 : -1]
-
-        ends = zip(surface.lower.tolist(), surface.density.shape, strict=True)
-        axes = [low + surface.dx * np.arange(0, count, FINER) for low, count in ends]
-        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        nodes = covariance(lattice.reshape(-1, 3), places)
-        weights = np.linalg.solve(before, np.column_stack((share, local)))
-        fields = torch.from_numpy(nodes @ weights).T.reshape(-1, *lattice.shape[:3]).to(surface.density)
-        half = torch.from_numpy(ndimage.maximum_filter(surface.density.numpy(), 2 * int(1.5 * REACH * FINER) + 1))
+        share, *local = _left_open(surface, lines)
+        near = 2 * int(WITHIN * FINER) + 1
+        half = torch.from_numpy(ndimage.maximum_filter(surface.density.numpy(), near))
         depth = (half / 2).clamp(0, DEPTH * voxel)
-        whole = depth * resized(fields[None, :1], depth.shape, mode="trilinear", align_corners=True)[0, 0]
+        whole = depth * resized(share[None, None], depth.shape, mode="trilinear", align_corners=True)[0, 0]
         moved = surface.density - MEAN * whole
         taken = 1 - _volume(moved - DEVIATION * whole, surface.dx) / _volume(moved, surface.dx)
-        errors = (DEVIATION * whole[::FINER, ::FINER, ::FINER], *fields[1:])
-        moved_by = tuple(FieldGrid(error, _nothing(error), surface.lower, voxel) for error in errors)
-        return Unbounded(replace(surface, density=moved), moved_by, taken)
+        errors = (DEVIATION * whole[::FINER, ::FINER, ::FINER], *local)
+        found = tuple(scalar_field(error, surface.lower, voxel) for error in errors)
+        return Unbounded(replace(surface, density=moved), found, taken)
 
     def beyond(self, least: float) -> list[FieldGrid]:
         """The errors that are somewhere larger than that [m]."""
         return [error for error in self.errors if float(error.density.abs().max()) > least]
+
+
+def _left_open(surface: FieldGrid, lines: Lines) -> Tensor:
+    """At every voxel [(1 + L, X, Y, Z)]: the share of a common displacement that lines of sight do not contradict, 0 to
+    1, then the L principal components of what is left of displacements from place to place [m].
+    """
+    voxel = surface.dx * FINER
+    touched, error = _touching(surface, lines, SLACK * voxel, REACH * voxel)
+    near = surface.lower + surface.dx * torch.nonzero(surface.density.abs() < surface.dx)
+    places = spread(near, min(PLACES, len(near)))[0].double().numpy()
+
+    def covariance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return (SLACK * voxel) ** 2 * np.exp(-0.5 * cdist(first, second, "sqeuclidean") / (REACH * voxel) ** 2)
+
+    before = covariance(places, places) + ROUGH * (SLACK * voxel) ** 2 * np.eye(len(places))
+    seen = np.linalg.solve(before, covariance(places, touched)) / error
+    left = np.linalg.inv(np.linalg.inv(before) + seen @ seen.T)
+    share = 1 - left @ seen @ seen.sum(0)
+    variances, components = np.linalg.eigh(left)
+    local = (np.sqrt(variances.clip(0)) * components)[:, : -MOST - 1 : -1]
+
+    ends = zip(surface.lower.tolist(), surface.density.shape, strict=True)
+    axes = [low + surface.dx * np.arange(0, count, FINER) for low, count in ends]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    weights = np.linalg.solve(before, np.column_stack((share, local)))
+    fields = covariance(lattice.reshape(-1, 3), places) @ weights
+    return torch.from_numpy(fields).T.reshape(-1, *lattice.shape[:3]).to(surface.density)
 
 
 def _touching(surface: FieldGrid, lines: Lines, slack: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -131,8 +143,3 @@ def value_at(field: FieldGrid, points: Tensor) -> Tensor:
 def _volume(distance: Tensor, dx: float) -> float:
     """Where a signed distance is positive [voxels]."""
     return float((distance / dx + 0.5).clamp(0, 1).sum())
-
-
-def _nothing(values: Tensor) -> Tensor:
-    """No features."""
-    return values.new_zeros(*values.shape, 0)

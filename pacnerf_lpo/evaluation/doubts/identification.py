@@ -33,7 +33,6 @@ QUARTER = 4
 (``Parameter.scale``) away from that over the quarter before: as many iterations more would change the answer."""
 DIFFERENT = 2.0
 """Noticeable changes (``Parameter.scale``) between the two answers, one for each of them."""
-
 OPEN_VOLUME = 0.03
 """Of the volume: a stiffness that follows it is wrong by a third of what its interval usually allows."""
 
@@ -127,7 +126,7 @@ def doubts_about_intervals(
             "data.train_views",
             f"the outlines leave {fit['open_volume']:.0%} of the body's volume open (one standard deviation)",
             "there are few cameras, or all of them look down at the body: none sees its underside, or a face edge-on",
-            "the intervals know of it; film from more sides, and from as low as the ground allows",
+            "film from more sides, and from as low as the ground allows; until then the intervals allow for it",
         )
     if fit.get("p_value", 1.0) < LEVEL:
         yield Doubt(
