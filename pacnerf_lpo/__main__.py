@@ -107,8 +107,10 @@ def _complain(error: BaseException, status: int) -> int:
 
 def run() -> NoReturn:
     """Run the command of the process's command line, and end the process. No bars are drawn into a log, which would
-    hold each of their states; lines say there how far it is.
+    hold each of their states; lines say there how far it is. Threads that wait leave their core to others (OpenMP reads
+    this when torch is loaded): where they keep it, one other program makes training many times slower.
     """
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if not sys.stderr.isatty():
         os.environ.setdefault("TQDM_DISABLE", "1")
     leave(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -187,3 +188,16 @@ def test_no_bar_is_drawn_into_a_log():
     command = f"def bar():\n    from tqdm import tqdm\n    return tqdm(range(3))\n{drawing}"
     done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, timeout=60, check=True)
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "passive"), ("active", "active")])
+def test_waiting_threads_leave_their_cores_from_before_torch_is_loaded(given: str | None, used: str):
+    command = """import os, sys
+import pacnerf_lpo.__main__ as program
+program.main = lambda: print(os.environ["OMP_WAIT_POLICY"], "torch" in sys.modules)
+program.run()"""
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    if given is not None:
+        environment["OMP_WAIT_POLICY"] = given
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == [used, "False"], done.stderr
