@@ -30,14 +30,7 @@ def evaluate_run(run_dir: str | Path, truth: str | Path | None = None) -> dict[s
     UserInputError where the run or the truth cannot be read.
 
     Each phase is simulated and rendered into every view; the static phase at frame 0 only. No truth is opened unless it
-    is given.
-
-    Args:
-        run_dir: folder that ``pacnerf-lpo fit`` wrote.
-        truth: a truth.json, or ``demo`` for that of the shipped scene.
-
-    Returns:
-        What was written.
+    is given: a truth.json, or ``demo`` for that of the shipped scene. Returns what was written.
     """
     run = Run(run_dir)
     answer = None if truth is None else read_truth(demo_scene() / "truth.json" if str(truth) == DEMO_TRUTH else truth)
@@ -132,10 +125,9 @@ def _measure_images(run: Run, stage: Stage) -> dict[str, Any]:
     scores_all = ImageScores(table["psnr"], table["ssim"], missing or table["lpips"])
     if missing is not None:
         del table["lpips"]
-    first: list[Any] = [x if isinstance(x, Missing) else x[:, :1] for x in vars(scores_all).values()]
     return {
-        "image_metrics": _by_set(run, scores_all) if stage.moves else {"train": None, "test": None},
-        "first_frame_metrics": _by_set(run, ImageScores(*first)),
+        "image_metrics": _by_set(run, scores_all, frames) if stage.moves else {"train": None, "test": None},
+        "first_frame_metrics": _by_set(run, scores_all, 1),
         "images": {
             name: [[value if math.isfinite(value) else None for value in row] for row in values.tolist()]
             for name, values in table.items()
@@ -157,9 +149,10 @@ def _with_units(run: Run, values: Mapping[str, float]) -> dict[str, dict[str, An
     }
 
 
-def _by_set(run: Run, scores: ImageScores) -> dict[str, dict[str, Any] | None]:
+def _by_set(run: Run, scores: ImageScores, frames: int) -> dict[str, dict[str, Any] | None]:
+    """Means over training and over test views of the first so many frames; None where there is no such view."""
     sets = _view_sets(run).items()
-    return {name: scores.mean(torch.tensor(views)) if views else None for name, views in sets}
+    return {name: scores.mean((views, slice(frames))) if views else None for name, views in sets}
 
 
 def _view_sets(run: Run) -> dict[str, list[int]]:

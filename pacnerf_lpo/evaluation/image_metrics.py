@@ -35,7 +35,7 @@ class ImageScores:
     ssim: Tensor
     lpips: Tensor | Missing
 
-    def mean(self, where: Tensor) -> dict[str, float | str | None]:
+    def mean(self, where: Tensor | tuple[list[int], slice]) -> dict[str, float | str | None]:
         """The averages over the images that the boolean mask or index ``where`` selects, as plain values for JSON: a
         missing metric is its printed reason, an infinite PSNR is None.
         """
@@ -58,12 +58,9 @@ def mean_squared_error(predicted: Tensor, measured: Tensor) -> Tensor:
 
 def ssim(predicted: Tensor, measured: Tensor) -> Tensor:
     """Structural similarity of each image with the usual 11 x 11 Gaussian window, sigma 1.5 (Wang et al. 2004, eq. 13)
-    [(B,)], 1 where the two images are equal.
+    [(B,)], 1 where the two images are equal; (B, H, W, 3) in 0..1, at least 11 pixels wide and high.
 
     The mean runs over every pixel; the images are mirrored at their border (torchmetrics).
-
-    Args:
-        predicted, measured: (B, H, W, 3) in 0..1, at least 11 pixels wide and high.
     """
     values = structural_similarity_index_measure(
         _channels_first(predicted), _channels_first(measured), data_range=1.0, reduction="none"

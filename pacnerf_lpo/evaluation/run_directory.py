@@ -21,12 +21,7 @@ CONFIG_FILE = "config.yaml"
 
 @dataclass(frozen=True)
 class Stage:
-    """A finished phase and where its results lie.
-
-    Attributes:
-        record: its entry in the manifest.
-        run_dir: the run it belongs to.
-    """
+    """A finished phase, an entry of the manifest of a run, and where its results lie."""
 
     record: PhaseRecord
     run_dir: Path
@@ -58,11 +53,8 @@ class Stage:
 
 
 class Run:
-    """A run directory, read as it is needed. Raises UserInputError where it is no run directory, or no phase of it is
-    finished.
-
-    Args:
-        run_dir: folder that ``pacnerf-lpo fit`` wrote.
+    """A folder that ``pacnerf-lpo fit`` wrote, read as it is needed. Raises UserInputError where it is no run
+    directory, or no phase of it is finished.
     """
 
     def __init__(self, run_dir: str | Path):

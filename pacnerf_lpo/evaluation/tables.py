@@ -1,6 +1,6 @@
 """The results of a run as Markdown tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pacnerf_lpo.quantities import published, quantity
@@ -11,18 +11,20 @@ IDENTIFIED = "identified"
 
 def markdown_table(results: Mapping[str, Any]) -> str:
     """The results as Markdown: image metrics by phase and view set, then parameters, then what is missing and why."""
-    lines = ["| phase | views | PSNR [dB] | SSIM | LPIPS |", "|---|---|---|---|---|"]
+    quality = [["phase", "views", "PSNR [dB]", "SSIM", "LPIPS"]]
     rows, notes = quality_rows(results)
     for label, views, scope, metrics in rows:
         where = views if scope == ALL_FRAMES else f"{views}, {scope}"
-        lines.append(f"| {label} | {where} | {_psnr_cell(metrics)} | {metrics['ssim']:.3f} | {lpips_cell(metrics)} |")
-    lines += ["", *_parameter_lines(results)]
-    for sentence in remarks(results):
-        lines += ["", sentence]
-    if rounds := round_rows(results):
-        cells = [f"| {' | '.join(row)} |" for row in rounds]
-        lines += ["", cells[0], "|---" * len(rounds[0]) + "|", *cells[1:]]
-    return "\n".join([*lines, *(["", *notes] if notes else [])])
+        quality.append([label, where, _psnr_cell(metrics), f"{metrics['ssim']:.3f}", lpips_cell(metrics)])
+    tables = [_markdown(rows) for rows in (quality, _parameter_rows(results), round_rows(results))]
+    return "\n\n".join(filter(None, [*tables[:2], *remarks(results), tables[2], "\n".join(notes)]))
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> str:
+    """A table whose first row is its head; empty where there is no row."""
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    rule = ["|---" * len(row) + "|" for row in rows[:1]]
+    return "\n".join(lines[:1] + rule + lines[1:])
 
 
 def quality_rows(results: Mapping[str, Any]) -> tuple[list[tuple[str, str, str, Mapping[str, Any]]], list[str]]:
@@ -99,13 +101,13 @@ def lpips_cell(metrics: Mapping[str, Any]) -> str:
     return "n/a" if isinstance(metrics["lpips"], str) else f"{metrics['lpips']:.3f}"
 
 
-def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
+def _parameter_rows(results: Mapping[str, Any]) -> list[list[str]]:
     last, guess = result_phase(results), results["guess"]
     errors, intervals = last.get("truth_errors"), results.get("intervals")
     head = ["parameter", start_head(results), value_head(results)]
     head += [] if intervals is None else [f"{100 * intervals['level']:.0f} % interval"]
     head += [] if errors is None else ["true", "error"]
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    rows = [head]
     for name, found in last["parameters"].items():
         if name not in results["free"] and found["value"] == 0:
             continue
@@ -117,8 +119,8 @@ def _parameter_lines(results: Mapping[str, Any]) -> list[str]:
         if errors is not None:
             error = errors.get(name)
             cells += [f"{error['true']:.4g}{unit}", describe_error(error)] if error else ["unknown", ""]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(cells)
+    return rows
 
 
 def remarks(results: Mapping[str, Any]) -> list[str]:

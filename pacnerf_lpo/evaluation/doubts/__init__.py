@@ -17,8 +17,7 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
     """The doubts that a finished phase of a run raises, by its state, and by its course where that led there."""
     state, course = stage.state, stage.record.course
     if stage.record.phase == "static":
-        yield from recording.doubts_about_views(data)
-        yield from recording.doubts_about_pixels(data, state)
+        yield from recording.doubts_about_views(data, state)
     elif stage.record.phase == "velocity":
         fall, hit_frame = recording.measure_fall(data), course.get("frames")
         if fall is not None:

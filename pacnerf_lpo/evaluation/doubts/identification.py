@@ -40,13 +40,8 @@ OPEN_VOLUME = 0.03
 def doubts_about_velocity(
     course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float
 ) -> Iterator[Doubt]:
-    """The initial velocity still moved when its iterations ended.
-
-    Args:
-        course: of the velocity phase.
-        state: what it exported.
-        pixel: size of a pixel at the body [m].
-        seconds: from frame 0 to the contact [s].
+    """The initial velocity still moved when its iterations ended; by the course of its phase and what that exported,
+    the size of a pixel at the body [m], and the time from frame 0 to the contact [s].
     """
     moved = course.get("last_step", 0.0)
     if moved * seconds > SEEN_STEP * pixel:
@@ -63,12 +58,8 @@ def doubts_about_velocity(
 def doubts_about_parameters(
     physics: Physics, state: ParticleState, searched: Mapping[str, Sequence[float]]
 ) -> Iterator[Doubt]:
-    """Identified parameters at a bound, far from the prior mean, or physically odd.
-
-    Args:
-        physics: the model.
-        state: what the identification exported.
-        searched: between which free coordinates parameters were searched, by name.
+    """Identified parameters at a bound, far from the prior mean, or physically odd, in the state that an identification
+    exported; ``searched``: between which free coordinates parameters were searched, by name.
     """
     nulls = {name: null for effect in physics.effects for name, null in effect.null.items()}
     for name in physics.free_names:
@@ -111,14 +102,11 @@ def doubts_about_intervals(
     physics: Physics, identified: Mapping[str, float], fit: Mapping[str, Any]
 ) -> Iterator[Doubt]:
     """Outlines leave the shape open, what the weighted fit leaves is no noise, or what the identification before it had
-    lies outside of its interval, and farther away than a fit that does not know its weights would be.
+    [SI] lies outside of its interval, and farther away than a fit that does not know its weights would be.
 
-    Args:
-        physics: the model.
-        identified: value that the identification had of each parameter [SI].
-        fit: ``open_volume``; ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were
-            estimated [SI], whether each is ``determined``, and between which ends a fit of ``equal_weights`` is
-            expected, by name.
+    ``fit``: ``open_volume``; ``p_value`` of what it leaves; ``parameters``: ``low`` and ``high`` of those that were
+    estimated [SI], whether each is ``determined``, and between which ends a fit of ``equal_weights`` is expected, by
+    name.
     """
     if fit.get("open_volume", 0.0) > OPEN_VOLUME:
         yield Doubt(
@@ -160,12 +148,7 @@ def doubts_about_intervals(
 
 
 def doubts_about_identification(course: Mapping[str, Any], physics: Physics) -> Iterator[Doubt]:
-    """The cost rose, or the iterations ended while parameters were still moving.
-
-    Args:
-        course: of the identification.
-        physics: the model.
-    """
+    """The cost rose, or the iterations ended while parameters were still moving."""
     yield from _risen(course)
     if course.get("converged", True):
         return
@@ -262,12 +245,7 @@ def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:
-    """The answers of two methods differ by more than a noticeable change of each.
-
-    Args:
-        methods: what was found on a coarse body; None: they were not compared.
-        physics: the model.
-    """
+    """The answers of two methods on a coarse body differ by more than a noticeable change of each."""
     if methods is None:
         return
     for name, by_images in methods.get("images", {}).items():
