@@ -1,9 +1,11 @@
 """``pacnerf-lpo explore``: a page on which a model, its measurement and their error are side by side."""
 
-import signal
 import threading
 import webbrowser
+from contextlib import suppress
 
+from pacnerf_lpo.callbacks.stop_request import StopRequest
+from pacnerf_lpo.errors import Interrupted
 from pacnerf_lpo.explore import Session
 from pacnerf_lpo.explore.page import LOCAL, PORT, open_page
 from pacnerf_lpo.heartbeat import doing
@@ -62,11 +64,6 @@ def run(
 
 def wait_for_signal() -> None:
     """Return at SIGINT or SIGTERM."""
-    asked = threading.Event()
-    previous = {number: signal.signal(number, lambda *_: asked.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with suppress(Interrupted), StopRequest():
         doing(None)
-        asked.wait()
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        threading.Event().wait()
