@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +49,11 @@ def build_images(pictures: Mapping[str, np.ndarray]) -> dict[str, Any]:
     measured, matte, models = pictures["measured"], pictures["matte"], pictures["models"]
     frames, height, width = matte.shape[1:]
     for quality in QUALITIES:
+        drawn = partial(atlas, size=(width, height), quality=quality)
         found = {
-            "measured": [atlas(view, (width, height), quality) for view in measured],
-            "matte": [_grey(view, quality) for view in matte],
-            "model": [[_grey(view, quality) for view in model] for model in models],
+            "measured": [*map(drawn, measured)],
+            "matte": [*map(drawn, matte)],
+            "model": [[*map(drawn, model)] for model in models],
         }
         if len(json.dumps(found)) <= IMAGE_BUDGET:
             break
@@ -108,12 +110,5 @@ def _round(done: Mapping[str, Any], number: int) -> str:
 def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Error beyond the model's own, of fitted and held-out data, after every added effect [the unit of the result]."""
     rounds = result["rounds"]
-    found = [done["error"] for done in rounds]
-    found += [again["error"] for again in rounds[-1]["refits"] if again["name"] == rounds[-1]["accepted"]]
+    found = [done["error"] for done in [*rounds, words.accepted(rounds[-1])] if done]
     return [{"label": stage["readable"], **error} for stage, error in zip(result["stages"], found, strict=True)]
-
-
-def _grey(frames: np.ndarray, quality: int) -> str:
-    """Opacities [0..255, (F, h, w), uint8] as one grey picture."""
-    height, width = frames.shape[1:]
-    return atlas(np.repeat(frames[..., None], 3, axis=-1), (width, height), quality)

@@ -24,8 +24,9 @@ from pacnerf_lpo.inference.intervals import Interval
 from pacnerf_lpo.manifest import write_atomically
 from pacnerf_lpo.mpm.parameters import Parameter
 from pacnerf_lpo.quantities import published
-from pacnerf_lpo.report import diagnosis_stages, wording
+from pacnerf_lpo.report import wording
 from pacnerf_lpo.report.diagnosis import FORMAT, RESULT
+from pacnerf_lpo.report.diagnosis_stages import errors_of, stages_of
 from pacnerf_lpo.report.flights import agreement, flights
 from pacnerf_lpo.report.page import plain
 
@@ -58,7 +59,8 @@ def summary(problem: Problem, rounds: list[Round], finished: bool = True) -> dic
     described = [_round(problem, found) for found in rounds]
     last = {one["name"]: published(one) for one in described[-1]["parameters"]}
     sentences = wording.verdict(problem.physics.material, rounds, said, last)
-    shown = flights(problem, diagnosis_stages.stages_of(rounds), rounds) if not problem.views else []
+    stages = stages_of(rounds)
+    shown = flights(problem, stages, rounds) if not problem.views else []
     turned = agreement(shown)
     sentences += [turned] if turned else []
     sentences += [wording.GOES_ON] if not finished and said.kind != "unfinished" else []
@@ -85,7 +87,7 @@ def summary(problem: Problem, rounds: list[Round], finished: bool = True) -> dic
         "unit": problem.unit[0],
         "recordings": recordings(problem, rounds),
         "points": problem.point_names,
-        "stages": diagnosis_stages.stages(problem, rounds),
+        "stages": [errors_of(problem, stage) for stage in stages],
         "flights": shown,
         "rounds": described,
         "residual_force": None if force is None else _force(force, wording.force_is_determined(rounds[-1], said)),

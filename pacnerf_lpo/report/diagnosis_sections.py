@@ -128,9 +128,8 @@ def _parameters(result: Result) -> tuple[dict[str, Mapping[str, Any]], dict[str,
     if len(result["stages"]) == 1:
         return before, {}
     last = result["rounds"][-1]
-    if last["accepted"] is None:
-        return before, {p["name"]: p for p in last["parameters"]}
-    return before, next(again["values"] for again in last["refits"] if again["name"] == last["accepted"])
+    again = words.accepted(last)
+    return before, again["values"] if again else {p["name"]: p for p in last["parameters"]}
 
 
 def recordings_section(result: Mapping[str, Any]) -> str:
@@ -145,7 +144,7 @@ def recordings_section(result: Mapping[str, Any]) -> str:
         seen = f"{len(one['views'])} views, {len(one['frames'])} frames"
         phases = listed(list(dict.fromkeys(one["phases"])), "and")
         rows.append((f"{number}: {one['name']}", seen, phases, asks_for(one), tells))
-    return parts("diagnosis").recordings(rows)
+    return PARTS.recordings(rows)
 
 
 def asks_for(recording: Mapping[str, Any]) -> str:
@@ -213,7 +212,7 @@ def outcome(again: Mapping[str, Any], done: Mapping[str, Any]) -> str:
         return "not separated from the added one"
     if again["p_value"] >= level:
         return f"p above {level:.0%}: chance explains it"
-    added = next((one for one in done["refits"] if one["name"] == done["accepted"]), again)
+    added = words.accepted(done) or again
     behind = added["log_odds"] - again["log_odds"]
     if behind >= DECISIVE:
         return f"{words.odds(behind, short=True)} for the added one"

@@ -62,16 +62,12 @@ def stages_of(rounds: Sequence[Round]) -> list[Stage]:
     return found
 
 
-def stages(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]]:
-    """Errors of every stage, and of its replicates, by view and frame [the problem's unit].
+def errors_of(problem: Problem, stage: Stage) -> dict[str, Any]:
+    """Errors of a stage, and of its replicates, by view and frame [the problem's unit].
 
     Root mean squares over the silhouette moments and points, less the replicates' mean. The floor is the median
     replicate's; the band holds nine tenths of the replicates. Errors of points by row are in millimetres.
     """
-    return [_stage(problem, stage) for stage in stages_of(rounds)]
-
-
-def _stage(problem: Problem, stage: Stage) -> dict[str, Any]:
     others = stage.comparison.errors.replicates
     count = len(others)
     bias = floor(stage.comparison)[0]

@@ -170,15 +170,16 @@ def odds(log_bayes_factor: float, short: bool = False) -> str:
     return f"{text} to 1" if log_bayes_factor >= 0 else f"1 to {text}"
 
 
+def accepted(done: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The refit with the effect that a round has accepted; None where it has accepted none."""
+    return next((again for again in done["refits"] if again["name"] == done["accepted"]), None)
+
+
 def refits_of(result: Result) -> list[tuple[Mapping[str, Any], Mapping[str, Any]]]:
     """The rounds in which an effect was accepted that stayed in the model, each with its refit."""
     gone = {name for done in result["rounds"] for name in done["removed"]}
-    return [
-        (done, again)
-        for done in result["rounds"]
-        for again in done["refits"]
-        if again["name"] == done["accepted"] and again["name"] not in gone
-    ]
+    found = [(done, accepted(done)) for done in result["rounds"]]
+    return [(done, again) for done, again in found if again and again["name"] not in gone]
 
 
 def missing(result: Result) -> list[str]:
@@ -290,8 +291,8 @@ def notes(result: Result) -> list[str]:
     that could not be examined.
     """
     last = result["rounds"][-1]
-    again = next((one for one in last["refits"] if one["name"] == last["accepted"]), None)
-    return [*(again or last)["notes"], *(sentence for done in result["rounds"] for sentence in done["left_out"])]
+    left_out = (sentence for done in result["rounds"] for sentence in done["left_out"])
+    return [*(accepted(last) or last)["notes"], *left_out]
 
 
 def undetermined(result: Result) -> list[str]:

@@ -64,11 +64,7 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
 def side_force(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> dict[str, float]:
     """The steady force across a flight, found without its spin, and where it points: ``size`` of the acceleration
     across the mean velocity [m/s^2], standard ``error`` of a component of it, and ``angle`` between it and the measured
-    spin x velocity [degrees].
-
-    Args:
-        force, covariance: acceleration [m/s^2, (3,)] with its covariance.
-        velocity, turned: mean velocity, and mean spin x velocity.
+    spin x velocity, ``turned`` in the mean [degrees]. The force is an acceleration [m/s^2, (3,)] with its covariance.
     """
     along = velocity / np.linalg.norm(velocity)
     across = np.eye(3) - np.outer(along, along)
@@ -105,19 +101,16 @@ def flights_section(result: Mapping[str, Any]) -> str:
     found = result.get("flights") or []
     if not found:
         return ""
-    names = list(found[0]["estimates"])
-    titles = ["flight", "samples", *(f"{readable(name)}, this flight alone" for name in names)]
-    spinning = any(one["spin"] for one in found)
-    titles += ["mean |spin x velocity| [m/s²]"] if spinning else []
-    sides = any(one["side"] for one in found)
-    titles += ["side force found without the spin [m/s²]", "its angle to spin x velocity"] if sides else []
-    rows = []
-    for one in found if names else []:
-        row = [one["name"], len(one["times"])]
-        row += [f"{value:.3g} ± {error:.2g}" for value, error in one["estimates"].values()]
-        row += [f"{one['spin_times_velocity']:.0f}"] if spinning else []
-        if sides:
-            side = one["side"]
-            row += [f"{side['size']:.2g} ± {side['error']:.2g}", f"{side['angle']:.0f}°"] if side else ["", ""]
-        rows.append(row)
-    return parts("diagnosis").flights(found, titles, rows, agreement(found))
+    columns = {"flight": [one["name"] for one in found], "samples": [len(one["times"]) for one in found]}
+    names, sides = list(found[0]["estimates"]), [one["side"] for one in found]
+    for name in names:
+        own = (one["estimates"][name] for one in found)
+        columns[f"{readable(name)}, this flight alone"] = [f"{value:.3g} ± {error:.2g}" for value, error in own]
+    if any(one["spin"] for one in found):
+        columns["mean |spin x velocity| [m/s²]"] = [f"{one['spin_times_velocity']:.0f}" for one in found]
+    if any(sides):
+        sizes = [f"{side['size']:.2g} ± {side['error']:.2g}" if side else "" for side in sides]
+        columns["side force found without the spin [m/s²]"] = sizes
+        columns["its angle to spin x velocity"] = [f"{side['angle']:.0f}°" if side else "" for side in sides]
+    rows = [*zip(*columns.values(), strict=True)] if names else []
+    return parts("diagnosis").flights(found, list(columns), rows, agreement(found))

@@ -39,10 +39,8 @@ def box_edges(lower: np.ndarray, upper: np.ndarray) -> list[Segment]:
 
 
 def ground_grid(lower: np.ndarray, upper: np.ndarray, height: float) -> tuple[list[Segment], float]:
-    """Lines at whole multiples of a step that cover a box's shadow on the ground, and the step: 1, 2 or 5 in its digit.
-
-    Args:
-        lower, upper: corners of what is to be covered [m, (3,)]. height: of the ground [m].
+    """Lines at whole multiples of a step that cover the shadow of a box between two corners [m, (3,)] on the ground at
+    a height [m], and the step: 1, 2 or 5 in its digit.
     """
     raw = float(max(upper[0] - lower[0], upper[2] - lower[2])) / LINES
     power = 10.0 ** math.floor(math.log10(raw))
@@ -92,10 +90,8 @@ def axes(origin: np.ndarray, length: float, view: View) -> Iterator[tuple[str, s
 
 
 def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
-    """The border of a mask (h, w) as the data of an SVG path.
-
-    Args:
-        corner: of the mask in the image [pixels, (2,)]. scale: pixels of the mask for one of the image.
+    """The border of a mask (h, w), whose corner is there in the image [pixels, (2,)] and which has ``scale`` pixels for
+    one of the image, as the data of an SVG path.
     """
     if min(mask.shape) < LEAST_PICTURE:
         return ""

@@ -141,12 +141,8 @@ def atlas_columns(frames: int) -> int:
 
 
 def atlas(frames: np.ndarray, size: tuple[int, int], quality: int) -> str:
-    """All frames of a view in one WebP picture, row by row, as a data URI.
-
-    Args:
-        frames: [0..255, (F, H, W, 3), uint8]
-        size: (width, height) of one frame in the picture.
-        quality: WebP quality, 0..100.
+    """All frames of a view [0..255, (F, H, W[, 3]), uint8] in one WebP picture of a quality 0..100, row by row, as a
+    data URI; ``size``: width and height of one frame in the picture.
     """
     columns = atlas_columns(len(frames))
     rows = math.ceil(len(frames) / columns)

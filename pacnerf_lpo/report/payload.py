@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -60,20 +61,22 @@ def build_images(run: Run, stages: list[Stage]) -> dict[str, Any]:
     video, predictions = run.data.video, [read_prediction(run, stage) for stage in stages]
     height, width = video.images.shape[2:4]
     views, scale = range(len(video.view_ids)), 1.0
+
+    def left(prediction: Prediction, view: int) -> torch.Tensor:
+        images = torch.from_numpy(prediction.images[view].astype(np.float32) / 255)
+        return signed_residual(images, video.images[view])
+
     if stages:
-        lefts = [signed_residual(_values(predictions[-1].images[view]), video.images[view]) for view in views]
-        scale = residual_scale(torch.cat([left.flatten() for left in lefts]))
-
-    def residual(prediction: Prediction, view: int) -> np.ndarray:
-        left = signed_residual(_values(prediction.images[view]), video.images[view]) * video.valid[view]
-        return to_bytes(residual_colours(left, scale))
-
+        scale = residual_scale(torch.cat([left(predictions[-1], view).flatten() for view in views]))
     for longest, quality in LADDER:
         size = size_within(longest, height, width)
         small = partial(atlas, size=size, quality=quality)
         measured = [small(to_bytes(images)) for images in video.images]
         models = [[small(one.images[view]) for view in views] for one in predictions]
-        residuals = [[small(residual(one, view)) for view in views] for one in predictions]
+        residuals = [
+            [small(to_bytes(residual_colours(left(one, view) * video.valid[view], scale))) for view in views]
+            for one in predictions
+        ]
         weight = sum(len(uri) for part in (measured, *models, *residuals) for uri in part)
         if weight <= IMAGE_BUDGET:
             break
@@ -101,12 +104,8 @@ def build_particles(stage: Stage, prediction: Prediction) -> dict[str, Any]:
 def moving_particles(
     positions: np.ndarray, colours: np.ndarray, size: float, most: int = MAX_PARTICLES
 ) -> dict[str, Any]:
-    """What ``viewer.js`` shows: positions at every frame (16 bit) and colours (8 bit) of at most so many particles.
-
-    Args:
-        positions: [m, (F, N, 3)]
-        colours: [0..255, (N, 3), uint8]
-        size: diameter of a particle where all are shown [m]; fewer are larger.
+    """What ``viewer.js`` shows: positions at every frame [m, (F, N, 3)], in 16 bit, and colours [0..255, (N, 3), uint8]
+    of at most so many particles; ``size``: diameter of one where all are shown [m]; fewer are larger.
     """
     chosen = np.random.default_rng(0).permutation(positions.shape[1])[:most]
     integers, lower, extent = quantised(positions[:, chosen])
@@ -140,13 +139,13 @@ def read_curves(run_dir: Path, stages: list[Stage]) -> dict[str, Curve]:
     if (run_dir / FOLDER).is_dir():
         events.Reload()
     curves: dict[str, Curve] = {}
-    starts = [sum(stage.record.steps for stage in stages[:number]) for number in range(len(stages))]
+    ends = list(accumulate(stage.record.steps for stage in stages))
     for tag in events.Tags().get(SCALARS, []):
         role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
         points = [(event.step, event.value) for event in events.Scalars(tag)]
         curve = curves.setdefault(name, Curve(unit))
-        for stage, first in zip(stages, starts, strict=True):
-            last = first + stage.record.steps
+        for stage, last in zip(stages, ends, strict=True):
+            first = last - stage.record.steps
             mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
             if mine and stage.record.phase == role:
                 curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
@@ -169,24 +168,19 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
 def with_weighted_fits(curves: Mapping[str, Curve], phases: Sequence[Mapping[str, Any]]) -> dict[str, Curve]:
     """The curves of parameters and velocity, each phase followed by what the weighted fit after it has found, if there
     was one: a level as long as a tenth of the phase.
-
-    Args:
-        curves: of a run.
-        phases: of its results.
     """
+    ends: dict[str, dict[str, float]] = {}
+    for phase in phases:
+        if "before" in phase:
+            velocity = zip(("v_x", "v_y", "v_z"), phase["velocity"], strict=True)
+            ends[phase["label"]] = {**dict(velocity), **{n: one["value"] for n, one in phase["parameters"].items()}}
     found = {}
     for name, curve in curves.items():
-        ends = {}
-        for phase in phases:
-            values = dict(zip(("v_x", "v_y", "v_z"), phase["velocity"], strict=True))
-            values |= {own: one["value"] for own, one in phase["parameters"].items()}
-            if "before" in phase and name in values:
-                ends[phase["label"]] = values[name]
         parts = []
         for label, steps, points in curve.parts:
             parts.append((label, steps, points))
-            if label in ends:
-                parts.append(("weighted fit", [0, max(1, steps[-1] // 10)], [ends[label]] * 2))
+            if name in ends.get(label, {}):
+                parts.append(("weighted fit", [0, max(1, steps[-1] // 10)], [ends[label][name]] * 2))
         found[name] = Curve(curve.unit, parts)
     return found
 
@@ -211,8 +205,3 @@ def build_curves(curves: Mapping[str, Curve], results: Mapping[str, Any]) -> dic
         parameters.append({"title": "initial velocity", "unit": "m/s", "log": False, "truth": None, "lines": velocity})
     losses = [{"title": part[0], "log": True, "lines": [{"label": "loss", "parts": [part]}]} for part in loss.parts]
     return {"loss": losses, "parameters": parameters}
-
-
-def _values(images: np.ndarray) -> torch.Tensor:
-    """Bytes to values in 0..1."""
-    return torch.from_numpy(images.astype(np.float32) / 255)

@@ -75,12 +75,10 @@ def log_diagnosis(run_dir: Path) -> None:
     with PhaseEvents(run_dir, "diagnosis") as events:
         for number, stage in enumerate(result["stages"]):
             whole = {f"error, {part} data [{unit}]": value for part, value in stage["error"].items()}
-            views = {
-                f"error by view/{view} [{unit}]": value
-                for view, value in zip(result["views"], stage["by_view"], strict=True)
-                if value is not None
-            }
-            events.add_metrics(whole | views, number)
+            events.add_metrics(whole, number)
+            for view, value in zip(result["views"], stage["by_view"], strict=True):
+                if value is not None:
+                    events.add_metrics({f"error by view/{view} [{unit}]": value}, number)
             for frame, value in enumerate(stage["by_frame"]):
                 if value is not None:
                     events.add_metrics({f"error by frame/{number} {stage['readable']} [{unit}]": value}, frame)

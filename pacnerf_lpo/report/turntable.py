@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor
 from pacnerf_lpo.data.cameras import pixel_rays, poses_around
 from pacnerf_lpo.data.recordings.conventions import centred_intrinsic
 from pacnerf_lpo.evaluation.prediction import StateRenderer, to_bytes
-from pacnerf_lpo.types import FieldGrid, Rays
+from pacnerf_lpo.types import Rays
 
 FIELD_OF_VIEW = 35.0
 MARGIN = 1.25
@@ -55,18 +56,10 @@ class Orbit:
 def turntable(
     renderer: StateRenderer, positions: Tensor, orbit: Orbit, azimuths: list[float], moments: list[int]
 ) -> Iterator[np.ndarray]:
-    """One picture for each azimuth [deg] and the frame shown with it.
-
-    Args:
-        positions: [m, (F, N, 3)]
-        moments: index of the frame, one for each azimuth.
-
-    Yields:
-        [0..255, (size, size, 3), uint8]
+    """One picture [0..255, (size, size, 3), uint8] for each azimuth [deg] and the frame, ``moments``, shown with it, of
+    positions [m, (F, N, 3)].
     """
-    shown: tuple[int, FieldGrid] | None = None
+    grid = lru_cache(1)(lambda moment: renderer.grid(positions[moment]))
     for azimuth, moment in zip(azimuths, moments, strict=True):
-        if shown is None or shown[0] != moment:
-            shown = (moment, renderer.grid(positions[moment]))
-        image, _ = renderer.image(shown[1], orbit.rays(azimuth), (orbit.size, orbit.size))
+        image, _ = renderer.image(grid(moment), orbit.rays(azimuth), (orbit.size, orbit.size))
         yield to_bytes(image)

@@ -115,10 +115,10 @@ def doubt(last: Round) -> str | None:
         return DOUBT_HELD
     if last.check.p_value < LEVEL:
         return DOUBT_FITTED
-    shape = None if last.screening is None else last.screening.score(SHAPE)
-    if last.screening is None or shape is None:
-        return None
-    return DOUBT_SHAPE if last.screening.p_value(shape.log_bayes_factor) < LEVEL else None
+    shape = last.screening and last.screening.score(SHAPE)
+    if last.screening and shape and last.screening.p_value(shape.log_bayes_factor) < LEVEL:
+        return DOUBT_SHAPE
+    return None
 
 
 def force_is_determined(last: Round, said: Verdict) -> bool:
