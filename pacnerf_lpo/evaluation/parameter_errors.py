@@ -72,16 +72,22 @@ def read_truth(path: str | Path) -> Truth:
 
 
 def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = False) -> dict[str, ParameterError]:
-    """The error of every fitted parameter (by name, SI units, theta in degrees) whose true value is known or follows
-    from the truth's elastic pair. Raises UserInputError where a true parameter has no error measure.
+    """The error of every fitted parameter whose true value is known or follows from the truth's elastic pair. Raises
+    UserInputError where a true parameter has no error measure.
 
-    A fluid's ``mu``, a viscosity [Pa s], is never compared with a solid's (``fluid``: what the fit has is one), and a
-    true value of 0 has no logarithm: such pairs are left out.
+    A fluid's ``mu`` is never compared with a solid's, and a true value of 0 has no logarithm: such pairs are left out.
+
+    Args:
+        found: fitted values by name, SI units, theta in degrees.
+        truth: what :func:`read_truth` returned.
+        fluid: the fitted ``mu`` is a viscosity [Pa s].
     """
     true = truth.parameters if truth.fluid else complete_elastic_pair(truth.parameters)
     incomparable = {"mu", "E", "nu"} if fluid != truth.fluid else set()
     errors = {}
-    for name in [name for name in found if name in true and name not in incomparable]:
+    for name in found:
+        if name not in true or name in incomparable:
+            continue
         if name not in MEASURES:
             raise UserInputError(f"no error measure for the parameter {name!r}; known are {', '.join(MEASURES)}")
         measure = MEASURES[name]

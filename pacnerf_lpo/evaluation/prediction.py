@@ -159,8 +159,12 @@ def contact_of(run: Run, stage: Stage) -> int | None:
 
 
 def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> int | None:
-    """First frame in which a particle feels the ground [height, m]: its quadratic kernel, 1.5 cells of a grid of this
-    spacing [m] wide, reaches it; ``lowest``: height of the lowest particle at each frame [m, (F,)].
+    """First frame in which a particle feels the ground: its quadratic kernel, 1.5 cells wide, reaches it.
+
+    Args:
+        lowest: height of the lowest particle at each frame [m, (F,)]
+        spacing: grid spacing [m]
+        ground: height of the ground [m]
     """
     touching = lowest - ground < CONTACT_CELLS * spacing
     return int(touching.argmax()) if touching.any() else None

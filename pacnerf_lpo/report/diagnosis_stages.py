@@ -138,12 +138,10 @@ def _outlines(problem: Problem, stage: Stage) -> np.ndarray:
 
 def _stacked(recordings: Sequence[np.ndarray]) -> np.ndarray:
     """Pictures of several recordings [(V, F, h, w[, 3]), uint8] as one; white where one has no frame or is smaller."""
-    shape = [sum(len(one) for one in recordings), *np.max([one.shape[1:] for one in recordings], axis=0)]
-    found, at = np.full(shape, 255 if len(shape) == 5 else 0, np.uint8), 0
-    for one in recordings:
-        found[at : at + len(one), : one.shape[1], : one.shape[2], : one.shape[3]] = one
-        at += len(one)
-    return found
+    largest = np.max([one.shape[1:] for one in recordings], axis=0)
+    white = 255 if recordings[0].ndim == 5 else 0
+    missing = ([(0, 0), *((0, pixels) for pixels in largest - one.shape[1:])] for one in recordings)
+    return np.concatenate([np.pad(*pair, constant_values=white) for pair in zip(recordings, missing, strict=True)])
 
 
 def _small(values: np.ndarray) -> np.ndarray:

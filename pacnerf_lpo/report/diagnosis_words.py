@@ -159,7 +159,8 @@ def chance(p: float) -> str:
         return "chance alone does this more often than not"
     if p < 1e-4:
         return "chance alone would do this in less than 1 of 10 000 recordings in which nothing is missing"
-    return f"chance alone would do this in about 1 of {_round(1 / p)} recordings in which nothing is missing"
+    recordings = float(f"{1 / p:.1g}") if p <= 0.01 else 1 / p
+    return f"chance alone would do this in about 1 of {recordings:.0f} recordings in which nothing is missing"
 
 
 def odds(log_bayes_factor: float, short: bool = False) -> str:
@@ -305,8 +306,3 @@ def undetermined(result: Result) -> list[str]:
 
 def _count(count: int, noun: str) -> str:
     return noun if count == 1 else f"{count} {noun}s"
-
-
-def _round(value: float) -> str:
-    digits = max(0, math.floor(math.log10(value)))
-    return f"{round(value, -digits) if digits > 1 else round(value):.0f}"

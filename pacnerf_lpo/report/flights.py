@@ -64,7 +64,11 @@ def flights(problem: Problem, shown: Sequence[Stage], rounds: Sequence[Round]) -
 def side_force(force: np.ndarray, covariance: np.ndarray, velocity: np.ndarray, turned: np.ndarray) -> dict[str, float]:
     """The steady force across a flight, found without its spin, and where it points: ``size`` of the acceleration
     across the mean velocity [m/s^2], standard ``error`` of a component of it, and ``angle`` between it and the measured
-    spin x velocity, ``turned`` in the mean [degrees]. The force is an acceleration [m/s^2, (3,)] with its covariance.
+    spin x velocity [degrees].
+
+    Args:
+        force, covariance: acceleration [m/s^2, (3,)] with its covariance.
+        velocity, turned: mean velocity, and mean spin x velocity.
     """
     along = velocity / np.linalg.norm(velocity)
     across = np.eye(3) - np.outer(along, along)

@@ -90,8 +90,10 @@ def axes(origin: np.ndarray, length: float, view: View) -> Iterator[tuple[str, s
 
 
 def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
-    """The border of a mask (h, w), whose corner is there in the image [pixels, (2,)] and which has ``scale`` pixels for
-    one of the image, as the data of an SVG path.
+    """The border of a mask (h, w) as the data of an SVG path.
+
+    Args:
+        corner: of the mask in the image [pixels, (2,)]. scale: pixels of the mask for one of the image.
     """
     if min(mask.shape) < LEAST_PICTURE:
         return ""

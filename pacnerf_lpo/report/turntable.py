@@ -56,8 +56,14 @@ class Orbit:
 def turntable(
     renderer: StateRenderer, positions: Tensor, orbit: Orbit, azimuths: list[float], moments: list[int]
 ) -> Iterator[np.ndarray]:
-    """One picture [0..255, (size, size, 3), uint8] for each azimuth [deg] and the frame, ``moments``, shown with it, of
-    positions [m, (F, N, 3)].
+    """One picture for each azimuth [deg] and the frame shown with it.
+
+    Args:
+        positions: [m, (F, N, 3)]
+        moments: index of the frame, one for each azimuth.
+
+    Yields:
+        [0..255, (size, size, 3), uint8]
     """
     grid = lru_cache(1)(lambda moment: renderer.grid(positions[moment]))
     for azimuth, moment in zip(azimuths, moments, strict=True):

@@ -139,11 +139,10 @@ def _named(
 ) -> list[str]:
     """Every effect that was found: its name, how sure it is, and what it changes."""
     found: list[str] = []
-    for number, done in enumerate(rounds):
+    for done, after in zip(rounds, [*rounds[1:], None], strict=True):
         again = done.accepted
         if again is None or again.name not in said.names:
             continue
-        after = rounds[number + 1] if number + 1 < len(rounds) else None
         candidate, also = done.candidate(again.name), "also " if found else ""
         named = either(done.indistinguishable or [again.name])
         what = f"{named}: a camera is wrong" if candidate.observes else f"{named} is {also}missing"

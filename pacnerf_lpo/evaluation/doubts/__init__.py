@@ -17,13 +17,12 @@ def doubts_of_phase(data: VideoData, physics: Physics, stage: Stage) -> Iterator
     """The doubts that a finished phase of a run raises, by its state, and by its course where that led there."""
     state, course = stage.state, stage.record.course
     if stage.record.phase == "static":
-        yield from recording.doubts_about_views(data, state)
-    elif stage.record.phase == "velocity":
-        fall, hit_frame = recording.measure_fall(data), course.get("frames")
-        if fall is not None:
-            yield from recording.doubts_about_ground(fall, physics.ground_height, state.spacing)
-        if fall is not None and hit_frame is not None:
-            yield from recording.doubts_about_contact(fall, hit_frame)
+        yield from recording.doubts_about_views(data)
+        yield from recording.doubts_about_pixels(data, state)
+    elif stage.record.phase == "velocity" and (fall := recording.measure_fall(data)):
+        yield from recording.doubts_about_ground(fall, physics.ground_height, state.spacing)
+        if "frames" in course:
+            yield from recording.doubts_about_contact(fall, course["frames"])
     elif stage.record.phase == "physics":
         yield from identification.doubts_about_parameters(physics, state, course.get("searched", {}))
         if stage.record.before is None:

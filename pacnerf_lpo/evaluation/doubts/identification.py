@@ -40,8 +40,8 @@ OPEN_VOLUME = 0.03
 def doubts_about_velocity(
     course: Mapping[str, Any], state: ParticleState, pixel: float, seconds: float
 ) -> Iterator[Doubt]:
-    """The initial velocity still moved when its iterations ended; by the course of its phase and what that exported,
-    the size of a pixel at the body [m], and the time from frame 0 to the contact [s].
+    """The initial velocity still moved when its iterations ended. ``pixel``: its size at the body [m];
+    ``seconds``: from frame 0 to the contact.
     """
     moved = course.get("last_step", 0.0)
     if moved * seconds > SEEN_STEP * pixel:
@@ -245,7 +245,9 @@ def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:
-    """The answers of two methods on a coarse body differ by more than a noticeable change of each."""
+    """The answers of two methods on a coarse body, where they were compared, differ by more than a noticeable change of
+    each.
+    """
     if methods is None:
         return
     for name, by_images in methods.get("images", {}).items():

@@ -71,8 +71,8 @@ def measure_fall(data: VideoData) -> Fall | None:
     return Fall(ground, error, find_contact(heights, ground, motion.at(times) @ ALONG, flight), len(times))
 
 
-def doubts_about_views(data: VideoData, state: ParticleState) -> Iterator[Doubt]:
-    """Too few training views or pixels on the object, or voxels of the static phase too fine or too coarse for it."""
+def doubts_about_views(data: VideoData) -> Iterator[Doubt]:
+    """Too few training views."""
     count = len(data.train)
     if count < FEWEST_VIEWS:
         yield Doubt(
@@ -82,6 +82,10 @@ def doubts_about_views(data: VideoData, state: ParticleState) -> Iterator[Doubt]
             "the body may be deeper than it is wide where no camera looks, and its mass wrong by as much",
             f"train with {FEWEST_VIEWS} views or more, from different sides",
         )
+
+
+def doubts_about_pixels(data: VideoData, state: ParticleState) -> Iterator[Doubt]:
+    """Too few pixels on the object, or too fine or too coarse voxels for it, by the particles of the static phase."""
     areas = data.video.silhouettes[data.train, 0].sum((-1, -2))
     across = 2.0 * float(areas.median() / np.pi) ** 0.5
     pixel = pixel_size(data, state)
