@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, standardised
 from pacnerf_lpo.diagnosis.refitting import Ahead, Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.explore.records import Step, Suggestion
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each, workers
-from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.evidence import Score
@@ -37,7 +36,7 @@ NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 LARGE = ("data", "state", "run", "stage", "_coarse", "_as_reconstructed")
 """What a problem holds and no model of it needs."""
-ITERATIONS = 8
+EFFORT = Effort(8, confirm=False)
 
 
 def suggest(session: "Session", step: Step, progress: Progress) -> list[Suggestion]:
@@ -50,7 +49,10 @@ def suggest(session: "Session", step: Step, progress: Progress) -> list[Suggesti
     problem, effects = on_coarse_body(session.problem), session.catalogue.chosen(step.effects)
     noise = session.noise.of(step, progress).comparison
     progress("fitting the model as it is")
-    null = fitted(problem, effects, step.values, noise, progress)
+    model = problem.model(effects, step.values)
+    known = noise.names == model.names and noise.jacobian.shape[-1] == len(model.names)
+    changes = noise.jacobian if known else None
+    null = standardised(problem, model, model.start, changes, noise.errors, progress, effort=EFFORT)
     candidates = [replace(candidate, quick=True) for candidate in session.catalogue.candidates(step.effects)]
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
@@ -166,22 +168,3 @@ def on_coarse_body(problem: Problem) -> Problem:
         vars(found).pop(name, None)
     vars(found).update(body=problem.coarse_body, first_guess=problem.first_guess, video=problem.without_pictures)
     return found
-
-
-def fitted(
-    problem: Problem, effects: tuple[Effect, ...], values: dict[str, float], noise: Comparison, progress: Progress
-) -> Comparison:
-    """A model [SI] fitted with all its unknowns from where it stands, on the coarse body, with the known noise of a
-    comparison of the same data around it. Raises SimulationError where the motion is unstable where it stands.
-    """
-    model, mask = problem.model(effects, values), problem.fitted
-    objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask))
-    start: np.ndarray | Fit = np.clip(model.start, *model.bounds)
-    if noise.names == model.names and noise.jacobian.shape[-1] == len(model.names):
-        known = objective.derivative(noise.jacobian)
-        start = Fit(model.start, objective(model.start), known, 1, objective)
-    report = reporter(model, progress)
-    effort = Effort(ITERATIONS, confirm=False)
-    best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
-    cost, seen = best.cost_of(objective.rows), objective.seen(best)
-    return Comparison.at(model, best.free, objective.prior, seen, noise.errors, cost, rollouts=best.rollouts)
