@@ -49,14 +49,17 @@ class Catalogue:
         if listed is not None:
             found = [*read_candidates(Path(listed), material, ()), *found]
         for candidate in found:
-            self._take(candidate)
+            self._take(candidate.effect)
         self.parameters = self._described()
 
-    def _take(self, candidate: Candidate) -> None:
-        taken = {name for effect in self.effects.values() for name in effect.parameters}
-        adopted = self.problem.adopt(candidate.effect)
-        if candidate.name not in self.effects and not taken & set(adopted.parameters):
-            self.effects[candidate.name] = adopted
+    def _take(self, effect: Effect) -> bool:
+        """Take an effect in where its name and its coefficients are new; whether they are."""
+        taken = {name for known in self.effects.values() for name in known.parameters}
+        adopted = self.problem.adopt(effect)
+        new = name_of(effect) not in self.effects and taken.isdisjoint(adopted.parameters)
+        if new:
+            self.effects[name_of(effect)] = adopted
+        return new
 
     def _described(self) -> dict[str, Parameter]:
         """Parameters of material, motion and ground by name."""
@@ -83,14 +86,13 @@ class Catalogue:
         given = entry if isinstance(entry, dict) else {"class_path": entry}
         effect = read_effects(Path("explore"), [given])[0]
         effect.check_material(self.problem.physics.material)
-        found = Candidate(name_of(effect), effect)
-        if found.name not in self.effects:
-            self._take(found)
-            if found.name not in self.effects:
-                raise UserInputError(f"explore: {found.name} has a coefficient that an effect of the catalogue has too")
+        name = name_of(effect)
+        if name not in self.effects:
+            if not self._take(effect):
+                raise UserInputError(f"explore: {name} has a coefficient that an effect of the catalogue has too")
             self.declared.append(as_config(effect, effect.guess))
-            self.free |= set(self.effects[found.name].parameters)
-        return found.name
+            self.free |= set(self.effects[name].parameters)
+        return name
 
     def effect(self, name: str) -> Effect:
         """By its name. Raises UserInputError."""

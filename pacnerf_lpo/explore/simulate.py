@@ -10,7 +10,6 @@ from pacnerf_lpo.diagnosis.localising import mean_of_outlines
 from pacnerf_lpo.explore.records import Errors, Resolution
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.study import CAMERAS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.diagnosis_stages import root_mean_square
 
@@ -50,18 +49,14 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
     split = problem.split
     fitted, held = (np.where(mask, table, np.nan) for mask in (split.fitted, split.held))
     whole = [float(value) if np.isfinite(value := root_mean_square(part, (0, 1))) else None for part in (fitted, held)]
-    ids = problem.video.view_ids
     parts = problem.parts((), {})
-    several = len(parts) > 1
-    owners = [parts[view // CAMERAS - 1].name if several else parts[0].name for view in ids]
-    owners += [part.name for part in parts for _ in part.recording.point_names]
-    rows = [f"view {view % CAMERAS if several else view}" for view in ids]
-    rows += [name for part in parts for name in part.recording.point_names]
+    rows = [(f"view {view}", part.name) for part in parts for view in part.recording.video.view_ids]
+    rows += [(name, part.name) for part in parts for name in part.recording.point_names]
     return Errors(
         unit,
-        tuple(f"{row} of {owner}" if several else row for row, owner in zip(rows, owners, strict=True)),
-        tuple(ids),
-        tuple(owners),
+        tuple(f"{row} of {owner}" if len(parts) > 1 else row for row, owner in rows),
+        problem.video.view_ids,
+        tuple(owner for _, owner in rows),
         problem.video.times.numpy().astype(float),
         table,
         split.held,
