@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 from plyfile import PlyData, PlyElement
 from tqdm import tqdm
 
@@ -14,11 +15,11 @@ from pacnerf_lpo.export.motion import Subject, linear_light
 PLY_FILES = re.compile(r"frame_\d+\.ply")
 VTU_FILES = re.compile(r"frame_\d+\.vtu|motion\.pvd")
 SERIES = "motion.pvd"
-VERTEX = [
-    *((name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")),
-    *((name, "u1") for name in ("red", "green", "blue")),
-    ("density", "f4"),
-]
+VERTEX = np.dtype(
+    [(name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")]
+    + [(name, "u1") for name in ("red", "green", "blue")]
+    + [("density", "f4")]
+)
 CSV_HEADER = "frame,time_s,id,x_m,y_m,z_m"
 ROUGHNESS = 0.6
 
@@ -29,15 +30,11 @@ def write_ply(subject: Subject, folder: Path) -> None:
     A vertex holds its position x, y, z [m], velocity vx, vy, vz [m/s], colour and raw volume density.
     """
     motion = subject.motion
-    vertices = np.empty(len(motion.numbers), dtype=VERTEX)
-    vertices["density"] = motion.density
-    for column, name in enumerate(("red", "green", "blue")):
-        vertices[name] = motion.colours[:, column]
     with whole_folder(folder) as part:
         for frame in frames_of(len(motion.times), folder):
-            for column, name in enumerate("xyz"):
-                vertices[name] = motion.positions[frame, :, column]
-                vertices[f"v{name}"] = motion.velocities[frame, :, column]
+            moving = motion.positions[frame], motion.velocities[frame]
+            columns = np.column_stack((*moving, motion.colours, motion.density))
+            vertices = unstructured_to_structured(columns, VERTEX)
             PlyData([PlyElement.describe(vertices, "vertex")]).write(part / f"frame_{frame:03d}.ply")
 
 
