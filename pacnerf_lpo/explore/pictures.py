@@ -1,7 +1,6 @@
 """What a camera saw, what the model says, and the residual, with both outlines, as one picture."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -12,10 +11,8 @@ from pacnerf_lpo.data.cameras import project
 from pacnerf_lpo.data.images import contours
 from pacnerf_lpo.evaluation.prediction import to_bytes
 from pacnerf_lpo.explore.records import Camera, Outlines
+from pacnerf_lpo.explore.views import Views
 from pacnerf_lpo.report.residual_colours import NEGATIVE, POSITIVE, residual_colours
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.explore.session import Session
 
 MEASURED = tuple(round(255 * value) for value in POSITIVE)
 MODEL = tuple(round(255 * value) for value in NEGATIVE)
@@ -29,7 +26,7 @@ SHADE = 0.6
 """Grey of a body where no particle was drawn."""
 
 
-def seen_by(session: "Session", camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
+def seen_by(session: Views, camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
     """:func:`triptych` of a step of a session, close. Raises UserInputError where the step has no motion."""
     seen = session.outlines(camera.view, frame, step, recording)
     motion = session.motion(step, recording)
