@@ -51,10 +51,14 @@ def fit(session: "Session", step: Step, names: list[str], progress: Progress) ->
     objective = StandardisedObjective(problem, model, problem.fitted, noise)
     places = [model.names.index(name) for name in names]
     bounds = model.bounds[0][places], model.bounds[1][places]
+    held, tell, title = Held(objective, model.start, places), reporter(model, progress), f"fit of {', '.join(names)}"
     latest: list[np.ndarray] = []
-    tell = reporter(model, progress)
-    best: Fit | None = None
-    title, unstable = f"fit of {', '.join(names)}", None
+    fits: list[Fit] = []
+    unstable: list[SimulationError] = []
+
+    def report(iteration: int, cost: float, free: np.ndarray) -> None:
+        latest[:] = [held.all(free)]
+        tell(iteration, cost, latest[0])
 
     def taken(free: np.ndarray, called: str, ends: dict[str, tuple[float, float]], doubts: Sequence[str] = ()) -> Step:
         known = model.physical(free)
@@ -64,28 +68,19 @@ def fit(session: "Session", step: Step, names: list[str], progress: Progress) ->
 
     try:
         for start in at_probes(model, [effect for effect in effects if set(effect.parameters) <= set(names)]):
-            some = Held(objective, start, places)
-
-            def report(iteration: int, cost: float, free: np.ndarray, some: Held = some) -> None:
-                latest[:] = [some.all(free)]
-                tell(iteration, cost, latest[0])
-
-            begin, effort = np.clip(start[places], *bounds), Effort(ITERATIONS)
+            settings = model.scales[places], bounds, Effort(ITERATIONS), report, objective.rows
             try:
-                found = descend(some, begin, model.scales[places], bounds, effort, report, objective.rows)
+                fits.append(descend(held, start[places], *settings))
             except SimulationError as error:
-                unstable = error
-                continue
-            if best is None or found.cost_of(objective.rows) < best.cost_of(objective.rows):
-                best, whole = found, some.all(found.free)
+                unstable.append(error)
     except Stopped:
         if latest:
             taken(latest[0], f"{title}, stopped", {})
         raise
-    if best is None:
-        assert unstable is not None
-        raise unstable
-    ends = _intervals(problem, objective, best, places)
+    if not fits:
+        raise unstable[-1]
+    best = min(fits, key=lambda one: one.cost_of(objective.rows))
+    ends, whole = _intervals(problem, objective, best, places), held.all(best.free)
     return taken(whole, title, ends, notes(model, whole, *objective.prior))
 
 
