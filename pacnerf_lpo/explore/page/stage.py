@@ -77,9 +77,9 @@ class Stage:
         camera.position = tuple(centre + distance * np.array([0.75, 0.4, 0.9]))
         camera.up = (0.0, 1.0, 0.0)
 
-    def put(self, name: str, moving: Moving | None) -> None:
-        """Show something under a name in place of what was there; None: nothing."""
-        if moving is None:
+    def put(self, name: str, moving: Moving) -> None:
+        """Show something under a name in place of what was there; nothing where it has no points at any frame."""
+        if not any(len(points) for points in moving.frames):
             self._moving.pop(name, None)
             if (cloud := self._clouds.pop(name, None)) is not None:
                 cloud.remove()
