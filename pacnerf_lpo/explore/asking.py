@@ -100,11 +100,9 @@ def _as_round(session: "Session", step: Step, progress: Progress) -> Round:
     comparison = replace(stands, known=dict(step.values))
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]
-    intervals = [_interval(step, name) for name in model.names]
+    ends = {name: step.intervals.get(name, (step.values[name],) * 2) for name in model.names}
+    intervals = [
+        Interval(name, step.values[name], low, high, (high - low) / 2, name in step.intervals)
+        for name, (low, high) in ends.items()
+    ]
     return Round(effects, comparison, *comparison.checks(problem), intervals, [], phases)
-
-
-def _interval(step: Step, name: str) -> Interval:
-    value = step.values[name]
-    low, high = step.intervals.get(name, (value, value))
-    return Interval(name, value, low, high, (high - low) / 2, name in step.intervals)

@@ -1,6 +1,6 @@
 """Everything that can be changed, numbers of the model and its effects, and the steps that changes make of a step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -77,11 +77,9 @@ class Catalogue:
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
     def declare(self, entry: str | dict[str, Any]) -> str:
-        """Take an effect of one's own into the catalogue; returns its name. Raises UserInputError where there is no
-        such class, or it does not apply to the material.
-
-        Args:
-            entry: its class path, such as ``lorentz.Lorentz``, or an entry of ``physics.effects``.
+        """Take an effect of one's own into the catalogue, by its class path, such as ``lorentz.Lorentz``, or as an
+        entry of ``physics.effects``; returns its name. Raises UserInputError where there is no such class, or it does
+        not apply to the material.
         """
         given = entry if isinstance(entry, dict) else {"class_path": entry}
         effect = read_effects(Path("explore"), [given])[0]
@@ -220,11 +218,8 @@ def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -
     value is that at which it vanishes. Raises UserInputError for an effect that does not suit the others.
     """
     owners = {name: catalogue.owner(name) for name in values}
-    added = [
-        own
-        for name, own in owners.items()
-        if own and own not in step.effects and values[name] != catalogue.effects[own].null[name]
-    ]
+    nulls = _nulls(catalogue, catalogue.effects)
+    added = [own for name, own in owners.items() if own and own not in step.effects and values[name] != nulls[name]]
     effects = joined(catalogue, step.effects, list(dict.fromkeys(added)))
     given = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
     title = ", ".join(f"{_called(catalogue, name)} {catalogue.show(name, value)}" for name, value in values.items())
@@ -263,12 +258,11 @@ def joined(catalogue: Catalogue, effects: Sequence[str], more: Sequence[str]) ->
     return found
 
 
-def _nulls(catalogue: Catalogue, effects: Sequence[str]) -> dict[str, float]:
+def _nulls(catalogue: Catalogue, effects: Iterable[str]) -> dict[str, float]:
     return {name: null for own in effects for name, null in catalogue.effects[own].null.items()}
 
 
 def _called(catalogue: Catalogue, name: str) -> str:
     """A setting in the name of a step: by its effect where that has one coefficient."""
     owner = catalogue.owner(name)
-    alone = owner is not None and len(catalogue.effects[owner].parameters) == 1
-    return owner if alone and owner is not None else name
+    return owner if owner is not None and len(catalogue.effects[owner].parameters) == 1 else name

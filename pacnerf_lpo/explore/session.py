@@ -196,23 +196,18 @@ class Session(Views):
             return self.history.go(number)
 
     def refine(self, number: int | None = None) -> Step:
-        """Simulate a step on the fine body.
+        """Simulate a step on the fine body; None: the current one.
 
         A change that is made meanwhile stops it; the step then stays as it was, and so does one whose fine motion is
         unstable, with the reason.
-
-        Args:
-            number: of the step; None: the current one.
         """
         return self.stepper.refine(self.history.step(number))
 
     # Looking
 
     def error(self, number: int | None = None) -> Errors:
-        """How far a step is from the measurement, by row and frame, see :class:`Errors`; None: the current step.
-
-        Raises:
-            UserInputError: there is no such step, or its motion is unstable.
+        """How far a step is from the measurement, by row and frame, see :class:`Errors`; None: the current step. Raises
+        UserInputError where there is no such step, or its motion is unstable.
         """
         step = self.history.step(number)
         found = self.stepper.simulated(step)
@@ -292,13 +287,8 @@ class Session(Views):
         self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
     ) -> tuple[Step, list[str]]:
         """Run the whole diagnosis of what was opened, as ``pacnerf-lpo diagnose`` does, write its results where that
-        writes them, and take its model over as a step; minutes, and it goes on where it was stopped.
-
-        Returns:
-            The step, and the sentences of the verdict.
-
-        Raises:
-            Stopped, SimulationError, UserInputError: as :meth:`suggest`.
+        writes them, and take its model over as a step; minutes, and it goes on where it was stopped. Returns the step,
+        and the sentences of the verdict. Raises as :meth:`suggest`.
         """
         with self.stepper.job(progress, stop, self.jobs) as report:
             return asking.diagnose(self, report)
