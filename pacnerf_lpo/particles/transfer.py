@@ -25,7 +25,7 @@ def particles_to_grid(positions: Tensor, density: Tensor, features: Tensor, dx: 
     if not torch.isfinite(positions).all():
         raise FloatingPointError("particle to grid transfer: field `positions` contains NaN or infinite values")
     first, last = ((end / dx).floor().long() for end in torch.aminmax(positions.detach(), dim=0))
-    x, y, z = (last - first + 4).tolist()
+    x, y, z = (last - first + 4).tolist()  # two nodes for a cell, and one layer on either side
     lower, shape = (first - 1).to(positions) * dx, (x, y, z)
     points = stencil(positions, lower, dx, shape)
     sums = scatter(torch.cat((density[:, None], features, torch.ones_like(density)[:, None]), dim=1), points)
