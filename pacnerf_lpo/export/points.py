@@ -87,27 +87,28 @@ def write_usd(subject: Subject, path: Path) -> None:
     """
     from pxr import Gf, Usd, UsdGeom, Vt
 
-    motion = subject.motion
+    motion, state, frame_rate = subject.motion, subject.stage.state, subject.run.physics.frame_rate
+    width = state.spacing / 2
     with whole_file(path) as part:
         stage = Usd.Stage.CreateNew(str(part))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-        codes = (motion.times * motion.frame_rate).round(6).tolist()
-        stage.SetTimeCodesPerSecond(motion.frame_rate)
-        stage.SetFramesPerSecond(motion.frame_rate)
+        codes = (motion.times * frame_rate).round(6).tolist()
+        stage.SetTimeCodesPerSecond(frame_rate)
+        stage.SetFramesPerSecond(frame_rate)
         stage.SetStartTimeCode(codes[0])
         stage.SetEndTimeCode(codes[-1])
-        stage.GetRootLayer().customLayerData = {"identified_SI": motion.parameters}
+        stage.GetRootLayer().customLayerData = {"identified_SI": state.physics}
         body = UsdGeom.Xform.Define(stage, "/Body").GetPrim()
         stage.SetDefaultPrim(body)
         points = UsdGeom.Points.Define(stage, "/Body/Particles")
         points.CreateIdsAttr(Vt.Int64Array.FromNumpy(motion.numbers))
-        points.CreateWidthsAttr(Vt.FloatArray([motion.distance]))
+        points.CreateWidthsAttr(Vt.FloatArray([width]))
         points.SetWidthsInterpolation(UsdGeom.Tokens.constant)
         colour = points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
         colour.Set(Vt.Vec3fArray.FromNumpy(linear_light(motion.colours)))
         _bind_material(stage, points.GetPrim())
-        reach = np.float32(motion.distance / 2)
+        reach = np.float32(width / 2)
         for frame in frames_of(len(codes), path):
             here, code = motion.positions[frame], codes[frame]
             points.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(here)), code)
