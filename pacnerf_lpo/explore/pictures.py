@@ -11,7 +11,6 @@ from pacnerf_lpo.data.cameras import project
 from pacnerf_lpo.data.images import contours
 from pacnerf_lpo.evaluation.prediction import to_bytes
 from pacnerf_lpo.explore.records import Camera, Outlines
-from pacnerf_lpo.explore.views import Views
 from pacnerf_lpo.report.residual_colours import NEGATIVE, POSITIVE, residual_colours
 
 MEASURED = tuple(round(255 * value) for value in POSITIVE)
@@ -24,14 +23,6 @@ SCALE = colormaps["cividis"].with_extremes(bad="#a0a0a0")
 """Of values on particles: evenly readable with every colour vision; grey where there is none."""
 SHADE = 0.6
 """Grey of a body where no particle was drawn."""
-
-
-def seen_by(session: Views, camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
-    """:func:`triptych` of a step of a session, close. Raises UserInputError where the step has no motion."""
-    seen = session.outlines(camera.view, frame, step, recording)
-    motion = session.motion(step, recording)
-    drawn = drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
-    return triptych(seen, drawn, side, close=True)
 
 
 def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:
