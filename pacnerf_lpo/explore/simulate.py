@@ -34,9 +34,8 @@ def simulate(
     problem: Problem, effects: Sequence[Effect], values: dict[str, float], resolution: Resolution
 ) -> Simulated:
     """Roll a model out and look at it with all cameras. Raises SimulationError."""
-    parts = problem.parts(effects, values)
-    bodies = [None if resolution == "refined" else part.recording.coarse_body for part in parts]
-    models = tuple(p.recording.model(p.effects, p.known, body) for p, body in zip(parts, bodies, strict=True))
+    parts, coarse = problem.parts(effects, values), resolution == "coarse"
+    models = tuple(p.recording.coarse_model(p.effects, p.known) if coarse else p.model for p in parts)
     paths = tuple(model.path(model.start) for model in models)
     predicted = [model.observe(path, model.start) for model, path in zip(models, paths, strict=True)]
     return Simulated(models, paths, problem.join(predicted), resolution)

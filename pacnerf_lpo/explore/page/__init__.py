@@ -15,13 +15,11 @@ PORT = 8080
 
 
 def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> "Page":
-    """The page of a session, served until it is closed.
+    """The page of a session, served until it is closed, in ``dark`` colours or in light ones.
 
     Args:
-        session: that is shown.
         host: address to listen on.
         port: to listen on, 0 for any; the next free one where it is taken.
-        dark: dark colours.
 
     Raises:
         UserInputError: nothing can listen there, or the viewer is not installed.
