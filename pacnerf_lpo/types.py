@@ -86,6 +86,12 @@ class FieldGrid:
     lower: Tensor
     dx: float
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """X, Y, Z."""
+        x, y, z = self.density.shape
+        return x, y, z
+
 
 @dataclass(frozen=True)
 class ParticleState:

@@ -22,12 +22,9 @@ from pacnerf_lpo.phases.base import AbstractPhase
 
 
 class PhaseCheckpoint(Checkpoint):
-    """Writes the checkpoint of a phase and stops the phase when asked to.
+    """Writes the checkpoint of a phase every so many ``seconds`` and stops the phase when asked to.
 
     The state of torch's random generator goes with it, so that a phase goes on as if it had not been interrupted.
-
-    Args:
-        seconds: time between two writes [s].
     """
 
     def __init__(self, path: Path, seconds: float, stop: StopRequest):
@@ -42,9 +39,7 @@ class PhaseCheckpoint(Checkpoint):
         if self._restored_generator is not None:
             torch.set_rng_state(self._restored_generator)
 
-    def on_train_batch_end(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
-    ) -> None:
+    def on_train_batch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule, *_: Any) -> None:
         """Write when due or when the run is asked to stop; then stop it."""
         due = cast(AbstractPhase, pl_module).long_steps or time.monotonic() - self._written >= self.seconds
         if self.stop.requested or due:

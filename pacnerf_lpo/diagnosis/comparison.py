@@ -23,6 +23,8 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 24
+ROUGH = Effort(WHITENED_ITERATIONS, confirm=False)
+"""Of a fit that another one follows."""
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
 CONFIDENCE = 0.9
@@ -160,18 +162,18 @@ def compare(
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    begun = [standardised(problem, model, free, None, errors, progress, rough=True)]
+    begun = [standardised(problem, model, free, None, errors, progress, effort=ROUGH)]
     for values in others:
         with suppress(SimulationError):  # there is another start
             start = problem.model(effects, values).start
-            begun.append(standardised(problem, model, start, None, errors, progress, rough=True))
+            begun.append(standardised(problem, model, start, None, errors, progress, effort=ROUGH))
     first = min(begun, key=lambda found: found.cost)
     rollouts += sum(found.rollouts for found in begun) - first.rollouts
     if np.any(np.abs(first.free - free) > BENT * first.deviation):
         progress("the fit has moved far; errors are learnt again where it is")
         rollouts += errors.simulations + first.rollouts
         errors = ModelErrors.learn(problem, effects, model, first.free, settings, progress)
-        first = standardised(problem, model, first.free, first.jacobian, errors, progress, rough=True)
+        first = standardised(problem, model, first.free, first.jacobian, errors, progress, effort=ROUGH)
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)
@@ -196,16 +198,17 @@ def standardised(
     errors: ModelErrors,
     progress: Progress,
     whole: bool = False,
-    rough: bool = False,
+    effort: Effort | None = None,
 ) -> Comparison:
     """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
-    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data; ``rough``: another fit follows.
+    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data; ``effort``: that of a fit that
+    decides when None.
     """
     mask = problem.usable if whole else problem.fitted
     objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask))
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
-    effort = Effort(WHITENED_ITERATIONS, confirm=False) if rough else objective.effort(WHITENED_ITERATIONS)
+    effort = effort or objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
     cost = best.cost_of(objective.rows)

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +14,10 @@ from pacnerf_lpo.diagnosis.localising import phases_of
 from pacnerf_lpo.diagnosis.plan import Proposal, last_open, propose
 from pacnerf_lpo.diagnosis.rounds import Round, accepted_names
 from pacnerf_lpo.diagnosis.settings import Settings
+from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import Step
+from pacnerf_lpo.explore.source import Source
+from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.identification.base_fit import priors
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.inference.intervals import Interval
@@ -25,21 +27,18 @@ from pacnerf_lpo.report.diagnosis_result import RESULT, summary, write
 from pacnerf_lpo.report.diagnosis_stages import stages_of, write_pictures
 from pacnerf_lpo.report.wording import listed
 
-if TYPE_CHECKING:
-    from pacnerf_lpo.explore.session import Session
-
 STATED = "Changed by hand or by a fit; a diagnosis has not judged it."
 
 
-def diagnose(session: "Session", progress: Progress) -> tuple[Step, list[str]]:
+def diagnose(stepper: Stepper, noise: Noise, progress: Progress) -> tuple[Step, list[str]]:
     """The step that a whole diagnosis ends with, and its verdict in sentences. Raises as :meth:`Session.diagnose`."""
-    source, folder = session.source, session.source.store.folder
+    source, folder = noise.source, noise.source.store.folder
     Settings(list(source.runs), source.phase, source.options).write(folder)
-    rounds = _rounds(session, progress)
+    rounds = _rounds(source, progress)
     progress("writing the page of the diagnosis")
-    write_pictures(session.problem, rounds, folder)
+    write_pictures(source.problem, rounds, folder)
     write_page(folder)
-    session.noise.reload()
+    noise.reload()
     last, ended = rounds[-1], stages_of(rounds)[-1]
     found = last.parameters if last.accepted is None else last.accepted.intervals
     ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
@@ -47,64 +46,61 @@ def diagnose(session: "Session", progress: Progress) -> tuple[Step, list[str]]:
     title = f"diagnose: {listed(names, 'and') if names else 'nothing added'}"
     notes = last.comparison.notes if last.accepted is None else last.accepted.notes
     effects = tuple(name_of(effect) for effect in ended.effects)
-    step = Step(0, session.current.number, title, "diagnose", dict(ended.known), effects, ends, notes=notes)
+    step = Step(0, stepper.history.current.number, title, "diagnose", dict(ended.known), effects, ends, notes=notes)
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
-    return session.stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
+    return stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
 
 
-def plan(session: "Session", progress: Progress) -> list[Proposal]:
+def plan(source: Source, progress: Progress) -> list[Proposal]:
     """Recordings to make next, best first. Raises as :meth:`Session.plan`."""
-    return propose(session.problem, last_open(_rounds(session, progress)), progress)
+    return propose(source.problem, last_open(_rounds(source, progress)), progress)
 
 
-def _rounds(session: "Session", progress: Progress) -> list[Round]:
+def _rounds(source: Source, progress: Progress) -> list[Round]:
     """Of the diagnosis, as far as it is stored; the rest is done now."""
-    source, problem = session.source, session.problem
-    keep = partial(write, problem, source.store.folder)
-    return investigate(problem, source.store, source.options, progress, keep)
+    keep = partial(write, source.problem, source.store.folder)
+    return investigate(source.problem, source.store, source.options, progress, keep)
 
 
-def report(session: "Session", folder: Path, step: Step, progress: Progress) -> Path:
+def report(stepper: Stepper, noise: Noise, folder: Path, step: Step, progress: Progress) -> Path:
     """Write the page of a step, with its numbers and pictures, into a folder; returns the page. Raises SimulationError
     or UserInputError where a motion is unstable.
     """
-    first = session.steps[0]
+    problem, first = stepper.problem, stepper.history.steps[0]
     shown = [first] if step.number == first.number else [first, step]
-    rounds = [_as_round(session, one, progress) for one in shown]
+    rounds = [_as_round(stepper, noise, one, progress) for one in shown]
     for number, found in enumerate(rounds):
         residuals = [earlier.comparison.residual for earlier in rounds[: number + 1]]
-        found.errors = found.comparison.excess(session.problem, residuals)
-    result = summary(session.problem, rounds)
+        found.errors = found.comparison.excess(problem, residuals)
+    result = summary(problem, rounds)
     errors = (("the fitted data", step.fitted), ("the held-out data", step.held_out))
-    parts = [f"{what} {value:.3g} {session.unit}" for what, value in errors if value is not None]
+    parts = [f"{what} {value:.3g} {problem.unit[0]}" for what, value in errors if value is not None]
     said = f"Step {step.number}, {step.name}: error of {' and '.join(parts)}."
     result["verdict"] |= {"sentence": said, "details": [STATED, *step.notes]}
     for stage, one in zip(result["stages"], shown, strict=True):
         stage["readable"] = one.name
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
-    write_pictures(session.problem, rounds, folder)
+    write_pictures(problem, rounds, folder)
     return write_page(folder)
 
 
-def _as_round(session: "Session", step: Step, progress: Progress) -> Round:
+def _as_round(stepper: Stepper, noise: Noise, step: Step, progress: Progress) -> Round:
     """A step as the comparison of a diagnosis has a model, with the noise that is known and as it stands."""
-    problem, effects = session.problem, session.catalogue.chosen(step.effects)
+    problem, effects = stepper.problem, stepper.catalogue.chosen(step.effects)
     progress(f"the page of step {step.number}")
-    noise = session.noise.of(step, progress).comparison
-    found = session.stepper.rolled(step, "refined")
+    errors = noise.of(step, progress).comparison.errors
+    found = stepper.rolled(step, "refined")
     model = problem.model(effects, step.values)
     residual = problem.residual(found.predicted)
     seen = residual, np.zeros((*residual.shape, len(model.names)))
-    stands = Comparison.at(model, model.start, priors(problem, model), seen, noise.errors, notes=step.notes)
+    stands = Comparison.at(model, model.start, priors(problem, model), seen, errors, notes=step.notes)
     comparison = replace(stands, known=dict(step.values))
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]
-    intervals = [_interval(step, name) for name in model.names]
+    ends = {name: step.intervals.get(name, (step.values[name],) * 2) for name in model.names}
+    intervals = [
+        Interval(name, step.values[name], low, high, (high - low) / 2, name in step.intervals)
+        for name, (low, high) in ends.items()
+    ]
     return Round(effects, comparison, *comparison.checks(problem), intervals, [], phases)
-
-
-def _interval(step: Step, name: str) -> Interval:
-    value = step.values[name]
-    low, high = step.intervals.get(name, (value, value))
-    return Interval(name, value, low, high, (high - low) / 2, name in step.intervals)

@@ -1,6 +1,6 @@
 """Everything that can be changed, numbers of the model and its effects, and the steps that changes make of a step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -49,14 +49,17 @@ class Catalogue:
         if listed is not None:
             found = [*read_candidates(Path(listed), material, ()), *found]
         for candidate in found:
-            self._take(candidate)
+            self._take(candidate.effect)
         self.parameters = self._described()
 
-    def _take(self, candidate: Candidate) -> None:
-        taken = {name for effect in self.effects.values() for name in effect.parameters}
-        adopted = self.problem.adopt(candidate.effect)
-        if candidate.name not in self.effects and not taken & set(adopted.parameters):
-            self.effects[candidate.name] = adopted
+    def _take(self, effect: Effect) -> bool:
+        """Take an effect in where its name and its coefficients are new; whether they are."""
+        taken = {name for known in self.effects.values() for name in known.parameters}
+        adopted = self.problem.adopt(effect)
+        new = name_of(effect) not in self.effects and taken.isdisjoint(adopted.parameters)
+        if new:
+            self.effects[name_of(effect)] = adopted
+        return new
 
     def _described(self) -> dict[str, Parameter]:
         """Parameters of material, motion and ground by name."""
@@ -74,23 +77,20 @@ class Catalogue:
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
     def declare(self, entry: str | dict[str, Any]) -> str:
-        """Take an effect of one's own into the catalogue; returns its name. Raises UserInputError where there is no
-        such class, or it does not apply to the material.
-
-        Args:
-            entry: its class path, such as ``lorentz.Lorentz``, or an entry of ``physics.effects``.
+        """Take an effect of one's own into the catalogue, by its class path, such as ``lorentz.Lorentz``, or as an
+        entry of ``physics.effects``; returns its name. Raises UserInputError where there is no such class, or it does
+        not apply to the material.
         """
         given = entry if isinstance(entry, dict) else {"class_path": entry}
         effect = read_effects(Path("explore"), [given])[0]
         effect.check_material(self.problem.physics.material)
-        found = Candidate(name_of(effect), effect)
-        if found.name not in self.effects:
-            self._take(found)
-            if found.name not in self.effects:
-                raise UserInputError(f"explore: {found.name} has a coefficient that an effect of the catalogue has too")
+        name = name_of(effect)
+        if name not in self.effects:
+            if not self._take(effect):
+                raise UserInputError(f"explore: {name} has a coefficient that an effect of the catalogue has too")
             self.declared.append(as_config(effect, effect.guess))
-            self.free |= set(self.effects[found.name].parameters)
-        return found.name
+            self.free |= set(self.effects[name].parameters)
+        return name
 
     def effect(self, name: str) -> Effect:
         """By its name. Raises UserInputError."""
@@ -218,11 +218,8 @@ def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -
     value is that at which it vanishes. Raises UserInputError for an effect that does not suit the others.
     """
     owners = {name: catalogue.owner(name) for name in values}
-    added = [
-        own
-        for name, own in owners.items()
-        if own and own not in step.effects and values[name] != catalogue.effects[own].null[name]
-    ]
+    nulls = _nulls(catalogue, catalogue.effects)
+    added = [own for name, own in owners.items() if own and own not in step.effects and values[name] != nulls[name]]
     effects = joined(catalogue, step.effects, list(dict.fromkeys(added)))
     given = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
     title = ", ".join(f"{_called(catalogue, name)} {catalogue.show(name, value)}" for name, value in values.items())
@@ -261,12 +258,11 @@ def joined(catalogue: Catalogue, effects: Sequence[str], more: Sequence[str]) ->
     return found
 
 
-def _nulls(catalogue: Catalogue, effects: Sequence[str]) -> dict[str, float]:
+def _nulls(catalogue: Catalogue, effects: Iterable[str]) -> dict[str, float]:
     return {name: null for own in effects for name, null in catalogue.effects[own].null.items()}
 
 
 def _called(catalogue: Catalogue, name: str) -> str:
     """A setting in the name of a step: by its effect where that has one coefficient."""
     owner = catalogue.owner(name)
-    alone = owner is not None and len(catalogue.effects[owner].parameters) == 1
-    return owner if alone and owner is not None else name
+    return owner if owner is not None and len(catalogue.effects[owner].parameters) == 1 else name

@@ -1,7 +1,6 @@
 """What a camera saw, what the model says, and the residual, with both outlines, as one picture."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -14,9 +13,6 @@ from pacnerf_lpo.evaluation.prediction import to_bytes
 from pacnerf_lpo.explore.records import Camera, Outlines
 from pacnerf_lpo.report.residual_colours import NEGATIVE, POSITIVE, residual_colours
 
-if TYPE_CHECKING:
-    from pacnerf_lpo.explore.session import Session
-
 MEASURED = tuple(round(255 * value) for value in POSITIVE)
 MODEL = tuple(round(255 * value) for value in NEGATIVE)
 """Colours of the outlines: those of what only the video, and only the model shows in the residual."""
@@ -27,14 +23,6 @@ SCALE = colormaps["cividis"].with_extremes(bad="#a0a0a0")
 """Of values on particles: evenly readable with every colour vision; grey where there is none."""
 SHADE = 0.6
 """Grey of a body where no particle was drawn."""
-
-
-def seen_by(session: "Session", camera: Camera, frame: int, step: int, recording: str | int, side: int) -> np.ndarray:
-    """:func:`triptych` of a step of a session, close. Raises UserInputError where the step has no motion."""
-    seen = session.outlines(camera.view, frame, step, recording)
-    motion = session.motion(step, recording)
-    drawn = drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
-    return triptych(seen, drawn, side, close=True)
 
 
 def triptych(seen: Outlines, drawn: np.ndarray, side: int, close: bool = False) -> np.ndarray:

@@ -196,23 +196,18 @@ class Session(Views):
             return self.history.go(number)
 
     def refine(self, number: int | None = None) -> Step:
-        """Simulate a step on the fine body.
+        """Simulate a step on the fine body; None: the current one.
 
         A change that is made meanwhile stops it; the step then stays as it was, and so does one whose fine motion is
         unstable, with the reason.
-
-        Args:
-            number: of the step; None: the current one.
         """
         return self.stepper.refine(self.history.step(number))
 
     # Looking
 
     def error(self, number: int | None = None) -> Errors:
-        """How far a step is from the measurement, by row and frame, see :class:`Errors`; None: the current step.
-
-        Raises:
-            UserInputError: there is no such step, or its motion is unstable.
+        """How far a step is from the measurement, by row and frame, see :class:`Errors`; None: the current step. Raises
+        UserInputError where there is no such step, or its motion is unstable.
         """
         step = self.history.step(number)
         found = self.stepper.simulated(step)
@@ -224,9 +219,11 @@ class Session(Views):
         """The measured body with its outline and the model's; on its right, smaller, the model and the residual
         [0..255, (side, W, 3), uint8]; as :meth:`outlines`.
         """
-        at = self._check(recording, camera, frame)
-        seeing = next(one for one in self.cameras(at) if one.view == camera)
-        return pictures.seen_by(self, seeing, frame, self.history.step(number).number, at, side)
+        number = self.history.step(number).number
+        seen, motion = self.outlines(camera, frame, number, recording), self.motion(number, recording)
+        eye = next(one for one in self.cameras(recording) if one.view == camera)
+        drawn = pictures.drawing(motion.positions[frame], motion.colours, motion.size, seen.model, eye)
+        return pictures.triptych(seen, drawn, side, close=True)
 
     def compare(self, before: int, after: int) -> Difference:
         """Two steps compared. Raises UserInputError where there is no such step."""
@@ -248,7 +245,7 @@ class Session(Views):
         """
         with self.stepper.job(progress, stop, self.jobs, yielding=True) as report:
             self.noise.learn(self.current, report)
-            suggesting.warm(self, report, self.jobs or 2)
+            suggesting.warm(self.stepper, report, self.jobs or 2)
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -268,7 +265,7 @@ class Session(Views):
             UserInputError: another question is being answered.
         """
         with self.stepper.job(progress, stop, self.jobs) as report:
-            return suggesting.suggest(self, self.current, report)[:most]
+            return suggesting.suggest(self.stepper, self.noise, report)[:most]
 
     def fit(
         self, names: Sequence[str], progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
@@ -284,24 +281,19 @@ class Session(Views):
             SimulationError: the current motion is unstable.
             UserInputError: no such settings, or another question is being answered.
         """
-        fitting.check(self, names)
+        fitting.check(self.stepper, names)
         with self.stepper.job(progress, stop, self.jobs) as report:
-            return fitting.fit(self, self.current, list(names), report)
+            return fitting.fit(self.stepper, self.noise, list(names), report)
 
     def diagnose(
         self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False
     ) -> tuple[Step, list[str]]:
         """Run the whole diagnosis of what was opened, as ``pacnerf-lpo diagnose`` does, write its results where that
-        writes them, and take its model over as a step; minutes, and it goes on where it was stopped.
-
-        Returns:
-            The step, and the sentences of the verdict.
-
-        Raises:
-            Stopped, SimulationError, UserInputError: as :meth:`suggest`.
+        writes them, and take its model over as a step; minutes, and it goes on where it was stopped. Returns the step,
+        and the sentences of the verdict. Raises as :meth:`suggest`.
         """
         with self.stepper.job(progress, stop, self.jobs) as report:
-            return asking.diagnose(self, report)
+            return asking.diagnose(self.stepper, self.noise, report)
 
     def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
         """Which recording to make next: those that would separate what the diagnosis could not, best first, with what
@@ -312,7 +304,7 @@ class Session(Views):
             Stopped, SimulationError: as :meth:`suggest`.
         """
         with self.stepper.job(progress, stop, self.jobs) as report:
-            return asking.plan(self, report)
+            return asking.plan(self.source, report)
 
     def stop(self) -> None:
         """Stop the question that is being answered, if there is one; it raises ``Stopped`` where it was asked."""
@@ -342,15 +334,12 @@ class Session(Views):
 
     def report(self, folder: str | Path, number: int | None = None, progress: Progress = lambda _: None) -> Path:
         """Write a page that shows a step and the first one, as a diagnosis shows a model before and after: the video
-        next to both, errors by camera and frame, and every parameter.
+        next to both, errors by camera and frame, and every parameter; returns the page.
 
         Args:
             folder: where the page and what it is made of go.
             number: of the step; None: the current one.
             progress: receives a line about each step.
-
-        Returns:
-            The page.
 
         Raises:
             SimulationError, UserInputError: a motion is unstable, or a question is being answered.
@@ -358,7 +347,7 @@ class Session(Views):
         step = self.history.step(number)
         self.stepper.simulated(step)
         with self.stepper.job(progress, lambda: False, self.jobs) as report:
-            return asking.report(self, Path(folder), step, report)
+            return asking.report(self.stepper, self.noise, Path(folder), step, report)
 
     def close(self) -> None:
         """Stop what is being answered and forget rollouts. The history can still be read and saved."""

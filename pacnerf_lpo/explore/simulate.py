@@ -10,7 +10,6 @@ from pacnerf_lpo.diagnosis.localising import mean_of_outlines
 from pacnerf_lpo.explore.records import Errors, Resolution
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.problem import Problem
-from pacnerf_lpo.identification.study import CAMERAS
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.diagnosis_stages import root_mean_square
 
@@ -35,9 +34,8 @@ def simulate(
     problem: Problem, effects: Sequence[Effect], values: dict[str, float], resolution: Resolution
 ) -> Simulated:
     """Roll a model out and look at it with all cameras. Raises SimulationError."""
-    parts = problem.parts(effects, values)
-    bodies = [None if resolution == "refined" else part.recording.coarse_body for part in parts]
-    models = tuple(p.recording.model(p.effects, p.known, body) for p, body in zip(parts, bodies, strict=True))
+    parts, coarse = problem.parts(effects, values), resolution == "coarse"
+    models = tuple(p.recording.coarse_model(p.effects, p.known) if coarse else p.model for p in parts)
     paths = tuple(model.path(model.start) for model in models)
     predicted = [model.observe(path, model.start) for model, path in zip(models, paths, strict=True)]
     return Simulated(models, paths, problem.join(predicted), resolution)
@@ -50,18 +48,14 @@ def errors_of(problem: Problem, found: Simulated, floor: tuple[float, float] | N
     split = problem.split
     fitted, held = (np.where(mask, table, np.nan) for mask in (split.fitted, split.held))
     whole = [float(value) if np.isfinite(value := root_mean_square(part, (0, 1))) else None for part in (fitted, held)]
-    ids = problem.video.view_ids
     parts = problem.parts((), {})
-    several = len(parts) > 1
-    owners = [parts[view // CAMERAS - 1].name if several else parts[0].name for view in ids]
-    owners += [part.name for part in parts for _ in part.recording.point_names]
-    rows = [f"view {view % CAMERAS if several else view}" for view in ids]
-    rows += [name for part in parts for name in part.recording.point_names]
+    rows = [(f"view {view}", part.name) for part in parts for view in part.recording.video.view_ids]
+    rows += [(name, part.name) for part in parts for name in part.recording.point_names]
     return Errors(
         unit,
-        tuple(f"{row} of {owner}" if several else row for row, owner in zip(rows, owners, strict=True)),
-        tuple(ids),
-        tuple(owners),
+        tuple(f"{row} of {owner}" if len(parts) > 1 else row for row, owner in rows),
+        problem.video.view_ids,
+        tuple(owner for _, owner in rows),
         problem.video.times.numpy().astype(float),
         table,
         split.held,

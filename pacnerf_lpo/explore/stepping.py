@@ -35,7 +35,7 @@ class Stepper:
         self.catalogue, self.problem, self.history = catalogue, catalogue.problem, History()
         self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
         self._generation, self._stop, self._yielding = 0, threading.Event(), False
-        self._rolled: OrderedDict[tuple[int, Resolution], Simulated] = OrderedDict()
+        self._rolled: OrderedDict[tuple, Simulated] = OrderedDict()
         self._hand: tuple[int, tuple[str, ...]] | None = None
 
     @contextmanager
@@ -66,7 +66,7 @@ class Stepper:
     def adopt(self, step: Step) -> Step:
         """Put a step that was found on the fine body into the history. Raises SimulationError."""
         with self.change():
-            found = self.rolled(replace(step, number=len(self.history.steps)), "refined", fresh=True)
+            found = self.rolled(step, "refined")
             return self._kept(self.history.add(step), found)
 
     def refine(self, step: Step) -> Step:
@@ -94,12 +94,10 @@ class Stepper:
         except SimulationError as error:
             raise UserInputError(f"explore: step {step.number}, {step.name}, has no motion: {error}") from error
 
-    def rolled(self, step: Step, resolution: Resolution, fresh: bool = False) -> Simulated:
-        """The rollout of a step, remembered unless it has to be ``fresh``. Raises SimulationError."""
-        key = step.number, resolution
+    def rolled(self, step: Step, resolution: Resolution) -> Simulated:
+        """The rollout of a step, remembered by its effects and values. Raises SimulationError."""
+        key = step.effects, tuple(step.values.items()), resolution
         with self._looking:
-            for stale in [other for other in self._rolled if fresh and other[0] == step.number]:
-                self._rolled.pop(stale)
             found = self._rolled.get(key)
         if found is None:
             found = simulate(self.problem, self.catalogue.chosen(step.effects), step.values, resolution)
@@ -163,7 +161,7 @@ class Stepper:
 
     def _coarse(self, step: Step, must: bool = False) -> Step:
         try:
-            return self._kept(step, self.rolled(step, "coarse", fresh=True))
+            return self._kept(step, self.rolled(step, "coarse"))
         except SimulationError as error:
             if must:
                 raise

@@ -7,29 +7,26 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import Comparison, reporter
+from pacnerf_lpo.diagnosis.comparison import Comparison, standardised
 from pacnerf_lpo.diagnosis.refitting import Ahead, Refit, refit, starts
 from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.explore.records import Step, Suggestion
+from pacnerf_lpo.explore.noise import Noise
+from pacnerf_lpo.explore.records import Suggestion
+from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Effort, Fit, fit
+from pacnerf_lpo.identification.least_squares import Effort
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each, workers
-from pacnerf_lpo.identification.standardised import StandardisedObjective
 from pacnerf_lpo.identification.study import StudyProblem
 from pacnerf_lpo.inference.decision import LEVEL
 from pacnerf_lpo.inference.evidence import Score
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.wording import readable
-
-if TYPE_CHECKING:
-    from pacnerf_lpo.explore.session import Session
 
 MOST = 4
 """Effects that are fitted: no more than these move a body in the same way, such as drags, gravity and a wind."""
@@ -37,21 +34,26 @@ NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 LARGE = ("data", "state", "run", "stage", "_coarse", "_as_reconstructed")
 """What a problem holds and no model of it needs."""
-ITERATIONS = 8
+EFFORT = Effort(8, confirm=False)
 
 
-def suggest(session: "Session", step: Step, progress: Progress) -> list[Suggestion]:
-    """Every effect that could be added to a step and changes something, best first. Raises as :meth:`Session.suggest`.
+def suggest(stepper: Stepper, noise: Noise, progress: Progress) -> list[Suggestion]:
+    """Effects that could be added to the current step and change something, best first. Raises as
+    :meth:`Session.suggest`.
 
     The model is fitted from where it stands, on the coarse body: what is left then is what parameters cannot explain.
     Effects are screened at that fit, and those that could be the best are fitted with all parameters, as a round of a
     diagnosis does it on the fine body.
     """
-    problem, effects = on_coarse_body(session.problem), session.catalogue.chosen(step.effects)
-    noise = session.noise.of(step, progress).comparison
+    step, catalogue = stepper.history.current, stepper.catalogue
+    problem, effects = on_coarse_body(stepper.problem), catalogue.chosen(step.effects)
+    learnt = noise.of(step, progress).comparison
     progress("fitting the model as it is")
-    null = fitted(problem, effects, step.values, noise, progress)
-    candidates = [replace(candidate, quick=True) for candidate in session.catalogue.candidates(step.effects)]
+    model = problem.model(effects, step.values)
+    known = learnt.names == model.names and learnt.jacobian.shape[-1] == len(model.names)
+    changes = learnt.jacobian if known else None
+    null = standardised(problem, model, model.start, changes, learnt.errors, progress, effort=EFFORT)
+    candidates = [replace(candidate, quick=True) for candidate in catalogue.candidates(step.effects)]
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
@@ -83,11 +85,11 @@ def _fitted(
     return found
 
 
-def warm(session: "Session", progress: Progress, copies: int) -> None:
+def warm(stepper: Stepper, progress: Progress, copies: int) -> None:
     """Let every process compile the kernels of all effects, by the first frame of a rollout with each."""
-    problem, step = on_coarse_body(session.problem), session.current
-    effects = session.catalogue.chosen(step.effects)
-    more = [one.effect for one in session.catalogue.candidates(step.effects) if one.effect.acts_on_motion]
+    problem, step = on_coarse_body(stepper.problem), stepper.history.current
+    effects = stepper.catalogue.chosen(step.effects)
+    more = [one.effect for one in stepper.catalogue.candidates(step.effects) if one.effect.acts_on_motion]
     models = [problem.model((*effects, effect), {**step.values, **effect.null}) for effect in more]
     for number, _ in enumerate(each(_first_frame, ((model,) for model in models for _ in range(copies))), 1):
         progress(f"compiling the kernels of all effects: {number} of {copies * len(models)}")
@@ -166,22 +168,3 @@ def on_coarse_body(problem: Problem) -> Problem:
         vars(found).pop(name, None)
     vars(found).update(body=problem.coarse_body, first_guess=problem.first_guess, video=problem.without_pictures)
     return found
-
-
-def fitted(
-    problem: Problem, effects: tuple[Effect, ...], values: dict[str, float], noise: Comparison, progress: Progress
-) -> Comparison:
-    """A model [SI] fitted with all its unknowns from where it stands, on the coarse body, with the known noise of a
-    comparison of the same data around it. Raises SimulationError where the motion is unstable where it stands.
-    """
-    model, mask = problem.model(effects, values), problem.fitted
-    objective = StandardisedObjective(problem, model, mask, noise.noise(problem, mask))
-    start: np.ndarray | Fit = np.clip(model.start, *model.bounds)
-    if noise.names == model.names and noise.jacobian.shape[-1] == len(model.names):
-        known = objective.derivative(noise.jacobian)
-        start = Fit(model.start, objective(model.start), known, 1, objective)
-    report = reporter(model, progress)
-    effort = Effort(ITERATIONS, confirm=False)
-    best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
-    cost, seen = best.cost_of(objective.rows), objective.seen(best)
-    return Comparison.at(model, best.free, objective.prior, seen, noise.errors, cost, rollouts=best.rollouts)

@@ -25,8 +25,8 @@ from pacnerf_lpo.types import Video
 
 NEIGHBOURS = 12
 """Of a particle, by which its stretch is measured: those that share a face or an edge with its cell, about."""
-SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
-"""Of the body along x, y and z."""
+SIDES = ("left", "right", "bottom", "top", "back", "front")
+"""Of the body: where x, y and z are small and where they are large."""
 
 
 class Views:
@@ -48,20 +48,13 @@ class Views:
     def cameras(self, recording: str | int = 0) -> list[Camera]:
         """Cameras of a recording; none where only points were measured."""
         at = self._number(recording)
-        video, split = self._video(at), self._parts[at].recording.split
+        video, name = self._video(at), self.recordings[at]
         height, width = video.images.shape[2:4]
+        fitted = self._parts[at].recording.split.views.tolist()
+        seen = zip(video.view_ids, fitted, video.camera_to_world.numpy(), video.intrinsics.numpy(), strict=True)
         return [
-            Camera(
-                view,
-                f"view {view}",
-                self.recordings[at],
-                not bool(split.views[k]),
-                video.camera_to_world[k].numpy(),
-                video.intrinsics[k].numpy(),
-                int(width),
-                int(height),
-            )
-            for k, view in enumerate(video.view_ids)
+            Camera(view, f"view {view}", name, not known, pose, intrinsic, width, height)
+            for view, known, pose, intrinsic in seen
         ]
 
     def times(self, recording: str | int = 0) -> np.ndarray:
@@ -150,10 +143,8 @@ class Views:
         error, body = self._disagreement(found, at), found.models[at].body.positions.numpy()
         away = (body - body.mean(0)) / np.maximum(np.ptp(body, axis=0), 1e-9)
         axis = np.abs(away).argmax(1)
-        positive = np.take_along_axis(away, axis[:, None], 1)[:, 0] > 0
-        return {
-            SIDES[k][side]: error[:, (axis == k) & (positive == bool(side))].sum(1) for k in range(3) for side in (0, 1)
-        }
+        side = 2 * axis + (np.take_along_axis(away, axis[:, None], 1)[:, 0] > 0)
+        return {name: error[:, side == number].sum(1) for number, name in enumerate(SIDES)}
 
     def _number(self, recording: str | int) -> int:
         """Of a recording by its name or number. Raises UserInputError."""

@@ -53,19 +53,20 @@ def chosen_format(name: str | None, output: Path | None) -> str:
         raise UserInputError(f"--format {name}: known are {', '.join(FORMATS)}")
     ending = output.suffix.lower() if output else ""
     by_ending = next((key for key, kind in FORMATS.items() if ending in kind.endings), None)
-    if name is None and by_ending is None:
+    chosen = name or by_ending
+    if chosen is None:
         folders = ", ".join(key for key, kind in FORMATS.items() if kind.files)
         single = ", ".join(end for kind in FORMATS.values() for end in kind.endings)
         raise UserInputError(
             f"--output {output}: its ending does not name a format; give a file that ends in {single}, "
             f"or a folder and --format {folders}"
         )
-    kind = FORMATS[name or by_ending or ""]
+    kind = FORMATS[chosen]
     if output and name and kind.endings and by_ending != name:
         raise UserInputError(f"--format {name} --output {output}: give a name that ends in {' or '.join(kind.endings)}")
     if output and name and kind.files and (by_ending or ending.removeprefix(".") in FORMATS):
         raise UserInputError(f"--format {name} --output {output}: one file per frame is written; give a folder")
-    return name or by_ending or ""
+    return chosen
 
 
 def check_installed(name: str) -> None:

@@ -23,9 +23,6 @@ class Motion:
     density: raw volume density [(N,)]
     fraction: how much of a particle's volume is full [0..1, (N,)]
     numbers: which particles of the run they are [(N,)]
-    distance: edge of the cube that a particle fills at frame 0 [m]
-    frame_rate: of the recording [1/s]
-    parameters: physical parameters by name [SI units]
     """
 
     times: np.ndarray
@@ -35,9 +32,6 @@ class Motion:
     density: np.ndarray
     fraction: np.ndarray
     numbers: np.ndarray
-    distance: float
-    frame_rate: float
-    parameters: dict[str, float]
 
     def thinned(self, most: int | None) -> "Motion":
         """At most so many of the particles, drawn at random with a fixed seed: their order follows the cells."""
@@ -74,7 +68,7 @@ class Subject:
     @cached_property
     def motion(self) -> Motion:
         """The particles to write."""
-        state, physics = self.stage.state, self.run.physics
+        state = self.stage.state
         times = self.run.data.video.times.numpy()[: len(self.positions)]
         velocities = frame_velocities(self.positions, velocity_of(self.run, self.stage).numpy(), times)
         return Motion(
@@ -83,11 +77,8 @@ class Subject:
             velocities=velocities.astype(np.float32),
             colours=to_bytes(self.renderer.particle_colours()),
             density=state.density.numpy(),
-            fraction=physics.fraction(state.massive(state.density), state.spacings).numpy(),
+            fraction=self.run.physics.fraction(state.massive(state.density), state.spacings).numpy(),
             numbers=np.arange(len(state.density)),
-            distance=state.spacing / 2,
-            frame_rate=physics.frame_rate,
-            parameters=state.physics,
         ).thinned(self.particles)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 from plyfile import PlyData, PlyElement
 from tqdm import tqdm
 
@@ -14,11 +15,11 @@ from pacnerf_lpo.export.motion import Subject, linear_light
 PLY_FILES = re.compile(r"frame_\d+\.ply")
 VTU_FILES = re.compile(r"frame_\d+\.vtu|motion\.pvd")
 SERIES = "motion.pvd"
-VERTEX = [
-    *((name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")),
-    *((name, "u1") for name in ("red", "green", "blue")),
-    ("density", "f4"),
-]
+VERTEX = np.dtype(
+    [(name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")]
+    + [(name, "u1") for name in ("red", "green", "blue")]
+    + [("density", "f4")]
+)
 CSV_HEADER = "frame,time_s,id,x_m,y_m,z_m"
 ROUGHNESS = 0.6
 
@@ -29,15 +30,11 @@ def write_ply(subject: Subject, folder: Path) -> None:
     A vertex holds its position x, y, z [m], velocity vx, vy, vz [m/s], colour and raw volume density.
     """
     motion = subject.motion
-    vertices = np.empty(len(motion.numbers), dtype=VERTEX)
-    vertices["density"] = motion.density
-    for column, name in enumerate(("red", "green", "blue")):
-        vertices[name] = motion.colours[:, column]
     with whole_folder(folder) as part:
         for frame in frames_of(len(motion.times), folder):
-            for column, name in enumerate("xyz"):
-                vertices[name] = motion.positions[frame, :, column]
-                vertices[f"v{name}"] = motion.velocities[frame, :, column]
+            moving = motion.positions[frame], motion.velocities[frame]
+            columns = np.column_stack((*moving, motion.colours, motion.density))
+            vertices = unstructured_to_structured(columns, VERTEX)
             PlyData([PlyElement.describe(vertices, "vertex")]).write(part / f"frame_{frame:03d}.ply")
 
 
@@ -90,27 +87,28 @@ def write_usd(subject: Subject, path: Path) -> None:
     """
     from pxr import Gf, Usd, UsdGeom, Vt
 
-    motion = subject.motion
+    motion, state, frame_rate = subject.motion, subject.stage.state, subject.run.physics.frame_rate
+    width = state.spacing / 2
     with whole_file(path) as part:
         stage = Usd.Stage.CreateNew(str(part))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-        codes = (motion.times * motion.frame_rate).round(6).tolist()
-        stage.SetTimeCodesPerSecond(motion.frame_rate)
-        stage.SetFramesPerSecond(motion.frame_rate)
+        codes = (motion.times * frame_rate).round(6).tolist()
+        stage.SetTimeCodesPerSecond(frame_rate)
+        stage.SetFramesPerSecond(frame_rate)
         stage.SetStartTimeCode(codes[0])
         stage.SetEndTimeCode(codes[-1])
-        stage.GetRootLayer().customLayerData = {"identified_SI": motion.parameters}
+        stage.GetRootLayer().customLayerData = {"identified_SI": state.physics}
         body = UsdGeom.Xform.Define(stage, "/Body").GetPrim()
         stage.SetDefaultPrim(body)
         points = UsdGeom.Points.Define(stage, "/Body/Particles")
         points.CreateIdsAttr(Vt.Int64Array.FromNumpy(motion.numbers))
-        points.CreateWidthsAttr(Vt.FloatArray([motion.distance]))
+        points.CreateWidthsAttr(Vt.FloatArray([width]))
         points.SetWidthsInterpolation(UsdGeom.Tokens.constant)
         colour = points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
         colour.Set(Vt.Vec3fArray.FromNumpy(linear_light(motion.colours)))
         _bind_material(stage, points.GetPrim())
-        reach = np.float32(motion.distance / 2)
+        reach = np.float32(width / 2)
         for frame in frames_of(len(codes), path):
             here, code = motion.positions[frame], codes[frame]
             points.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(here)), code)

@@ -22,8 +22,7 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
     most the average, and its features stay in the particles' range. Nodes that no particle touches are empty.
     """
     mean = particles_to_grid(positions, density, features, dx)
-    shape = mean.density.shape[0], mean.density.shape[1], mean.density.shape[2]
-    points = stencil(positions, mean.lower, dx, shape)
+    points = stencil(positions, mean.lower, dx, mean.shape)
     weight = scatter(torch.ones_like(density)[:, None], points)
     average = torch.cat((mean.density[..., None], mean.features), dim=-1).flatten(0, 2)
     start = torch.where(weight > EMPTY_WEIGHT, average, 0)
@@ -31,7 +30,7 @@ def grid_of_particles(positions: Tensor, density: Tensor, features: Tensor, dx: 
     raw, rim = nodes[:, 0], weight[:, 0] < RIM_WEIGHT
     raw = torch.where(rim, torch.minimum(raw, average[:, 0]), raw)
     colour = torch.where(rim[:, None], nodes[:, 1:].clamp(features.amin(0), features.amax(0)), nodes[:, 1:])
-    return FieldGrid(raw.view(shape), colour.view(*shape, -1), mean.lower, dx)
+    return FieldGrid(raw.view(mean.shape), colour.view(*mean.shape, -1), mean.lower, dx)
 
 
 def _least_squares(points: Stencil, values: Tensor, nodes: Tensor) -> Tensor:

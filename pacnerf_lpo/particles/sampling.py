@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from pacnerf_lpo.scene.activation import alpha, occupied_cells
-from pacnerf_lpo.scene.trilinear import CORNERS, Shape, gather, stencil
+from pacnerf_lpo.scene.trilinear import CORNERS, gather, stencil
 from pacnerf_lpo.types import FieldGrid
 
 RELATIVE_ALPHA = 1e-3
@@ -29,7 +29,7 @@ def particle_alpha(
         octants = torch.tensor(CORNERS, device=cells.device)
         jitter = torch.rand(len(cells), 8, 3, generator=generator, dtype=grid.density.dtype).to(cells.device)
         candidates = ((cells[:, None] + (octants + jitter) / 2) * grid.dx + grid.lower).flatten(0, 1)
-    points = stencil(candidates, grid.lower, grid.dx, _shape(grid))
+    points = stencil(candidates, grid.lower, grid.dx, grid.shape)
     opacity = alpha(gather(grid.density.reshape(-1, 1), points).squeeze(1), 1.0)
     kept = (opacity.detach() >= threshold).nonzero().squeeze(1)
     return candidates.index_select(0, kept), opacity.index_select(0, kept)
@@ -37,9 +37,5 @@ def particle_alpha(
 
 def interpolate(grid: FieldGrid, positions: Tensor) -> tuple[Tensor, Tensor]:
     """Raw density (N,) and features (N, 12) of the field at positions [m, (N, 3)]. Differentiable."""
-    points = stencil(positions, grid.lower, grid.dx, _shape(grid))
+    points = stencil(positions, grid.lower, grid.dx, grid.shape)
     return gather(grid.density.reshape(-1, 1), points).squeeze(1), gather(grid.features.flatten(0, 2), points)
-
-
-def _shape(grid: FieldGrid) -> Shape:
-    return grid.density.shape[0], grid.density.shape[1], grid.density.shape[2]

@@ -14,15 +14,11 @@ CHUNK = 16384
 def render_view(
     grid: FieldGrid, colour: ColourNetwork, rays: Rays, size: tuple[int, int], base_dx: float
 ) -> tuple[Tensor, Tensor]:
-    """Render all pixels of a view on white.
+    """Image [0..1, (H, W, 3)] on white and opacity, the soft silhouette [0..1, (H, W)], of a view of this size, (H, W).
 
     Args:
         rays: H*W rays, row-major [m].
-        size: (H, W).
         base_dx: coarsest spacing dx0 [m].
-
-    Returns:
-        image [0..1, (H, W, 3)] and opacity, the soft silhouette [0..1, (H, W)].
     """
     parts = zip(rays.origins.split(CHUNK), rays.directions.split(CHUNK), strict=True)
     chunks = [render_rays(grid, colour, Rays(*part), base_dx) for part in parts]

@@ -115,8 +115,7 @@ def _blocks(lengths: Tensor) -> tuple[list[int], list[int]]:
 def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stencil, Tensor]:
     """Samples every dx/2 in cells where alpha can reach 1e-7, and their number on each ray."""
     with torch.no_grad():
-        shape = (grid.density.shape[0], grid.density.shape[1], grid.density.shape[2])
-        upper = grid.lower + grid.dx * (torch.tensor(shape, device=grid.lower.device) - 1)
+        upper = grid.lower + grid.dx * (torch.tensor(grid.shape, device=grid.lower.device) - 1)
         enter, leave = box_interval(rays, grid.lower, upper)
         steps = ((leave - enter) / (grid.dx / 2)).floor().long().add_(1).clamp_min_(0)
         ray = torch.arange(len(steps), device=steps.device).repeat_interleave(steps)
@@ -124,14 +123,14 @@ def _occupied_samples(grid: FieldGrid, rays: Rays, delta: float) -> tuple[Stenci
         distance = enter.index_select(0, ray) + step * (grid.dx / 2)
         entry = rays.origins.index_select(0, ray)
         positions = torch.addcmul(entry, rays.directions.index_select(0, ray), distance[:, None])
-        cell, fraction = cell_of(positions, grid.lower, grid.dx, shape)
+        cell, fraction = cell_of(positions, grid.lower, grid.dx, grid.shape)
         keep = occupied_cells(grid, delta, MIN_ALPHA).flatten().index_select(0, cell).nonzero().squeeze(1)
         ray = ray.index_select(0, keep)
         lengths = torch.bincount(ray, minlength=len(steps))
     if rays.directions.requires_grad:  # samples move sideways with a ray whose camera is being corrected, not along it
         along = rays.directions.index_select(0, ray) * distance.index_select(0, keep)[:, None]
-        return stencil(rays.origins.index_select(0, ray) + along, grid.lower, grid.dx, shape), lengths
-    return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), shape), lengths
+        return stencil(rays.origins.index_select(0, ray) + along, grid.lower, grid.dx, grid.shape), lengths
+    return Stencil(cell.index_select(0, keep), weights_of(fraction.index_select(0, keep)), grid.shape), lengths
 
 
 def _compose(density: Tensor, lengths: Tensor, delta: float) -> tuple[Tensor, Tensor]:

@@ -15,13 +15,11 @@ PORT = 8080
 
 
 def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool = False) -> "Page":
-    """The page of a session, served until it is closed.
+    """The page of a session, served until it is closed, in ``dark`` colours or in light ones.
 
     Args:
-        session: that is shown.
         host: address to listen on.
         port: to listen on, 0 for any; the next free one where it is taken.
-        dark: dark colours.
 
     Raises:
         UserInputError: nothing can listen there, or the viewer is not installed.
@@ -45,15 +43,8 @@ def open_page(session: Session, host: str = LOCAL, port: int = PORT, dark: bool 
 
 
 def show(session: Session, height: int = 800, dark: bool = False) -> "Page":
-    """The page inside a notebook's cell; close it with ``close()``.
-
-    Args:
-        session: that is shown.
-        height: of the cell [pixels].
-        dark: dark colours.
-
-    Raises:
-        UserInputError: as :func:`open_page`, or there is no notebook.
+    """The page inside a notebook's cell of so much ``height`` [pixels]; close it with ``close()``. Raises
+    UserInputError as :func:`open_page`, or where there is no notebook.
     """
     try:
         from IPython.display import IFrame, display

@@ -73,8 +73,7 @@ class Change:
         with self.space:
             for group in groups:
                 if group not in self._folders:
-                    title = readable(group) if group in effects else group
-                    self._folders[group] = self.gui.add_folder(capitalised(title))
+                    self._folders[group] = self.gui.add_folder(capitalised(readable(group)))
                     if group in effects:
                         with self._folders[group]:
                             button = self.gui.add_button("Take out", order=99, color="gray")

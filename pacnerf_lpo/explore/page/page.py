@@ -93,8 +93,6 @@ class Page:
         """Of the recording that is looked at."""
         return self.session.cameras(self.recording)
 
-    # Saying
-
     def complain(self, text: str) -> None:
         """Show an error to everyone."""
         self._notify("This did not work", text, ERROR, "red")
@@ -106,8 +104,6 @@ class Page:
     def _notify(self, title: str, text: str, seconds: float, colour: Any) -> None:
         for client in self.server.get_clients().values():
             client.add_notification(title, text, auto_close_seconds=seconds, color=colour)
-
-    # Hands
 
     def by_hand(self, act: Callable[[Any], None]) -> Callable[[Any], None]:
         """A callback that acts when a person did something, not the program, and explains what goes wrong."""
@@ -143,8 +139,6 @@ class Page:
         with self.drawing():
             self.see.draw()
             self.story.mark()
-
-    # Drawing
 
     @contextmanager
     def drawing(self) -> Iterator[None]:

@@ -151,10 +151,8 @@ class See:
 
     def _put(self, kind: str, name: str, frames: list[np.ndarray], size: float) -> None:
         """Show points of a kind [m, (N, 3) at every frame] in its colour; nothing where there are none."""
-        colour, moving = np.array({"path": PATH, **KINDS}[kind], np.uint8), None
-        if any(len(points) for points in frames):
-            moving = Moving(frames, colour, size, self._offset(name))
-        self.page.stage.put(f"{kind} {name}", moving)
+        colour = np.array({"path": PATH, **KINDS}[kind], np.uint8)
+        self.page.stage.put(f"{kind} {name}", Moving(frames, colour, size, self._offset(name)))
 
     def _centres(self, name: str) -> np.ndarray | None:
         """Measured centres of a rigid body in flight [m, (F, 3)]; None where another thing was measured."""
@@ -180,7 +178,7 @@ class See:
                 self.picture.image = self._picture(frame)
                 seen = page.session.outlines(camera.view, frame, page.shown.step.number, page.recording)
                 page.stage.mark(page.camera, np.dstack((seen.image, GHOST * seen.measured)))
-        centres = None if cameras or not page.shown.motions else self._centres(page.recording)
+        centres = self._centres(page.recording) if page.shown.motions else None
         self.path.visible = centres is not None
         if centres is not None:
             model = page.shown.motions[page.recording].positions.mean(1)

@@ -18,6 +18,7 @@ GROUND = (150, 156, 166)
 """Colour of the lines on the ground: seen on white and on black."""
 SQUARES = 4
 """Of the ground, along the size of what lies on it."""
+Colour = tuple[int, int, int]
 EDGE, HELD_EDGE, CHOSEN_EDGE = (90, 96, 104), (232, 113, 10), (42, 125, 225)
 """Colours of frusta: of a camera that is fitted, of one that is held out, of the one that is looked through."""
 
@@ -52,8 +53,7 @@ class Stage:
         self.server, self.choose = server, choose
         self._moving: dict[str, Moving] = {}
         self._clouds: dict[str, viser.PointCloudHandle] = {}
-        self._frusta: list[viser.CameraFrustumHandle] = []
-        self._poses: list[tuple[np.ndarray, np.ndarray, float]] = []
+        self._frusta: list[tuple[viser.CameraFrustumHandle, Colour]] = []
         self.frame = 0
         server.scene.set_up_direction("+y")
 
@@ -77,9 +77,9 @@ class Stage:
         camera.position = tuple(centre + distance * np.array([0.75, 0.4, 0.9]))
         camera.up = (0.0, 1.0, 0.0)
 
-    def put(self, name: str, moving: Moving | None) -> None:
-        """Show something under a name in place of what was there; None: nothing."""
-        if moving is None:
+    def put(self, name: str, moving: Moving) -> None:
+        """Show something under a name in place of what was there; nothing where it has no points at any frame."""
+        if not any(len(points) for points in moving.frames):
             self._moving.pop(name, None)
             if (cloud := self._clouds.pop(name, None)) is not None:
                 cloud.remove()
@@ -115,23 +115,22 @@ class Stage:
             offset: of where its body is drawn from where it is [m, (3,)].
             scale: length of a frustum [m].
         """
-        for frustum in self._frusta:
+        for frustum, _ in self._frusta:
             frustum.remove()
-        self._frusta, self._poses = [], []
+        self._frusta = []
         for number, camera in enumerate(cameras):
             pose = camera.camera_to_world
             turn, place = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0]), pose[:3, 3] + offset
             wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
             fov = 2 * float(np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))
+            edge = HELD_EDGE if camera.held_out else EDGE
             frustum = self.server.scene.add_camera_frustum(
                 f"/cameras/{number}", fov, camera.width / camera.height, scale=scale, thickness=0.02 * scale,
-                color=HELD_EDGE if camera.held_out else EDGE, wxyz=tuple(wxyz), position=tuple(place),
+                color=edge, wxyz=tuple(wxyz), position=tuple(place),
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             frustum.on_click(partial(self._chosen, number))
-            self._frusta.append(frustum)
-            self._poses.append((wxyz, place, fov))
-        self._held = [camera.held_out for camera in cameras]
+            self._frusta.append((frustum, edge))
 
     def _chosen(self, number: int, event: viser.SceneNodePointerEvent) -> None:
         self.choose(number)
@@ -139,24 +138,21 @@ class Stage:
 
     def step_into(self, number: int, client: viser.ClientHandle | None) -> None:
         """Look through a camera, in one page or in all."""
-        wxyz, position, fov = self._poses[number]
+        frustum, _ = self._frusta[number]
         for page in [client] if client is not None else list(self.server.get_clients().values()):
             with page.atomic():
-                page.camera.wxyz, page.camera.position, page.camera.fov = wxyz, position, fov
+                camera = page.camera
+                camera.wxyz, camera.position, camera.fov = frustum.wxyz, frustum.position, frustum.fov
 
-    def mark(self, number: int, picture: np.ndarray | None) -> None:
+    def mark(self, number: int, picture: np.ndarray) -> None:
         """Mark the chosen camera, and show a picture with opacity [0..1, (H, W, 4)] in its frustum, small."""
-        for index, frustum in enumerate(self._frusta):
-            chosen = index == number
-            colour = CHOSEN_EDGE if chosen else HELD_EDGE if self._held[index] else EDGE
+        for index, (frustum, edge) in enumerate(self._frusta):
+            colour = CHOSEN_EDGE if index == number else edge
             if tuple(frustum.color) != colour:
-                frustum.color = colour
-                if not chosen:
-                    frustum.image = None
-        if picture is not None and self._frusta:
-            step = max(1, max(picture.shape[:2]) // THUMBNAIL)
-            small = np.clip(np.nan_to_num(picture[::step, ::step]), 0, 1)
-            self._frusta[number].image = np.rint(255 * small).astype(np.uint8)
+                frustum.color, frustum.image = colour, None
+        step = max(1, max(picture.shape[:2]) // THUMBNAIL)
+        small = np.clip(np.nan_to_num(picture[::step, ::step]), 0, 1)
+        self._frusta[number][0].image = np.rint(255 * small).astype(np.uint8)
 
 
 def centre_and_size(motions: dict[str, Motion]) -> tuple[np.ndarray, float]:

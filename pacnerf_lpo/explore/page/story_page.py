@@ -8,7 +8,6 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
-from pacnerf_lpo.explore import pictures
 from pacnerf_lpo.explore.page import charts
 from pacnerf_lpo.explore.records import Errors, Step
 from pacnerf_lpo.explore.session import Session
@@ -103,7 +102,7 @@ def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, in
 
 def _picture(session: Session, step: Step, at: tuple[int, int]) -> dict[str, str]:
     camera = session.cameras()[at[0]]
-    picture = Image.fromarray(pictures.seen_by(session, camera, at[1], step.number, 0, SIDE))
+    picture = Image.fromarray(session.picture(camera.view, at[1], step.number, side=SIDE))
     where = f"{camera.name}, frame {at[1]}{', held out' if camera.held_out else ''}"
     return {"where": where, "picture": webp_uri(picture, 82)}
 

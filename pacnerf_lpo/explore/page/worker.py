@@ -74,12 +74,10 @@ class Worker:
         with self._condition:
             self.busy = False
             self._condition.notify_all()
-            while not self._ended and not self._jobs:
-                left = None if self._refine_at is None else self._refine_at - monotonic()
-                if left is not None and left <= 0:
-                    self._refine_at, self.busy = None, True
-                    return self.rested
-                self._condition.wait(left)
+            left = None if self._refine_at is None else self._refine_at - monotonic()
+            if not self._condition.wait_for(lambda: self._ended or self._jobs, left):
+                self._refine_at, self.busy = None, True
+                return self.rested
             if self._ended:
                 return None
             job, refined_later = self._jobs.pop(next(iter(self._jobs)))
