@@ -49,12 +49,10 @@ def guarded(command: Callable[[], int]) -> int:
         return command()
     except UserInputError as error:
         return _complain(error, 2)
-    except (RunError, SimulationError) as error:
-        return _complain(error, 1)
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # a full disk, a folder that may not be written
+    except (RunError, SimulationError, OSError) as error:  # a full disk, a folder that may not be written
         return _complain(error, 1)
     except (Interrupted, KeyboardInterrupt) as error:
         return _complain(error, INTERRUPTED)

@@ -29,6 +29,7 @@ from pacnerf_lpo.callbacks.tensorboard import PhaseLogger
 from pacnerf_lpo.config_errors import HelpFormatter, cause_of, explain, find_configs
 from pacnerf_lpo.config_layers import flat, read_yaml, scene_changes
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
+from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.fit_options import DESCRIPTION, OPTIONS
 from pacnerf_lpo.heartbeat import doing
 from pacnerf_lpo.identification.laws import as_text
@@ -42,7 +43,6 @@ from pacnerf_lpo.phases.estimate import estimate, interval_particles
 from pacnerf_lpo.phases.law_choice import LawChoice
 from pacnerf_lpo.reuse import reusable
 
-CONFIG_FILE = "config.yaml"
 # Trainer arguments which the run itself decides
 NOT_CONFIGURABLE = {
     *("logger", "default_root_dir", "max_epochs", "min_epochs", "min_steps", "max_time", "fast_dev_run", "barebones"),

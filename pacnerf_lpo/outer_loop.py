@@ -1,6 +1,5 @@
 """Algorithm 1 of the paper as a callback: it decides which phase comes next; the command line executes it."""
 
-import io
 import json
 import time
 from dataclasses import dataclass
@@ -217,9 +216,7 @@ class OuterLoop(pl.Callback):
         record = self._current(trainer)
         if phase.held_out:
             record.held_out_error = held_out_error(phase.data, phase.physics, self.state, phase.held_out)
-        content = io.BytesIO()
-        self.state.save(content)
-        write_atomically(self.run_dir / record.state, content.getvalue())
+        write_atomically(self.run_dir / record.state, self.state.as_bytes())
         if (findings := phase.export_findings()) is not None:
             write_atomically(self.run_dir / record.findings, json.dumps(findings, indent=1).encode())
         record.status, record.steps, record.course = "done", trainer.global_step, phase.course()

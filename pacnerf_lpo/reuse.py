@@ -1,6 +1,5 @@
 """Phases of a finished run taken over by another one, where nothing differs that they depend on."""
 
-import io
 import shutil
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -9,10 +8,9 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pacnerf_lpo.config_layers import flat
+from pacnerf_lpo.config_layers import flat, read_yaml
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.manifest import Manifest, PhaseRecord, write_atomically
@@ -53,9 +51,8 @@ class Reusable:
         last = manifest.run_dir / self.records[-1].state
         state = ParticleState.load(last)
         if self.records[-1].phase == "velocity":
-            state, content = state.with_(physics=dict(guess)), io.BytesIO()
-            state.save(content)
-            write_atomically(last, content.getvalue())
+            state = state.with_(physics=dict(guess))
+            write_atomically(last, state.as_bytes())
         manifest.save()
         return state
 
@@ -75,7 +72,7 @@ def reusable(source: str | Path, config: Mapping[str, Any], video: str) -> Reusa
             f"{KEY} = {source}: it was made with another video, or other views, frames or contents of it; leave "
             f"{KEY} out"
         )
-    there = yaml.safe_load(path.read_text())
+    there = read_yaml(path)
     if differs := difference(_of_static(there), _of_static(config)):
         raise UserInputError(
             f"{KEY} = {source}: its reconstruction was made with other settings: {differs}; set that as it is there, "

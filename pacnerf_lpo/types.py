@@ -4,9 +4,10 @@
 the ground is the plane y = 0. Cameras: OpenGL axes (x right, y up, looking along -z), pixel centres at +0.5.
 """
 
+import io
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -135,9 +136,15 @@ class ParticleState:
         """A copy with the named fields replaced."""
         return replace(self, **changes)
 
-    def save(self, path: str | Path | BinaryIO) -> None:
-        """Write the state as a dictionary of plain tensors, readable with ``weights_only=True``."""
-        torch.save(dict(self.__dict__), path)
+    def as_bytes(self) -> bytes:
+        """The state as a file of a dictionary of plain tensors, readable with ``weights_only=True``."""
+        content = io.BytesIO()
+        torch.save(dict(self.__dict__), content)
+        return content.getvalue()
+
+    def save(self, path: str | Path) -> None:
+        """Write :meth:`as_bytes`."""
+        Path(path).write_bytes(self.as_bytes())
 
     @staticmethod
     def load(path: str | Path) -> "ParticleState":

@@ -98,7 +98,9 @@ def whole_catalogue(material: Material, views: Sequence[int], installed: Sequenc
         installed: effects that the model has.
     """
     kinds = [kind for kind in known_classes() if material.deforms or kind.of_medium]
-    made = [effect for kind in kinds for effect in _instances(kind, views)]
+    made: list[Effect] = []
+    for kind in kinds:
+        made += [kind(view=view) for view in views] if issubclass(kind, Observation) else [kind()]  # type: ignore[call-arg]
     return candidates(made, material, installed)
 
 
@@ -185,7 +187,3 @@ def as_config(effect: Effect, values: dict[str, float]) -> dict[str, Any]:
         value = effect.constants[name] if name in effect.constants else getattr(effect, name)
         arguments |= {} if value is None else {name: list(value) if isinstance(value, tuple) else value}
     return {"class_path": class_path(effect), "init_args": arguments}
-
-
-def _instances(kind: type[Effect], views: Sequence[int]) -> list[Effect]:
-    return [kind(view=view) for view in views] if issubclass(kind, Observation) else [kind()]  # type: ignore[call-arg]

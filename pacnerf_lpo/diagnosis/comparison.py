@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.stats import norm
@@ -23,7 +23,6 @@ from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
 
 WHITENED_ITERATIONS = 24
-ROUGH = Effort(WHITENED_ITERATIONS, confirm=False)
 """Of a fit that another one follows."""
 BENT = 1.0
 """Prior standard deviations by which an unknown has moved far; so far it goes by itself in one of three recordings."""
@@ -96,17 +95,21 @@ class Comparison:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
         return self.errors.noise(problem, mask)
 
+    def changes(self, mask: np.ndarray) -> np.ndarray:
+        """Of the residual in the entries of a mask, by one prior standard deviation of each unknown [(D, K)]."""
+        return np.nan_to_num(self.jacobian[mask]) * self.deviation
+
     def error_scales(self, problem: Problem) -> np.ndarray:
         """Factor on the standard deviation of each unknown, at least 1, by what left-out replicates, the residual and
         the data that were held out show [(K,)].
         """
         mask = self.mask(problem)
-        found = spread_along(self.noise(problem, mask), self.residual[mask], self.jacobian[mask] * self.deviation)
+        found = spread_along(self.noise(problem, mask), self.residual[mask], self.changes(mask))
         return found * np.sqrt(self.dispersion)
 
     def marginal(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """The same with the unknowns of the model, which move with their priors."""
-        return self.noise(problem, mask).with_directions(np.nan_to_num(self.jacobian[mask]) * self.deviation)
+        return self.noise(problem, mask).with_directions(self.changes(mask))
 
     def checks(self, problem: Problem) -> tuple[Check, Check]:
         """Whether the residual is what the model predicts: in the fitted entries, and in the held-out ones."""
@@ -124,8 +127,7 @@ class Comparison:
             noise = self.noise(problem, mask)
             return [check_fitted(noise, np.nan_to_num(residual[mask])).excess for residual in residuals]
 
-        pairs = zip(of(problem.usable & ~problem.fitted), of(problem.fitted), strict=True)
-        return tuple(Error(*pair) for pair in pairs)
+        return tuple(map(Error, of(problem.usable & ~problem.fitted), of(problem.fitted)))
 
 
 def compare(
@@ -150,7 +152,6 @@ def compare(
         known: values to start from [SI].
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
-        progress: receives a line about each step.
         others: values to start from, too; the fit goes on from whichever start explains the standardised data best.
 
     Raises:
@@ -162,18 +163,18 @@ def compare(
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
     errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    begun = [standardised(problem, model, free, None, errors, progress, effort=ROUGH)]
+    begun = [standardised(problem, model, free, None, errors, progress, "rough")]
     for values in others:
         with suppress(SimulationError):  # there is another start
             start = problem.model(effects, values).start
-            begun.append(standardised(problem, model, start, None, errors, progress, effort=ROUGH))
+            begun.append(standardised(problem, model, start, None, errors, progress, "rough"))
     first = min(begun, key=lambda found: found.cost)
     rollouts += sum(found.rollouts for found in begun) - first.rollouts
     if np.any(np.abs(first.free - free) > BENT * first.deviation):
         progress("the fit has moved far; errors are learnt again where it is")
         rollouts += errors.simulations + first.rollouts
         errors = ModelErrors.learn(problem, effects, model, first.free, settings, progress)
-        first = standardised(problem, model, first.free, first.jacobian, errors, progress, effort=ROUGH)
+        first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)
@@ -183,13 +184,6 @@ def compare(
     return replace(comparison, rollouts=comparison.rollouts + simulated)
 
 
-def _posterior(rows: np.ndarray) -> np.ndarray:
-    """Covariance of unknowns in units of their priors (K, K), from changes of the standardised residual by one prior
-    standard deviation of each (D, K).
-    """
-    return np.linalg.inv(rows.T @ rows + np.eye(rows.shape[1]))
-
-
 def standardised(
     problem: Problem,
     model: Model,
@@ -197,23 +191,21 @@ def standardised(
     changes: np.ndarray | None,
     errors: ModelErrors,
     progress: Progress,
-    whole: bool = False,
-    effort: Effort | None = None,
+    how: Literal["", "rough", "whole"] = "",
+    prior: Prior | None = None,
 ) -> Comparison:
     """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
-    unknowns there [(R, F, 11, K)], where they are known; ``whole``: to all data; ``effort``: that of a fit that
-    decides when None.
+    unknowns there [(R, F, 11, K)], where they are known; rough: another fit follows; whole: to all data.
     """
-    mask = problem.usable if whole else problem.fitted
-    objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask))
+    mask = problem.usable if how == "whole" else problem.fitted
+    objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask), prior)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
-    effort = effort or objective.effort(WHITENED_ITERATIONS)
+    effort = Effort(WHITENED_ITERATIONS, confirm=False) if how == "rough" else objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
-    prior, doubts = objective.prior, tuple(notes(model, best.free, *objective.prior))
-    cost = best.cost_of(objective.rows)
-    found = Comparison.at(model, best.free, prior, objective.seen(best), errors, cost, doubts, best.rollouts)
-    return replace(found, whole=whole)
+    doubts, cost = tuple(notes(model, best.free, *objective.prior)), best.cost_of(objective.rows)
+    found = Comparison.at(model, best.free, objective.prior, objective.seen(best), errors, cost, doubts, best.rollouts)
+    return replace(found, whole=how == "whole")
 
 
 def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress) -> Comparison:
@@ -223,9 +215,9 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
     """
     model = problem.model(effects, comparison.known)
     at = comparison.free, comparison.jacobian, comparison.errors
-    found = standardised(problem, model, *at, progress, whole=True)
+    found = standardised(problem, model, *at, progress, "whole")
     noise, along = found.noise(problem, problem.usable), found.error_scales(problem)
-    fitted, changes = problem.fitted[problem.usable], found.jacobian[problem.usable] * found.deviation / along
+    fitted, changes = problem.fitted[problem.usable], found.changes(problem.usable) / along
     shift = (found.free - comparison.free) / found.deviation
     moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes), CLOSE)
     return replace(found, dispersion=moved)
@@ -234,8 +226,8 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
     mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
-    noise, changes = comparison.noise(problem, mask), comparison.jacobian[mask] * comparison.deviation
-    along, rows = comparison.error_scales(problem), noise.whiten(changes)
+    noise, along = comparison.noise(problem, mask), comparison.error_scales(problem)
+    rows = noise.whiten(comparison.changes(mask))
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
 
 
@@ -275,9 +267,10 @@ def solver_errors(
     """
     mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
     noise = comparison.errors.but_of_solver.noise(problem, mask)
-    rows = noise.whiten(np.nan_to_num(comparison.jacobian[mask]) * comparison.deviation)
+    rows = noise.whiten(comparison.changes(mask))
     targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))
-    moved = _posterior(rows) @ rows.T @ targets * comparison.deviation[:, None]
+    covariance = np.linalg.inv(rows.T @ rows + np.eye(rows.shape[1]))  # in units of the priors
+    moved = covariance @ rows.T @ targets * comparison.deviation[:, None]
     quantile = float(norm.ppf(0.5 + CONFIDENCE / 2))
     own, (lowest, highest), errors = {interval.name: interval for interval in found}, model.bounds, {}
     for index, (parameter, step) in enumerate(zip(model.unknowns, np.linalg.norm(moved, axis=1), strict=True)):

@@ -1,6 +1,7 @@
 """The hypotheses of a round compete: which of them are fitted, in which order, and from where."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 
@@ -21,6 +22,7 @@ MOST_AGAIN = 3
 """
 
 
+@dataclass
 class Competition:
     """Fits of every hypothesis that could win in a round: of those whose linear change says so, and in a widened round
     of those whose linear change is no accident, and of effects of which a straight line says little. While more than
@@ -28,31 +30,23 @@ class Competition:
     without them has gone far from what was expected and no effect explains the most of it, by a search of their own
     parameter space, too.
 
-    Args:
-        problem, store: what is under diagnosis, and where results are kept.
-        number: of the round, in the names of steps.
-        found: the round, screened.
-        progress: receives a line about each step.
-        kept: refits that are not made again.
-
-    Attributes:
-        refits: so far, one of each hypothesis.
-        simulated: simulations that they took.
+    problem, store: what is under diagnosis, and where results are kept.
+    number: of the round, in the names of steps.
+    found: the round, screened.
+    kept: refits that are not made again.
+    refits: so far, one of each hypothesis; they took so many simulations as ``simulated`` says.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        store: Store,
-        number: str,
-        found: Round,
-        progress: Progress,
-        kept: Sequence[Refit] = (),
-    ):
-        assert found.screening is not None
-        self.problem, self.store, self.number, self.found = problem, store, number, found
-        self.screening, self.progress, self.kept = found.screening, progress, [again.name for again in kept]
-        self.refits, self.simulated = list(kept), 0
+    problem: Problem
+    store: Store
+    number: str
+    found: Round
+    progress: Progress
+    kept: Sequence[Refit] = ()
+
+    def __post_init__(self) -> None:
+        assert self.found.screening is not None
+        self.screening, self.refits, self.simulated = self.found.screening, list(self.kept), 0
 
     def run(self) -> list[Refit]:
         """All refits, against the best optimum of the model without them that any of them has found."""
@@ -109,7 +103,7 @@ class Competition:
     def _attempt(self, candidate: Candidate, how: How = "thoroughly") -> None:
         """Fit one, also from where the best so far ended, or the incumbent."""
         found, screening, name = self.found, self.screening, candidate.name
-        if name in self.kept:
+        if any(again.name == name for again in self.kept):
             return
         if found.again < MOST_AGAIN and any(again.better for again in self.refits):
             return  # all of them will be fitted again beside a better model

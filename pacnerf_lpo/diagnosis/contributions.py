@@ -26,11 +26,9 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
     names = [comparison.names[index] for index in shared]
     information: list[np.ndarray] = []
     found: list[dict[str, Any]] = []
-    for number, part in enumerate(parts):
-        mask = _only(problem, number)
+    for part, mask, phases in zip(parts, fitted_of_each(problem), first.phases, strict=True):
         noise = comparison.noise(problem, mask)
-        columns = noise.whiten(comparison.jacobian[mask] * comparison.deviation)
-        information.append((columns[:, shared] ** 2).sum(0))
+        information.append((noise.whiten(comparison.changes(mask))[:, shared] ** 2).sum(0))
         again = {r.name: _cost(noise.whiten_residual(np.nan_to_num(r.residual[mask]))) for r in first.refits}
         video = part.recording.video
         found.append(
@@ -39,7 +37,7 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
                 "views": list(video.view_ids),
                 "frames": list(video.frame_ids),
                 "times": video.times.tolist(),
-                "phases": first.phases[number],
+                "phases": phases,
                 "numbers": int(mask.sum()),
                 "cost": _cost(noise.whiten_residual(comparison.residual[mask])),
                 "refits": again,
@@ -65,7 +63,7 @@ def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple
             continue
         column = np.zeros(problem.usable.shape)
         column[problem.usable] = (tried.alternatives[0] / tried.widths[0]).sum(1)
-        found[tried.name] = [_estimate(problem, done, column, n) for n in range(len(problem.parts((), {})))]
+        found[tried.name] = [_estimate(problem, done, column, mask) for mask in fitted_of_each(problem)]
     return found
 
 
@@ -77,9 +75,8 @@ def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[n
     without = problem.model(last.effects, {**comparison.known, **effect.null})
     residual = problem.residual(without.predict(without.start))
     others = ~np.isin(comparison.names, list(effect.parameters))
-    for number in range(len(problem.parts((), {}))):
-        mask = _only(problem, number)
-        moved = np.nan_to_num(comparison.jacobian[mask] * comparison.deviation)[:, others]
+    for mask in fitted_of_each(problem):
+        moved = comparison.changes(mask)[:, others]
         noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.errors.force[mask]
         own = force[:, np.abs(force).max(0) > 0]
         columns = noise.whiten(own.reshape(len(own), -1, len(AXES)).sum(1))  # hats at all knots make a constant
@@ -88,18 +85,17 @@ def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[n
     return found
 
 
-def _estimate(problem: Problem, done: Round, column: np.ndarray, number: int) -> tuple[float, float]:
-    mask = _only(problem, number)
+def _estimate(problem: Problem, done: Round, column: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
     noise = done.comparison.marginal(problem, mask)
     change, left = noise.whiten(column[mask]), noise.whiten_residual(done.comparison.residual[mask])
     strength = max(float(change @ change), 1e-30)
     return float(change @ left) / strength, 1 / float(np.sqrt(strength))
 
 
-def _only(problem: Problem, number: int) -> np.ndarray:
-    """The fitted entries of one recording among those of all [(R, F, 11), bool]."""
-    count = len(problem.parts((), {}))
-    return problem.join([problem.part_of(problem.fitted, other) & (other == number) for other in range(count)])
+def fitted_of_each(problem: Problem) -> list[np.ndarray]:
+    """The fitted entries of each recording among those of all [(R, F, 11), bool]."""
+    own = [problem.part_of(problem.fitted, number) for number in range(len(problem.parts((), {})))]
+    return [problem.join([part & (other == number) for other, part in enumerate(own)]) for number in range(len(own))]
 
 
 def _cost(standardised: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from pacnerf_lpo.diagnosis.removal import Without, newest_is_needed, without_eac
 from pacnerf_lpo.diagnosis.residual_force import residual_force
 from pacnerf_lpo.diagnosis.rounds import Round, leaves_more, unknown_wins
 from pacnerf_lpo.diagnosis.run_problem import problem_of_runs
-from pacnerf_lpo.diagnosis.screening import Screening, judge, probe
+from pacnerf_lpo.diagnosis.screening import judge, probe
 from pacnerf_lpo.diagnosis.store import FOLDER, Store
 from pacnerf_lpo.errors import SimulationError, UserInputError
 from pacnerf_lpo.identification.model_errors import FORCES
@@ -108,7 +108,6 @@ def investigate(
         problem: what is under diagnosis.
         store: of the results.
         options: of the diagnosis.
-        progress: receives a line about each step.
         keep: called with the rounds so far after each of them, and whether they are all.
 
     Raises:
@@ -140,9 +139,9 @@ class _Diagnosis:
         last = rounds[-1]
         if options.until == "refit":
             self._estimate(last)
-        if options.until == "refit" and (unknown_wins(last) or leaves_more(last)):
-            asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
-            last.force = store.once(f"{len(rounds)}_force", asked)
+            if unknown_wins(last) or leaves_more(last):
+                asked = partial(residual_force, problem, last.effects, last.comparison, FORCES[1])
+                last.force = store.once(f"{len(rounds)}_force", asked)
         if options.profile is not None:
             told = prefixed(self.progress, "profile likelihood: ")
             followed = partial(profile, problem, last.effects, last.best, options.profile, told)
@@ -226,7 +225,7 @@ class _Diagnosis:
                     continue
                 if not rounds:
                     raise
-                self._leave_out(error, told)
+                self._take_back(error, told)
             last, examined = rounds[-1], None
             better = better_model(problem, rounds) if again < MOST_AGAIN else None
             if better is not None:
@@ -255,9 +254,7 @@ class _Diagnosis:
         before: Sequence[Round] | None = None,
         compete: bool = True,
     ) -> Round:
-        """The next round, of a model with these effects that starts from known values; arguments as of
-        :meth:`_compared` and :meth:`_examined`.
-        """
+        """The next round; arguments as of :meth:`_compared` and :meth:`_examined`."""
         before = self.rounds if before is None else before
         found = self._compared(effects, known, progress, again, beside, before)
         return self._examined(found, before, progress, compete)
@@ -271,13 +268,8 @@ class _Diagnosis:
         beside: str,
         before: Sequence[Round],
     ) -> Round:
-        """The beginning of a round: its model fitted, and compared with the recording.
-
-        Args:
-            effects, known: of its model, and the values that its fit starts from [SI].
-            progress: receives a line about each step.
-            again, beside: as of a :class:`Round`.
-            before: rounds before it.
+        """The beginning of a round after those before it: its model, with these effects, fitted from known values [SI]
+        and compared with the recording; ``again`` and ``beside`` as of a :class:`Round`.
         """
         problem, store, options = self.problem, self.store, self.options
         number = _number(len(before) + 1, again, before, beside)
@@ -303,12 +295,8 @@ class _Diagnosis:
         return found
 
     def _examined(self, found: Round, before: Sequence[Round], progress: Progress, compete: bool = True) -> Round:
-        """The rest of a round, as far as it is asked for: hypotheses screened, and those fitted that could win.
-
-        Args:
-            found: its beginning.
-            before: rounds before it.
-            compete: whether effects may be added, as long as there are not too many.
+        """The rest of a round, as far as it is asked for: hypotheses screened, and those fitted that could win. Effects
+        ``compete`` as long as there are not too many.
         """
         problem, store, options, effects = self.problem, self.store, self.options, found.effects
         if options.until in ("compare", "localise"):
@@ -341,7 +329,7 @@ class _Diagnosis:
 
     def _fit_hypotheses(self, rounds: Sequence[Round], progress: Progress, kept: Sequence[Refit] = ()) -> None:
         """Fit in the last of some rounds every hypothesis that could win, but those of the refits that are kept, and
-        take over the best of all.
+        take over the best of all, if one is believed.
         """
         found = rounds[-1]
         assert found.screening is not None
@@ -350,44 +338,30 @@ class _Diagnosis:
         found.refits = competition.run()
         tried = [name for name in self.store.seconds if name.startswith(f"{number}_refit_")]
         found.spend("refit", self._effort(tried, competition.simulated))
-        self._select(found, found.screening)
-
-    def _select(self, found: Round, screening: Screening) -> None:
-        """Take over the refit that is believed, if there is one."""
         found.accepted, found.indistinguishable = None, []
-        size = int(self.problem.usable.sum())
         contenders = [again.contender for again in found.refits]
-        odds = log_odds(contenders, size, screening.usual_scale)
+        odds = log_odds(contenders, int(self.problem.usable.sum()), found.screening.usual_scale)
         leader = best(contenders, odds)
         if leader is not None:
             found.accepted = next(again for again in found.refits if again.name == leader.name)
             found.indistinguishable = indistinguishable(leader, odds)
 
-    def _leave_out(self, error: SimulationError, progress: Progress) -> None:
-        """Do without the refit that was taken over in the last round, whose model cannot be examined."""
-        found = self.rounds[-1]
-        assert found.accepted is not None
-        found.left_out[found.accepted.name] = str(error)
-        self._do_without(found.accepted.name, progress)
-
-    def _take_back(self, after: Round, progress: Progress) -> None:
-        """Do without the refit that was taken over in the last round, which is not needed in the model of the round
-        after it.
+    def _take_back(self, why: Round | SimulationError, progress: Progress) -> None:
+        """Do without the refit that was taken over in the last round, as it is not needed in the model of the round
+        after it, or as that model cannot be examined. The next best takes its place; what was given up as it fell
+        behind has another chance.
         """
         last = self.rounds[-1]
         assert last.accepted is not None
-        progress(f"{last.accepted.name} is not needed beside what a model with it may get wrong")
-        last.unconfirmed.append(last.accepted.name)
-        for step, effort in after.effort.items():
-            last.spend(step, effort)
-        self._do_without(last.accepted.name, progress)
-
-    def _do_without(self, name: str, progress: Progress) -> None:
-        """The next best takes the place of a refit in the last round. What was given up as it fell behind that one has
-        another chance.
-        """
-        kept = [again for again in self.rounds[-1].refits if again.name != name]
-        self._fit_hypotheses(self.rounds, progress, kept)
+        name = last.accepted.name
+        if isinstance(why, SimulationError):
+            last.left_out[name] = str(why)
+        else:
+            progress(f"{name} is not needed beside what a model with it may get wrong")
+            last.unconfirmed.append(name)
+            for step, effort in why.effort.items():
+                last.spend(step, effort)
+        self._fit_hypotheses(self.rounds, progress, [again for again in last.refits if again.name != name])
 
     def _widened(self) -> bool:
         """Where the rounds end with an unknown cause or with more than the model predicts: fit the hypotheses to which

@@ -33,12 +33,9 @@ def phases_of(part: Part, path: torch.Tensor) -> list[str]:
     touches = heights.min(1) < REACH * part.recording.spacing
     if not touches.any():
         return [PHASES[0]] * len(path)
-    first = int(np.argmax(touches))
+    first, frames = int(np.argmax(touches)), np.arange(len(path))
     lowest = first + int(np.argmin(heights[first:].mean(1)))
-    named = [PHASES[0]] * first
-    for frame in range(first, len(path)):
-        named.append(PHASES[1] if frame <= lowest else PHASES[2] if touches[frame] else PHASES[3])
-    return named
+    return np.select([frames < first, frames <= lowest, touches], PHASES[:3], PHASES[3]).tolist()
 
 
 def floor(comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pacnerf_lpo.diagnosis.contributions import fitted_of_each
 from pacnerf_lpo.diagnosis.recipes import Proposed, Recipe, recipes_for, work_out
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -101,7 +102,6 @@ def propose(
     Args:
         problem: what was diagnosed.
         found: the round that left hypotheses.
-        progress: receives a line about each step.
         recipes: to choose from, the easiest first; None: all.
 
     Raises:
@@ -142,10 +142,9 @@ def _believed(problem: Problem, found: Round, name: str) -> _Believed:
     precision = whitened.T @ whitened / dispersion + np.eye(len(deviation))
     root = deviation[:, None] * np.linalg.inv(np.linalg.cholesky(precision)).T
     part = problem.parts(effects, again.known)[0]
-    own = {n for effect in part.effects if effect.of_recording for n in effect.parameters}
-    shared = [n for n in part.recording.physics.material.free_names if n in model.names]
-    shared += [n for e in part.effects for n in e.parameters if n in model.names and n not in own]
-    spread = {n: root[model.names.index(n)] for n in shared}
+    shared = [*part.recording.physics.material.free_names]
+    shared += [name for effect in part.effects if not effect.of_recording for name in effect.parameters]
+    spread = {name: root[model.names.index(name)] for name in shared if name in model.names}
     least = max(one.log_bayes_factor for one in found.refits)
     return _Believed(name, part, spread, float(np.exp(again.log_bayes_factor - least)))
 
@@ -162,18 +161,16 @@ def _seen(proposed: Proposed, one: _Believed) -> tuple[np.ndarray, np.ndarray]:
 
     now = moments(model.start)
     jacobian = sensitivities(moments, model.start, now, model.scales, model.bounds)
-    columns = len(next(iter(one.spread.values())))
-    root = np.zeros((len(model.names), columns))
-    own = []
+    root = np.zeros((len(model.names), len(next(iter(one.spread.values())))))
+    own = np.zeros(len(model.names))
     for index, unknown in enumerate(model.unknowns):
         if unknown.name in one.spread:
             root[index] = one.spread[unknown.name]
+        elif unknown.name == GROUND_HEIGHT.name:
+            own[index] = unknown.scale
         else:
-            guess = one.part.recording.guess.get(unknown.name, 0.0)
-            column = np.zeros(len(model.names))
-            column[index] = unknown.prior(guess)[1] if unknown.name != GROUND_HEIGHT.name else unknown.scale
-            own.append(column)
-    changes = jacobian @ np.concatenate((root, np.array(own).T.reshape(len(model.names), -1)), axis=1)
+            own[index] = unknown.prior(one.part.recording.guess.get(unknown.name, 0.0))[1]
+    changes = jacobian @ np.concatenate((root, np.diag(own)[:, own > 0]), axis=1)
     return now.reshape(shape), changes.reshape(*shape, -1)
 
 
@@ -205,24 +202,20 @@ class _Noise:
         sensor = np.sqrt(np.nanmedian(problem.part_of(comparison.errors.sensor, 0)[views, :, kinds] ** 2, axis=(0, 1)))
         variance = np.nan_to_num(np.nanmean(replicates.var(0, ddof=1) + squares, axis=0))
         numerical = np.sqrt(np.maximum(variance - sensor**2, 0.0)) + LEAST_NOISE
-        masks = [problem.part_of(problem.fitted, n) & (n == 0) for n in range(len(problem.parts((), {})))]
-        mask = problem.join(masks)
+        mask = fitted_of_each(problem)[0]
         full = comparison.noise(problem, mask)
-        correlation = full.correlation
         times = recording.video.times.numpy() - float(recording.video.times[0])
-        simple = _Noise(sensor, numerical, times, correlation, 1.0)
-        changes = np.nan_to_num(np.where(masks[0][..., None], problem.part_of(comparison.jacobian, 0), 0.0))
+        simple = _Noise(sensor, numerical, times, full.correlation, 1.0)
+        own = problem.part_of(mask, 0)[..., None]
+        changes = np.nan_to_num(np.where(own, problem.part_of(comparison.jacobian, 0), 0.0))
         ours, theirs = simple.whiten(changes[views, :, kinds]), full.whiten(comparison.jacobian[mask])
         ours, theirs = (ours**2).sum(0), (theirs**2).sum(0)
         told = (ours > 0) & (theirs > 0)
         return replace(simple, inflation=max(1.0, float(np.median(ours[told] / theirs[told]))))
 
     def whiten(self, changes: np.ndarray, proposed: Proposed | None = None) -> np.ndarray:
-        """Changes of the moments [(V, F, 10, K)] in units of the noise [(V F 10, K)].
-
-        Args:
-            changes: of the recording that there is, or of a proposed one.
-            proposed: it. Its numerical errors are those at the same time after the contact.
+        """Changes of the moments [(V, F, 10, K)] in units of the noise [(V F 10, K)], in the recording that there is or
+        in a proposed one, whose numerical errors are those at the same time after the contact.
         """
         at, rho, scale = np.arange(len(self.times)), self.correlation, 1.0
         if proposed is not None:

@@ -1,6 +1,5 @@
 """Intervals of what a run identified, by the statistics of a diagnosis and without its search for missing effects."""
 
-import io
 import json
 from collections.abc import Sequence
 from functools import partial
@@ -44,7 +43,6 @@ def keep_intervals(run: Run, progress: Progress, particles: int = PARTICLES) -> 
 
     Args:
         run: of which a phase with a motion is finished.
-        progress: receives a line about each step.
         particles: the body is sampled by about so many.
 
     Raises:
@@ -104,7 +102,7 @@ def of_equal_weights(problem: Problem, effects: Sequence[Effect], best: Comparis
     """
     model, mask = problem.model(effects, best.known), problem.fitted
     weight = problem.presumed_error[:, None]
-    rows = np.nan_to_num(best.jacobian[mask]) * best.deviation / weight
+    rows = best.changes(mask) / weight
     estimator = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T) / weight.T
     spread = np.linalg.norm(best.noise(problem, mask).inverse_adjoint(estimator.T), axis=0) * best.deviation
     half = float(norm.ppf(1 - LEVEL / 2)) * spread
@@ -123,8 +121,7 @@ def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
     before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
     change = torch.tensor([known[name] - before[name] for name in names])
     physics = {name: known[name] for name in state.physics}
-    content = io.BytesIO()
-    state.with_(physics=physics, velocity=state.velocity + change).save(content)
-    write_atomically(stage.state_path, content.getvalue())
+    changed = state.with_(physics=physics, velocity=state.velocity + change)
+    write_atomically(stage.state_path, changed.as_bytes())
     stage.record.before = before
     run.manifest.save()

@@ -24,7 +24,6 @@ def profile(
     Args:
         problem, effects, comparison: the run, the effects of its model, and that model fitted.
         name: of the unknown, such as ``E``.
-        progress: receives a line about each step.
 
     Returns:
         Lower and upper end [SI], and the profile in free coordinates.
@@ -40,8 +39,7 @@ def profile(
     model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     others = np.flatnonzero(np.arange(len(comparison.names)) != index)
-    changes = comparison.jacobian[mask] * comparison.deviation
-    spread = float(comparison.error_scales(problem)[index])
+    changes, spread = comparison.changes(mask), float(comparison.error_scales(problem)[index])
     left = noise.with_directions(changes[:, others]).whiten(changes[:, index])
     error = spread * float(comparison.deviation[index]) / float(np.sqrt(1 + left @ left))
     physical, rows = model.unknowns[index].physical, objective.rows

@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.catalogue import Candidate
-from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, intervals_in_si, reporter
+from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
+from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, intervals_in_si, reporter, standardised
 from pacnerf_lpo.diagnosis.screening import Screening, fitted_by
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
@@ -128,7 +128,6 @@ def refit(
         problem, effects, comparison: the run, the effects of its model, and that model fitted.
         candidate: the effect to add.
         screening: of it.
-        progress: receives a line about each step.
         ahead: other effects; None: there is none.
         how: searched: the whole parameter space of the model with the effect is searched first. Quickly: a few steps
             from the first start, with sensitivities that are measured again once at most: enough to see which effects
@@ -232,8 +231,9 @@ class _Fits:
         told, _ = intervals_in_si(self.model, best.free, deviation, jacobian, along, self.noise)
         residual, known = self.objective.seen(best)[0], self.model.physical(best.free)
         suspect = tuple(notes(self.model, best.free, mean, deviation))
-        held = self._predicted(*self.objective.seen(best), deviation)
-        held_without = self._predicted(self.comparison.residual, self.comparison.jacobian, self.comparison.deviation)
+        without = self.comparison.residual, self.comparison.jacobian, self.comparison.deviation
+        held_without = _predicted(self.problem, self.mask, self.whole, *without)
+        held = _predicted(self.problem, self.mask, self.whole, *self.objective.seen(best), deviation)
         sizes = self.size, int(self.problem.usable.sum())
         rest = occam, held_without, held, 1.0, suspect, rollouts, sizes
         return Refit(self.name, known, told, residual, 0.0, cost, 0.0, *rest).against(
@@ -241,12 +241,8 @@ class _Fits:
         )
 
     def _log_occam_factor(self, free: np.ndarray, jacobian: np.ndarray, scale: float) -> float:
-        """Of the coefficients of the effect at coordinates [(K,)], with the prior that its linear change was scored by.
-
-        Args:
-            free: coordinates of the fit.
-            jacobian: change of the standardised residual by one prior standard deviation of each [(D, K)]
-            scale: factor on the noise along the effect.
+        """Of the coefficients of the effect at coordinates [(K,)], with the prior that its linear change was scored by;
+        changes of the standardised residual by one prior standard deviation of each [(D, K)], ``scale`` of the noise.
         """
         changes = jacobian / np.where(self.own, scale, 1.0)
         covariance = np.linalg.inv(np.eye(changes.shape[1]) + changes.T @ changes)[np.ix_(self.own, self.own)]
@@ -255,48 +251,35 @@ class _Fits:
         widest = log_occam_factor(changes[:, ~self.own], changes[:, self.own])
         return widest + log_spread_factor(away, covariance, self.spreads, self.one_sided)
 
-    def _predicted(self, *seen: np.ndarray) -> Prediction:
-        return _predicted(self.problem, self.mask, self.whole, *seen)
-
     def seen(self, found: Fit) -> np.ndarray:
         """Derivative of the residual at a fit by the unknowns of the model without the effect [(R, F, 11, K)]."""
         return self.objective.seen(found)[1][..., ~self.own]
 
 
 def against_without(
-    problem: Problem,
-    kept: Sequence[Effect],
-    effect: Effect,
-    name: str,
-    comparison: Comparison,
-    screening: Screening,
+    problem: Problem, kept: Sequence[Effect], effect: Effect, comparison: Comparison, screening: Screening
 ) -> tuple[Refit, dict[str, float]]:
     """One effect of a fitted model, scored against the model without it, which is fitted from there; and the values of
     that [SI].
 
     Args:
         problem, comparison: the run, and its model fitted with the effect.
-        kept, effect, name: effects of the model without it, it, and how a screening calls it.
+        kept, effect: effects of the model without it, and it.
         screening: of the model with it, whose threshold counts.
 
     Raises:
         SimulationError: the motion without it is unstable.
     """
-    model, mask = problem.model(kept, comparison.known), problem.fitted
+    model = problem.model(kept, comparison.known)
     places = [comparison.names.index(other) for other in model.names]
     prior = comparison.mean[places], comparison.deviation[places]
-    objective = StandardisedObjective(problem, model, mask, comparison.noise(problem, mask), prior)
-    free = comparison.free[places]
-    start = Fit(free, objective(free), objective.derivative(comparison.jacobian[..., places]), 1, objective)
-    effort = objective.effort(ITERATIONS)
-    found = fit(objective, start, model.scales, model.bounds, effort, rows=objective.rows)
-    cost = found.cost_of(objective.rows)
-    without = Comparison.at(model, found.free, prior, objective.seen(found), comparison.errors, cost)
-    fits = _Fits(problem, kept, without, Candidate(name, effect), screening)
+    at = comparison.free[places], comparison.jacobian[..., places], comparison.errors
+    without = standardised(problem, model, *at, lambda _: None, prior=prior)
+    fits = _Fits(problem, kept, without, Candidate(name_of(effect), effect), screening)
     places = [comparison.names.index(other) for other in fits.model.names]
     free, jacobian = comparison.free[places], fits.objective.derivative(comparison.jacobian[..., places])
     rows = fits.objective.rows_of(comparison.residual[problem.usable], free)
-    again = fits.scored(Fit(free, rows, jacobian), screening, found.rollouts)
+    again = fits.scored(Fit(free, rows, jacobian), screening, without.rollouts)
     return again, without.known
 
 
@@ -333,7 +316,6 @@ def better_null(
         without: cost of the model where it was fitted, in the entries of
         mask: [(R, F, 11), bool]
         changes: of the residual by the unknowns of the model, for the first steps [(R, F, 11, K)]; None: measured.
-        progress: receives a line about each step.
     """
     model, whole = problem.model(effects, known), comparison.noise(problem, problem.usable)
     noise = whole.among(mask[problem.usable])
@@ -368,13 +350,8 @@ def _predicted(
     jacobian: np.ndarray,
     deviation: np.ndarray,
 ) -> Prediction:
-    """Of the usable entries that were not fitted.
-
-    Args:
-        problem: the run.
-        mask: entries that were fitted [(R, F, 11), bool]
-        whole: noise of the usable entries.
-        residual, jacobian, deviation: of the model, and of the priors of its unknowns [(R, F, 11), (R, F, 11, K), (K,)]
+    """Of the usable entries beyond the mask of those that were fitted [(R, F, 11), bool], with the noise of all usable
+    ones, by the residual of a model, its jacobian and the priors of its unknowns [(R, F, 11), (R, F, 11, K), (K,)].
     """
     fitted = mask[problem.usable]
     if fitted.all():

@@ -62,7 +62,7 @@ def _by_a_line(problem: Problem, found: Round, screening: Screening) -> float:
     own = np.isin(comparison.names, list(effect.parameters))
     nulls = [one.transform.to_free(effect.null[one.name]) for one, new in zip(unknowns, own, strict=True) if new]
     away = (comparison.free[own] - nulls) / comparison.deviation[own]
-    rows = comparison.noise(problem, mask).whiten(comparison.jacobian[mask] * comparison.deviation)
+    rows = comparison.noise(problem, mask).whiten(comparison.changes(mask))
     covariance = np.linalg.inv(rows.T @ rows + np.eye(len(own)))[np.ix_(own, own)]
     without = comparison.cost + float(away @ np.linalg.solve(covariance, away))
     occam = log_occam_factor(rows[:, ~own], rows[:, own])
@@ -73,9 +73,9 @@ def _without(problem: Problem, found: Round, effect: Effect, screening: Screenin
     """The model of a round without an effect; None where the motion is unstable then. The effect is superfluous if what
     it adds is no rarer than a false alarm; what was held out can keep it, too, for it has won before.
     """
-    kept, name = tuple(other for other in found.effects if other is not effect), name_of(effect)
+    kept = tuple(other for other in found.effects if other is not effect)
     try:
-        again, known = against_without(problem, kept, effect, name, found.comparison, screening)
+        again, known = against_without(problem, kept, effect, found.comparison, screening)
     except SimulationError:
         return None
-    return Without(name, effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE, again.simulated)
+    return Without(again.name, effect, known, again.p_value >= LEVEL and again.whole <= DECISIVE, again.simulated)

@@ -15,6 +15,7 @@ from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.model_errors import FORCES, SHAPES
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each
+from pacnerf_lpo.identification.standardised import spread
 from pacnerf_lpo.inference.calibration import Calibration, Fitted, calibrate, dispersion_of
 from pacnerf_lpo.inference.classes import correlation
 from pacnerf_lpo.inference.decision import LEVEL, believed
@@ -130,7 +131,8 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
         found = score(noise, residual, one, scales[one.name])
         own = score(part.noise, residual[part.rows], part.of(one), scales[one.name]).log_bayes_factor
         factor = float(believed(found.log_bayes_factor, own))
-        scores.append(replace(found, log_bayes_factor=factor, signature=_whole(found.signature, mask)))
+        signature = np.nan_to_num(spread(found.signature, mask)).ravel()
+        scores.append(replace(found, log_bayes_factor=factor, signature=signature))
     scores.sort(key=lambda one: -one.log_bayes_factor)
     signatures = np.stack([one.signature for one in scores])
     return Screening(scores, replace(calibration, scales=scales), probes.outside, correlation(signatures))
@@ -138,15 +140,13 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
 
 def discrepancies(comparison: Comparison, mask: np.ndarray) -> list[Hypothesis]:
     """What is no effect of the catalogue, in the entries of a mask [(R, F, 11), bool]."""
-    found = [_discrepancy(FORCE, comparison.errors.force[mask], FORCES)]
-    reconstruction = comparison.errors.reconstruction
-    if reconstruction.shape[-1]:
-        found.append(_discrepancy(SHAPE, reconstruction[mask], [size for size in SHAPES if size > 1]))
-    return found
-
-
-def _discrepancy(name: str, changes: np.ndarray, sizes: Sequence[float]) -> Hypothesis:
-    return Hypothesis(name, (changes,), (np.ones(changes.shape[1]),), spreads=tuple(sizes))
+    errors = comparison.errors
+    causes = (FORCE, errors.force, FORCES), (SHAPE, errors.reconstruction, tuple(size for size in SHAPES if size > 1))
+    return [
+        Hypothesis(name, (changes[mask],), (np.ones(changes.shape[-1]),), spreads=sizes)
+        for name, changes, sizes in causes
+        if changes.shape[-1]
+    ]
 
 
 def probed(
@@ -172,7 +172,7 @@ def probed(
     """
     path, known = null.path(free), null.physical(free)
     before = null.observe(path, free)
-    trials = [list(candidate.trials()) for candidate in candidates]
+    trials = [candidate.trials() for candidate in candidates]
     models = (
         [problem.model([*effects, candidate.effect], {**known, **trial}) for trial in tried]
         for candidate, tried in zip(candidates, trials, strict=True)
@@ -183,15 +183,14 @@ def probed(
     found = []
     for candidate, tried, predicted in zip(candidates, trials, seen, strict=True):
         progress(candidate.name)
-        columns, sizes, widths = [], [], []
+        shown: list[tuple[np.ndarray, float, float]] = []
         for trial, after in zip(tried, predicted, strict=True):
             change = np.zeros(mask.sum()) if after is None else np.nan_to_num(problem.relative(after - before)[mask])
             if candidate.joint or np.abs(change).max() > LEAST_CHANGE:
                 name, size = size_of(candidate, trial)
-                columns.append(change)
-                sizes.append(size)
-                widths.append(1.0 if candidate.discrete else candidate.width(name))
-        if columns and np.abs(columns).max() > LEAST_CHANGE:
+                shown.append((change, size, 1.0 if candidate.discrete else candidate.width(name)))
+        if any(np.abs(change).max() > LEAST_CHANGE for change, *_ in shown):
+            columns, sizes, widths = zip(*shown, strict=True)
             arrays = np.stack(columns, axis=1), np.array(sizes), np.array(widths)
             prior = candidate.effect.one_sided, candidate.components, candidate.spreads
             found.append(Hypothesis.of_probes(candidate.name, *arrays, *prior))
@@ -199,11 +198,8 @@ def probed(
 
 
 def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> list[np.ndarray | None]:
-    """What models predict at their start [(R, F, 11)]; None where the motion is unstable.
-
-    Args:
-        models: one for each trial.
-        motion: known already, and its silhouette moments, where the models differ in their cameras only.
+    """What the models of some trials predict at their start [(R, F, 11)]; None where the motion is unstable. It is
+    known, with its silhouette moments, where the models differ in their cameras only.
     """
     found: list[np.ndarray | None] = []
     for model in models:
@@ -280,10 +276,3 @@ def usual_faults(
         scale = max(1.0, float(np.median(deviates))) if len(deviates) >= LEAST_CAMERAS else 1.0
         found[name] = Usual(scale, len(deviates), float((along**2).mean()) / scales[name] ** 2, len(along))
     return found
-
-
-def _whole(signature: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """A signature [(D,)] among all entries of the recording, zero elsewhere."""
-    found = np.zeros(mask.shape)
-    found[mask] = signature
-    return found.ravel()

@@ -19,7 +19,6 @@ from pacnerf_lpo.explore.noise import Noise
 from pacnerf_lpo.explore.records import Suggestion
 from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.identification.forward_model import Model
-from pacnerf_lpo.identification.least_squares import Effort
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each, workers
 from pacnerf_lpo.identification.study import StudyProblem
@@ -34,7 +33,6 @@ NORMAL = 1.645
 """Standard deviations to either side in which nine tenths of a normal distribution lie."""
 LARGE = ("data", "state", "run", "stage", "_coarse", "_as_reconstructed")
 """What a problem holds and no model of it needs."""
-EFFORT = Effort(8, confirm=False)
 
 
 def suggest(stepper: Stepper, noise: Noise, progress: Progress) -> list[Suggestion]:
@@ -52,7 +50,7 @@ def suggest(stepper: Stepper, noise: Noise, progress: Progress) -> list[Suggesti
     model = problem.model(effects, step.values)
     known = learnt.names == model.names and learnt.jacobian.shape[-1] == len(model.names)
     changes = learnt.jacobian if known else None
-    null = standardised(problem, model, model.start, changes, learnt.errors, progress, effort=EFFORT)
+    null = standardised(problem, model, model.start, changes, learnt.errors, progress, "rough")
     candidates = [replace(candidate, quick=True) for candidate in catalogue.candidates(step.effects)]
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}

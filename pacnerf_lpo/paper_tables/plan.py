@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from pacnerf_lpo import __version__
-from pacnerf_lpo.cli import CONFIG_FILE, PhaseCLI, quieten_lightning
+from pacnerf_lpo.cli import PhaseCLI, quieten_lightning
+from pacnerf_lpo.config_layers import read_yaml
 from pacnerf_lpo.data.pac_nerf import data_digest
 from pacnerf_lpo.data.video_module import VideoModule
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
+from pacnerf_lpo.evaluation.run_directory import CONFIG_FILE
 from pacnerf_lpo.manifest import Manifest, write_atomically
 from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.paper_tables.scenes import Scene
@@ -60,7 +62,7 @@ class PlannedRun:
         if not (results.exists() and (self.run_dir / CONFIG_FILE).exists()):
             return False
         manifest = Manifest.load(self.run_dir)
-        rounds = yaml.safe_load((self.run_dir / CONFIG_FILE).read_text())["outer_loop"]["rounds"]
+        rounds = read_yaml(self.run_dir / CONFIG_FILE)["outer_loop"]["rounds"]
         evaluated = [phase["stem"] for phase in json.loads(results.read_text())["phases"]]
         done = [Path(record.state).stem for record in manifest.phases]
         return manifest.status == "finished" and rounds >= self.rounds and evaluated == done
@@ -69,7 +71,7 @@ class PlannedRun:
         """Make the run directory, with the phases of the run it starts from, or raise the number of its rounds."""
         if self.run_dir.exists():
             path = self.run_dir / CONFIG_FILE
-            config = yaml.safe_load(path.read_text())
+            config = read_yaml(path)
             if config["outer_loop"]["rounds"] < self.rounds:
                 config["outer_loop"]["rounds"] = self.rounds
                 write_atomically(path, yaml.safe_dump(config, sort_keys=False).encode())

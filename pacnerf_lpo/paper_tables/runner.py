@@ -7,6 +7,7 @@ import json
 import os
 import re
 import signal
+import statistics
 import sys
 import threading
 import time
@@ -160,8 +161,8 @@ class Progress:
             (run, phase) for run in self.runs if run.run_dir not in self.outcomes and (phase := current_phase(run))
         ]
         waiting = len(self.runs) - len(ended) - len(going) + ended.count("stopped")
-        counts = {"done": ended.count("finished"), "running": len(going), "failed": ended.count("failed")}
-        said = ", ".join(f"{number} {word}" for word, number in {**counts, "waiting": waiting}.items())
+        done, failed = ended.count("finished"), ended.count("failed")
+        said = f"{done} done, {len(going)} running, {failed} failed, {waiting} waiting"
         times = f"{_clock(time.monotonic() - self._started)} elapsed"
         left = self.seconds_left()
         times += "" if left is None else f", about {_clock(left)} left"
@@ -185,7 +186,7 @@ class Progress:
             missing += [step.role for step in _steps(run)[done:]]
         if not missing or any(role not in seen for role in missing):
             return None
-        return sum(sum(seen[role]) / len(seen[role]) for role in missing) / self.jobs
+        return sum(statistics.fmean(seen[role]) for role in missing) / self.jobs
 
     def _loop(self) -> None:
         terminal = self.stream.isatty()
