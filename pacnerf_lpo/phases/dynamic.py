@@ -61,12 +61,7 @@ class DynamicPhase(AbstractPhase):
                     f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
                     f"set its view to one of {used}, or add it to data.train_views"
                 )
-        self.check_settings()
         self.physics.halvings = 0
-
-    def check_settings(self) -> None:
-        """Raise UserInputError where the video or the model does not suit the settings of the phase."""
-        return
 
     def import_state(self, state: ParticleState | None) -> None:
         """Keep the state and prepare the comparison with the video; then :meth:`begin`."""
@@ -148,7 +143,13 @@ class DynamicPhase(AbstractPhase):
 class Correction(DynamicPhase):
     """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
 
-    density_drives_mass: bool
+    def __init__(
+        self, iterations: int, density_drives_mass: bool, silhouette_weight: float, warm_up: float, seed: int = 0
+    ):
+        super().__init__(iterations, silhouette_weight, seed)
+        if not 0 <= warm_up < 1:
+            raise UserInputError(f"phases.correction: warm_up = {warm_up:g} is a part of the iterations; give 0 to 0.9")
+        self.density_drives_mass, self.warm_up = density_drives_mass, warm_up
 
     def work(self, particles: int) -> Work:
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import Correction
 from pacnerf_lpo.phases.identification_methods import finite_loss
-from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
+from pacnerf_lpo.phases.schedules import rising_adam
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -47,16 +47,14 @@ class LPOModule(Correction):
         silhouette_weight: float = 0.0,
         warm_up: float = 0.0,
     ):
-        super().__init__(iterations, silhouette_weight)
+        super().__init__(iterations, density_drives_mass, silhouette_weight, warm_up)
         if not (positions or features):
             raise UserInputError(
                 "phases.correction: positions and features are both false, so nothing would be corrected; "
                 "set one of them, or set the whole phase to null (+None)"
             )
         self.corrects_positions, self.corrects_features = positions, features
-        self.density_drives_mass = density_drives_mass
         self.position_rate, self.feature_rate = position_rate, feature_rate
-        self.warm_up = check_warm_up(warm_up)
 
     def begin(self) -> None:
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)

@@ -34,8 +34,9 @@ class PhysicsIDModule(DynamicPhase):
         self.method = self._configured = method
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
 
-    def check_settings(self) -> None:
+    def check(self) -> None:
         """The video must show the contact, and something must be left to identify."""
+        super().check()
         video = self.data.video
         if not 1 <= self.hit_frame < len(video.times):
             raise UserInputError(
