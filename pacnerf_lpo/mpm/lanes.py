@@ -71,9 +71,7 @@ def kept(tensor: Tensor3) -> Tensor3:
 
 
 def entry(array: Any, *indices: Any) -> Any:
-    """An entry of an array, a vector or a matrix; of an array of vectors, the vector or, with one more index, a number
-    of it.
-    """
+    """:func:`~pacnerf_lpo.mpm.taichi_calls.entry`, which may be lanes."""
     return _typed(taichi_calls.entry(array, *indices))
 
 
@@ -122,12 +120,10 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def largest(a: Any, b: Any) -> Any:
-    """The larger of two numbers."""
     return keep(ti.max(*_alike(a, b)))
 
 
 def smallest(a: Any, b: Any) -> Any:
-    """The smaller of two numbers."""
     return keep(ti.min(*_alike(a, b)))
 
 
@@ -136,7 +132,6 @@ def _alike(a: Any, b: Any) -> tuple[Any, Any]:
 
 
 def sqrt(x: Any) -> Any:
-    """Square root."""
     return keep(ti.sqrt(x))
 
 
@@ -146,7 +141,6 @@ def floor(x: Any) -> Any:
 
 
 def absolute(x: Any) -> Any:
-    """Absolute value."""
     return largest(x, -x)
 
 

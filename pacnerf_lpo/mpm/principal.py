@@ -20,7 +20,7 @@ from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
 from pacnerf_lpo.mpm.lanes import absolute, keep, kept, largest, log, select, smallest
 from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, dot, flat, product, transposed
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, flat, product, transposed
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
@@ -93,13 +93,13 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
     columns = transposed(U)
     turned = kept(product(columns, f))
     across: dict[tuple[int, int], Any] = {}
-    stretched: list[Any] = []
+    stretched: Tensor3 = []
 
     def strain_adjoint(g: list) -> list:
         along = [0.0 if g[i] is None else keep(g[i] / beta[i]) for i in AXES]
         of_b = _symmetric(lambda i, j: along[i] if i == j else across[i, j])
-        of_turned = [keep(a + b) for a, b in zip(flat(kept(product(of_b, turned))), stretched, strict=True)]
-        return flat(kept(product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]])))
+        of_turned = kept(added(kept(product(of_b, turned)), stretched))
+        return flat(kept(product(U, of_turned)))
 
     operands = flat(F)
     trial = record.step([0.5 * log(x) for x in beta], operands, strain_adjoint)
@@ -121,7 +121,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         of_new = kept(product(columns, [g[0:3], g[3:6], g[6:9]]))
         of_tau = _symmetric(lambda i, j: 0.5 * (g[9 + 3 * i + j] + g[9 + 3 * j + i]))
         of_T = _times_transposed(kept(product(columns, of_tau)), columns)
-        stretched.extend(keep(plain(ratio[k]) * x) for k in AXES for x in of_new[k])
+        stretched.extend([keep(plain(ratio[k]) * x) for x in of_new[k]] for k in AXES)
         slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(share))
         for (i, j), (of_ratio, of_strain) in slopes.items():
             of_R = dot(of_new[i], turned[j]) + dot(of_new[j], turned[i])
@@ -129,9 +129,9 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         return [*(dot(of_new[i], turned[i]) for i in AXES), *(of_T[i][i] for i in AXES)]
 
     change = kept(product(U, [[keep((plain(ratio[k]) - 1.0) * x) for x in turned[k]] for k in AXES]))
-    new = [keep(x + y) for x, y in zip(flat(f), flat(change), strict=True)]
+    new = kept(added(f, change))
     tau = _times_transposed([[keep(x * plain(y)) for x, y in zip(row, stress, strict=True)] for row in U], U)
-    out = record.step([*new, *flat(tau)], [*ratio, *stress], adjoint)
+    out = record.step(flat(new + tau), [*ratio, *stress], adjoint)
     return [out[0:3], out[3:6], out[6:9]], [out[9:12], out[12:15], out[15:18]]
 
 
