@@ -122,22 +122,10 @@ class DynamicPhase(AbstractPhase):
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep how often the time step was halved, and what the phase has reached."""
         checkpoint["step_halvings"] = self.physics.halvings
-        checkpoint["progress"] = self.progress()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Go on with the time step and the progress that were reached."""
         self.physics.halvings = checkpoint["step_halvings"]
-        self.take_up(checkpoint["progress"])
-
-    def progress(self) -> dict[str, Any]:
-        """What a checkpoint keeps in addition to weights and optimiser: plain data and tensors."""
-        return {}
-
-    def take_up(self, progress: dict[str, Any]) -> None:
-        """Go on with what :meth:`progress` gave."""
-        return
 
 
 class Correction(DynamicPhase):
@@ -171,11 +159,8 @@ class Correction(DynamicPhase):
 
     @torch.no_grad()
     def _log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
-        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
-
-        Args:
-            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
-            density, features: of the particles [(N,)], [(N, 12)]
+        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn; arguments as
+        of :meth:`ImageCost.loss`.
         """
         test, body, errors = self.data.test, (density, features), []
         if not test or step % TEST_EVERY:

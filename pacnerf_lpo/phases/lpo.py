@@ -65,7 +65,6 @@ class LPOModule(Correction):
         self.register_buffer("best_loss", torch.tensor(math.inf))
 
     def configure_optimizers(self) -> Any:
-        """Adam with one group for positions and one for density and features."""
         groups = []
         if self.corrects_positions:
             groups.append({"params": [self.positions], "lr": self.position_rate * self.state.base_spacing})
@@ -74,7 +73,6 @@ class LPOModule(Correction):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
-        """Cost over all frames, one random training view for each."""
         loss = self.loss(step, self.state.velocity, self.positions, self.density, self.features)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
@@ -90,7 +88,6 @@ class LPOModule(Correction):
 
     @torch.no_grad()
     def export_state(self) -> ParticleState:
-        """The state with the last particles, or the remembered ones where these fit better."""
         last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
         cost = lambda particles: self.loss(self.steps, self.state.velocity, **particles).item()  # noqa: E731
         chosen = min(last, best, key=lambda particles: finite_loss(lambda: cost(particles)))
