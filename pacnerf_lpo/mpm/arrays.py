@@ -28,8 +28,7 @@ CAUSES = ("NaN in the velocity of a particle", "|v| dt > dx", "a particle left t
 
 def packed(rows: Tensor, fill: Tensor) -> Tensor:
     """Numbers of particles [(N, K)] in blocks [(B, K, LANES)]; ``fill`` is what fills the last block [(K,)]."""
-    missing = -len(rows) % LANES
-    filled = torch.cat([rows, fill.expand(missing, -1)]) if missing else rows
+    filled = torch.cat([rows, fill.expand(-len(rows) % LANES, -1)])
     return filled.view(-1, LANES, rows.shape[1]).transpose(1, 2).contiguous()
 
 
@@ -98,7 +97,6 @@ class Dims(Emitted):
 
     @property
     def nodes(self) -> Any:
-        """Number of nodes."""
         return self.size_x * self.size_y * self.size_z
 
 
@@ -206,22 +204,15 @@ class Group(Emitted):
                 assign(rows, number, first + c, self.lane)
 
     def on_bench(self, row: int, count: int) -> list[Any]:
-        """So many rows of the bench."""
         return self.numbers(self.bench, self.base + row, count)
 
     def put(self, row: int, numbers: list[Any]) -> None:
-        """Store rows on the bench."""
         self.write(self.bench, self.base + row, numbers)
 
     def note(self, row: int, number: Any, most: bool = True) -> None:
         """Keep the largest, or the smallest, that a pass has seen in each lane."""
         (known,) = self.on_bench(row, 1)
         self.put(row, [largest(known, number) if most else smallest(known, number)])
-
-
-@ti.func
-def vector(a: ti.template(), o):
-    return ti.Vector([a[o], a[o + 1], a[o + 2]])
 
 
 def check_velocity(v: list[Any], s: Setting, group: Group) -> None:

@@ -9,6 +9,7 @@ tested by itself; of a law in principal space that is its flow rule, as the eige
 """
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -51,6 +52,10 @@ class Record:
                 for operand, value in zip(operands, pullback([adjoint.get(r) for r in results]), strict=True):
                     add(operand, value)
         return [adjoint.get(variable, 0.0) for variable in variables]
+
+
+def _comparison(holds: Callable[[Any, Any], Any]) -> Callable[[Any, Any], "Condition"]:
+    return lambda one, other: Condition(holds(one.value, plain(other)))
 
 
 class Scalar:
@@ -109,17 +114,8 @@ class Scalar:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def __gt__(self, other: Any) -> "Condition":
-        return Condition(self.value > plain(other))
-
-    def __lt__(self, other: Any) -> "Condition":
-        return Condition(self.value < plain(other))
-
-    def __ge__(self, other: Any) -> "Condition":
-        return Condition(self.value >= plain(other))
-
-    def __le__(self, other: Any) -> "Condition":
-        return Condition(self.value <= plain(other))
+    __gt__, __lt__ = _comparison(operator.gt), _comparison(operator.lt)
+    __ge__, __le__ = _comparison(operator.ge), _comparison(operator.le)
 
 
 class Condition:
@@ -157,12 +153,10 @@ def sqrt(x: Any) -> Any:
 
 
 def log(x: Any) -> Any:
-    """Natural logarithm."""
     return x._unary(lanes.log(x.value), lambda: 1.0 / x.value) if isinstance(x, Scalar) else math.log(x)
 
 
 def exp(x: Any) -> Any:
-    """Exponential."""
     if not isinstance(x, Scalar):
         return math.exp(x)
     value = lanes.exp(x.value)

@@ -6,6 +6,7 @@ Exponential and logarithm of single precision are computed from their series, to
 one lane at a time.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -39,13 +40,13 @@ class Lanes(Expr):
         return select(self, 1.0, select(other, 1.0, wide(0.0))) > 0.5
 
 
-def _lane_by_lane(name: str) -> Callable[[Lanes, Any], Lanes]:
+def _operator(name: str) -> Callable[[Lanes, Any], Lanes]:
     operator = getattr(Expr, name)
     return lambda self, other: Lanes(operator(self, wide(other, self)))
 
 
 for _name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "gt", "lt", "ge", "le", "eq"):
-    setattr(Lanes, f"__{_name}__", _lane_by_lane(f"__{_name}__"))
+    setattr(Lanes, f"__{_name}__", _operator(f"__{_name}__"))
 Lanes.__hash__ = Expr.__hash__  # type: ignore[method-assign]
 
 
@@ -70,9 +71,7 @@ def kept(tensor: Tensor3) -> Tensor3:
 
 
 def entry(array: Any, *indices: Any) -> Any:
-    """An entry of an array, a vector or a matrix; of an array of vectors, the vector or, with one more index, a number
-    of it.
-    """
+    """:func:`~pacnerf_lpo.mpm.taichi_calls.entry`, which may be lanes."""
     return _typed(taichi_calls.entry(array, *indices))
 
 
@@ -121,12 +120,10 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def largest(a: Any, b: Any) -> Any:
-    """The larger of two numbers."""
     return keep(ti.max(*_alike(a, b)))
 
 
 def smallest(a: Any, b: Any) -> Any:
-    """The smaller of two numbers."""
     return keep(ti.min(*_alike(a, b)))
 
 
@@ -135,7 +132,6 @@ def _alike(a: Any, b: Any) -> tuple[Any, Any]:
 
 
 def sqrt(x: Any) -> Any:
-    """Square root."""
     return keep(ti.sqrt(x))
 
 
@@ -145,7 +141,6 @@ def floor(x: Any) -> Any:
 
 
 def absolute(x: Any) -> Any:
-    """Absolute value."""
     return largest(x, -x)
 
 
@@ -158,9 +153,9 @@ def log(x: Any) -> Any:
     if not is_wide(x):
         return keep(ti.log(x))
     if compiling_double():
-        return keep(_log_of_each(x))
-    e = keep(_exponents(x))
-    m = keep(_mantissas(x))
+        return keep(_lane_by_lane(ti.log)(x))
+    e = keep(_lane_by_lane(_exponent)(x))
+    m = keep(_lane_by_lane(_mantissa)(x))
     s = keep((m - 1.0) / (m + 1.0))
     square = keep(s * s)
     series = keep(1.0 + square * (1.0 / 3 + square * (1.0 / 5 + square * (1.0 / 7 + square * (1.0 / 9)))))
@@ -175,53 +170,39 @@ def exp(x: Any) -> Any:
     if not is_wide(x):
         return keep(ti.exp(x))
     if compiling_double():
-        return keep(_exp_of_each(x))
+        return keep(_lane_by_lane(ti.exp)(x))
     n = floor(largest(smallest(x * (1.0 / math.log(2.0)), 128.0), -127.0) + 0.5)
     r = keep((x - n * LN2_HIGH) - n * LN2_LOW)
     series: Any = 1.0
     for k in range(7, 0, -1):
         series = keep(1.0 + r * series * (1.0 / k))
-    return select(x < -88.0, 0.0, series * keep(_powers_of_two(n)))
+    return select(x < -88.0, 0.0, series * keep(_lane_by_lane(_power_of_two)(n)))
 
 
-@ti.func
-def _exponents(x):
+@functools.cache
+def _lane_by_lane(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A function of one number, for all lanes."""
+
+    @ti.func
+    def of_lanes(x):
+        found = x
+        for lane in range(LANES):
+            found[lane] = function(x[lane])
+        return found
+
+    return of_lanes
+
+
+def _exponent(x: Any) -> Any:
     """e of x = 2^e m with m in [1/sqrt 2, sqrt 2)."""
-    found = x
-    for lane in range(LANES):
-        found[lane] = ti.cast((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) >> 23, float)
-    return found
+    return ti.cast((ti.bit_cast(x, ti.i32) - HALF_ROOT) >> 23, float)
 
 
-@ti.func
-def _mantissas(x):
+def _mantissa(x: Any) -> Any:
     """m of x = 2^e m."""
-    found = x
-    for lane in range(LANES):
-        found[lane] = ti.bit_cast(((ti.bit_cast(x[lane], ti.i32) - HALF_ROOT) & MANTISSA) + HALF_ROOT, float)
-    return found
+    return ti.bit_cast(((ti.bit_cast(x, ti.i32) - HALF_ROOT) & MANTISSA) + HALF_ROOT, float)
 
 
-@ti.func
-def _powers_of_two(n):
+def _power_of_two(n: Any) -> Any:
     """2^n for whole n from -127 (counts as 0) to 128 (infinity)."""
-    found = n
-    for lane in range(LANES):
-        found[lane] = ti.bit_cast((ti.cast(n[lane], ti.i32) + 127) << 23, float)
-    return found
-
-
-@ti.func
-def _log_of_each(x):
-    found = x
-    for lane in range(LANES):
-        found[lane] = ti.log(x[lane])
-    return found
-
-
-@ti.func
-def _exp_of_each(x):
-    found = x
-    for lane in range(LANES):
-        found[lane] = ti.exp(x[lane])
-    return found
+    return ti.bit_cast((ti.cast(n, ti.i32) + 127) << 23, float)

@@ -14,7 +14,7 @@ Numbers of a particle are those of a group: one, or a register full of them.
 
 from typing import Any
 
-from pacnerf_lpo.mpm.arrays import Field, Group, Setting, total, vector
+from pacnerf_lpo.mpm.arrays import Field, Group, Setting, total
 from pacnerf_lpo.mpm.lanes import keep, kept
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.taichi_calls import components, ti
@@ -23,7 +23,6 @@ from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, 
 
 
 def local_laws(s: Setting, x: list, v: list, C: Tensor3, F: Tensor3, history: list, constants: list) -> Evaluation:
-    """All local laws at some particles."""
     mass, stiffness, *start = constants[:5]
     trial = kept(added(F, scaled(product(C, F), s.n.dt)))
     time = s.n.start + s.n.dt * s.substep
@@ -68,11 +67,6 @@ def g2p_adjoint(
 
 
 @ti.func
-def with_fourth(a, last):
-    return ti.Vector([a[0], a[1], a[2], last])
-
-
-@ti.func
 def grid_update(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template()):
     """Velocity of a node from its momentum: gravity, then the ground, where the node lies on it or below."""
     o = (i * s.dims.size_y + j) * s.dims.size_z + k
@@ -86,7 +80,7 @@ def grid_update(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template
             a.contact[free + axis] = u[axis]
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         u = ti.Vector(ground.velocity)
-    a.velocity[a.velocity_now + o] = with_fourth(u, q[3])
+    a.velocity[a.velocity_now + o] = ti.Vector([u[0], u[1], u[2], q[3]])
 
 
 @ti.func
@@ -98,7 +92,8 @@ def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.
     g, u, mass = ti.Vector([q[0], q[1], q[2]]), ti.Vector([known[0], known[1], known[2]]), known[3]
     of_coefficients = ti.Vector.zero(ti.f64, len(s.coefficients))
     if on_ground(s, j):
-        u = vector(a.contact, a.contact_before + contact(s, i, j, k))
+        free = a.contact_before + contact(s, i, j, k)
+        u = ti.Vector([a.contact[free], a.contact[free + 1], a.contact[free + 2]])
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         back = ground.pull_back(components(g))
         g = ti.Vector([back[0], back[1], back[2]])
@@ -107,7 +102,7 @@ def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.
     out = ti.Vector.zero(float, 4)
     if mass > s.n.lightest:
         h = g / mass
-        out = with_fourth(h, -h.dot(u - s.n.dt * gravity(s)))
+        out = ti.Vector([h[0], h[1], h[2], -h.dot(u - s.n.dt * gravity(s))])
     a.node[o] = out
     return of_coefficients
 

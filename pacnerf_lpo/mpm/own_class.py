@@ -50,10 +50,6 @@ def check_effect(effect: Effect, material: Material) -> Iterator[Check]:
     """Checks of an effect on the motion or the state at frame 0 of a material. Raises UserInputError where the effect
     has no meaning for the material, or its function cannot be compiled, and SimulationError where the motion is
     unstable at a probe.
-
-    Args:
-        effect: with its guess.
-        material: that moves.
     """
     names = set(effect.parameters)
     missing = [name for name in ("signature", "separating_experiment") if not getattr(effect, name, "")]
@@ -103,12 +99,9 @@ def _small_strains(material: Material) -> Iterator[Check]:
     """The moduli, where parameters mean some; whether they follow the stiffness; and the sign of the stress."""
     law, pressed = one_particle(material), (1 - SQUEEZED) * EYE
     at_rest = law(EYE, 0 * EYE)[1]
-    yield Check(
-        "stress is a number where nothing is deformed",
-        f"{float(at_rest.abs().max()):.3g} Pa",
-        bool(at_rest.isfinite().all()),
-    )
-    if not at_rest.isfinite().all():
+    finite = bool(at_rest.isfinite().all())
+    yield Check("stress is a number where nothing is deformed", f"{float(at_rest.abs().max()):.3g} Pa", finite)
+    if not finite:
         return
 
     def answer(change: Tensor, F: Tensor = EYE, flows: bool = False, stiffness: float = 1.0) -> tuple[float, Tensor]:

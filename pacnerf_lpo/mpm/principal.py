@@ -20,7 +20,7 @@ from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
 from pacnerf_lpo.mpm.lanes import absolute, keep, kept, largest, log, select, smallest
 from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, dot, flat, product, transposed
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, flat, product, transposed
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
@@ -88,18 +88,18 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
     """
     record: Record = F[0][0].record
     f = [[plain(a) for a in row] for row in F]
-    values, U = symmetric_eigen(_symmetric(lambda i, j: dot(f[i], f[j])))
+    values, U = symmetric_eigen(_times_transposed(f, f))
     beta = [largest(x, SMALLEST_BETA) for x in values]
     columns = transposed(U)
     turned = kept(product(columns, f))
     across: dict[tuple[int, int], Any] = {}
-    stretched: list[Any] = []
+    stretched: Tensor3 = []
 
     def strain_adjoint(g: list) -> list:
         along = [0.0 if g[i] is None else keep(g[i] / beta[i]) for i in AXES]
         of_b = _symmetric(lambda i, j: along[i] if i == j else across[i, j])
-        of_turned = [keep(a + b) for a, b in zip(flat(kept(product(of_b, turned))), stretched, strict=True)]
-        return flat(kept(product(U, [of_turned[0:3], of_turned[3:6], of_turned[6:9]])))
+        of_turned = kept(added(kept(product(of_b, turned)), stretched))
+        return flat(kept(product(U, of_turned)))
 
     operands = flat(F)
     trial = record.step([0.5 * log(x) for x in beta], operands, strain_adjoint)
@@ -120,8 +120,8 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         g = [0.0 if x is None else x for x in g]
         of_new = kept(product(columns, [g[0:3], g[3:6], g[6:9]]))
         of_tau = _symmetric(lambda i, j: 0.5 * (g[9 + 3 * i + j] + g[9 + 3 * j + i]))
-        of_T = _symmetric(_rotation(columns, of_tau))
-        stretched.extend(keep(plain(ratio[k]) * x) for k in AXES for x in of_new[k])
+        of_T = _times_transposed(kept(product(columns, of_tau)), columns)
+        stretched.extend([keep(plain(ratio[k]) * x) for x in of_new[k]] for k in AXES)
         slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(share))
         for (i, j), (of_ratio, of_strain) in slopes.items():
             of_R = dot(of_new[i], turned[j]) + dot(of_new[j], turned[i])
@@ -129,9 +129,9 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         return [*(dot(of_new[i], turned[i]) for i in AXES), *(of_T[i][i] for i in AXES)]
 
     change = kept(product(U, [[keep((plain(ratio[k]) - 1.0) * x) for x in turned[k]] for k in AXES]))
-    new = [keep(x + y) for x, y in zip(flat(f), flat(change), strict=True)]
-    tau = _symmetric(_spectrum(U, [plain(x) for x in stress]))
-    out = record.step([*new, *flat(tau)], [*ratio, *stress], adjoint)
+    new = kept(added(f, change))
+    tau = _times_transposed([[keep(x * plain(y)) for x, y in zip(row, stress, strict=True)] for row in U], U)
+    out = record.step(flat(new + tau), [*ratio, *stress], adjoint)
     return [out[0:3], out[3:6], out[6:9]], [out[9:12], out[12:15], out[15:18]]
 
 
@@ -183,13 +183,6 @@ def _symmetric(entry: Callable[[int, int], Any]) -> Tensor3:
     return [[upper[min(i, j), max(i, j)] for j in AXES] for i in AXES]
 
 
-def _spectrum(U: Tensor3, values: list) -> Callable[[int, int], Any]:
-    """Entries of U diag(values) Uᵀ."""
-    scaled = [[keep(U[i][k] * values[k]) for k in AXES] for i in AXES]
-    return lambda i, j: dot(scaled[i], U[j])
-
-
-def _rotation(U: Tensor3, a: Tensor3) -> Callable[[int, int], Any]:
-    """Entries of U a Uᵀ for symmetric a."""
-    left = [[keep(dot(U[i], a[k])) for k in AXES] for i in AXES]
-    return lambda i, j: dot(left[i], U[j])
+def _times_transposed(a: Tensor3, b: Tensor3) -> Tensor3:
+    """a bᵀ where that is symmetric."""
+    return _symmetric(lambda i, j: dot(a[i], b[j]))

@@ -4,7 +4,7 @@ Memory: one state per frame, and all substeps of as many of the last frames as f
 backward pass recomputes the substeps of every other frame from its checkpoint.
 """
 
-from dataclasses import astuple
+from dataclasses import astuple, dataclass, field
 
 import torch
 from torch import Tensor
@@ -27,103 +27,70 @@ MASS_FLOOR = 1e-10
 """A node lighter than this fraction of the mean particle mass stays at rest."""
 
 
+@dataclass(eq=False)
 class Engine:
     """Runs and differentiates rollouts of one discretisation.
 
-    Args:
-        laws: what the kernels are compiled from.
-        dx: node spacing [m].
-        substeps: per frame.
-        frame_dt: [s].
-        gravity: [m/s^2].
-        dtype: ``"f32"`` or ``"f64"``.
-        threads: on the CPU.
-        cuda: run on CUDA.
-        memory: for the substeps of whole frames kept from forward to backward [bytes].
+    laws: what the kernels are compiled from.
+    dx: node spacing [m].  substeps: per frame.  frame_dt: [s].  gravity: [m/s^2].
+    dtype: ``"f32"`` or ``"f64"``.  threads: on the CPU.  cuda: run on CUDA.
+    memory: for the substeps of whole frames kept from forward to backward [bytes].
+    spare: tapes that no rollout uses now.
     """
 
-    def __init__(
-        self,
-        laws: LocalLaws,
-        dx: float,
-        substeps: int,
-        frame_dt: float,
-        gravity: tuple[float, ...],
-        dtype: str,
-        threads: int,
-        cuda: bool,
-        memory: float,
-    ):
-        self._laws, self._dtype = laws, dtype
-        self.dx, self.substeps, self.frame_dt, self.gravity = dx, substeps, frame_dt, gravity
-        self.cuda, self._threads, self._memory = cuda, threads, memory
-        self._spare: list[Tape] = []
+    laws: LocalLaws
+    dx: float
+    substeps: int
+    frame_dt: float
+    gravity: tuple[float, ...]
+    dtype: str
+    threads: int
+    cuda: bool
+    memory: float
+    spare: list[Tape] = field(default_factory=list)
 
-    def prepare(self, state: Tensor, constants: Tensor, coefficients: Tensor) -> "Run":
-        """Pack the inputs of one rollout; see :class:`Rollout`."""
-        dt = self.frame_dt / self.substeps
-        lightest = MASS_FLOOR * float(constants[:, MASS].mean())
-        x, y, z = self.gravity
-        head = Numbers(self.dx, 1 / self.dx, dt, (self.dx / 2) ** 3, x, y, z, lightest, 0.0)
-        numbers = torch.cat([state.new_tensor(astuple(head)), coefficients.to(state)])
-        alive = torch.cat([constants, torch.ones_like(constants[:, :1])], 1)
-        filling = torch.cat([constants[-1], constants.new_zeros(1)])
-        return Run(self, packed(state, state[-1]), packed(alive, filling), numbers, len(coefficients), len(state))
-
-    def slices(self, particles: int) -> int:
-        """How many slices so many particles are worth; on CUDA they are not sliced."""
-        return 1 if self.cuda else max(1, min(self._threads, particles // LEAST_PARTICLES))
-
-    def launches(self) -> list[tuple[int, int]]:
-        """First and last pass of each launch of a frame, the last excluded."""
-        passes = self.substeps + 1
-        each = schedule_cuda.PASSES if self.cuda else passes
-        return [(n, min(n + each, passes)) for n in range(0, passes, each)]
-
-    def kernels(self, particles: int) -> tuple[Launcher, Launcher]:
-        """Forward and adjoint kernel for so many particles."""
+    def kernels(self, slices: int) -> tuple[Launcher, Launcher]:
+        """Forward and adjoint kernel for particles in so many slices."""
         with LAUNCHING:
-            return kernels.build(self._laws, self._dtype, self.cuda, not self.cuda and self.slices(particles) > 1)
+            return kernels.build(self.laws, self.dtype, self.cuda, slices > 1)
 
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
-        matching = [tape for tape in self._spare if tape.states[0].shape == run.state.shape]
-        self._spare = matching[1:]
+        matching = [tape for tape in self.spare if tape.states[0].shape == run.state.shape]
+        self.spare = matching[1:]
         return matching[0] if matching else Tape(self.substeps, run.state, keep=True)
-
-    def give_back(self, tape: Tape) -> None:
-        """Let the next rollout reuse a tape."""
-        self._spare.append(tape)
 
     def kept_frames(self, run: "Run") -> int:
         """How many frames' substeps fit the memory budget; at least one."""
-        return max(1, int(self._memory // Tape.bytes(self.substeps, run.grid(run.state, 1), run.state)))
+        return max(1, int(self.memory // Tape.bytes(self.substeps, run.grid(run.state, 1), run.state)))
 
 
 class Run:
-    """One rollout in progress: inputs and grid buffers. Particles lie in blocks, see :mod:`~pacnerf_lpo.mpm.arrays`."""
+    """One rollout in progress: inputs, which are those of :class:`Rollout`, and grid buffers. Particles lie in blocks,
+    see :mod:`~pacnerf_lpo.mpm.arrays`.
+    """
 
-    def __init__(
-        self, engine: Engine, state: Tensor, constants: Tensor, numbers: Tensor, coefficients: int, particles: int
-    ):
-        self._engine, self.state, self._constants, self._numbers = engine, state, constants, numbers
-        self.particles, self._coefficients = particles, coefficients
-        self._forward, self._adjoint = engine.kernels(particles)
-        self._slices = engine.slices(particles)
+    def __init__(self, engine: Engine, state: Tensor, constants: Tensor, coefficients: Tensor):
+        self._engine, self.particles, self._coefficients = engine, len(state), len(coefficients)
+        dx, dt, (x, y, z) = engine.dx, engine.frame_dt / engine.substeps, engine.gravity
+        lightest = MASS_FLOOR * float(constants[:, MASS].mean())
+        head = Numbers(dx, 1 / dx, dt, (dx / 2) ** 3, x, y, z, lightest, 0.0)
+        self._numbers = torch.cat([state.new_tensor(astuple(head)), coefficients.to(state)])
+        alive = torch.cat([constants, torch.ones_like(constants[:, :1])], 1)
+        filling = torch.cat([constants[-1], constants.new_zeros(1)])
+        self.state, self._constants = packed(state, state[-1]), packed(alive, filling)
+        self._slices = 1 if engine.cuda else max(1, min(engine.threads, self.particles // LEAST_PARTICLES))
+        self._forward, self._adjoint = engine.kernels(self._slices)
         self._spans = torch.zeros(6 * self._slices, dtype=torch.int32, device=state.device)
         self._bench = state.new_zeros(self._slices * Bench.ROWS, LANES)
         self._momentum = state.new_zeros(0, 4)
-        self._of_state, self._of_constants = state[:0], constants[:0]  # a forward launch leaves them alone
+        self._of_state, self._of_constants = self.state[:0], self._constants[:0]  # a forward launch leaves them alone
         self._of_coefficients = state.new_zeros(0, dtype=torch.float64)
 
     def grid(self, state: Tensor, margin: int) -> Grid:
         """The grid for the frame that starts at ``state``."""
         x, v = state[:, : V + 3].transpose(0, 1).reshape(2, 3, -1)
         return enclosing_grid(x, v, self._engine.dx, self._engine.frame_dt, self._engine.gravity, margin)
-
-    def positions(self, state: Tensor) -> Tensor:
-        """Of the particles [m, (N, 3)]."""
-        return unpacked(state[:, :3], self.particles)
 
     def frame(self, index: int, tape: Tape) -> None:
         """Fill the tape of frame interval ``index`` from its first state; widen the grid until it holds the motion.
@@ -139,7 +106,7 @@ class Run:
                 raise SimulationError(index, 0, f"{CAUSES[2]}: particles spread over {spread} cells")
             tape.fit(grid)
             with LAUNCHING:
-                failures = self._launch(index, tape)
+                failures = self.launch(index, tape)
             if min(failures) == NOT_YET:
                 return
             self._momentum.zero_()
@@ -158,21 +125,20 @@ class Run:
         """Add the adjoint of the positions at a frame [(N, 3)]."""
         self._of_state[:, :3] += packed(of_positions, torch.zeros_like(of_positions[0]))
 
-    def frame_adjoint(self, index: int, tape: Tape) -> None:
-        """Pull the adjoint of the state back over frame interval ``index``."""
-        self._launch(index, tape, self.state.new_empty(tape.grid.nodes, 4))
-
     def adjoints(self) -> tuple[Tensor, Tensor, Tensor]:
         """Of the state [(N, width)], the constants [(N, 5)] and the coefficients [(P,)]."""
         of_constants = unpacked(self._of_constants, self.particles)[:, :ALIVE]
         return unpacked(self._of_state, self.particles), of_constants, self._of_coefficients.sum(0).to(self.state)
 
-    def _launch(self, index: int, tape: Tape, node: Tensor | None = None) -> list[int]:
-        """Passes of a frame, backward with the adjoint of the nodes; the first substep that each failure befell."""
-        kernel, order = (self._forward, 1) if node is None else (self._adjoint, -1)
+    def launch(self, index: int, tape: Tape, back: bool = False) -> list[int]:
+        """Passes of frame interval ``index``; ``back``: those that pull the adjoint of the state back over it. Returns
+        the first substep that each failure befell.
+        """
+        kernel, order = (self._adjoint, -1) if back else (self._forward, 1)
         wanted = tape.grid.nodes * self._slices
         if len(self._momentum) < wanted:
             self._momentum = self.state.new_zeros(wanted * 5 // 4, 4)
+        node = self.state.new_empty(tape.grid.nodes, 4) if back else self._momentum
         self._numbers[START] = index * self._engine.frame_dt
         blocks, device = len(self.state), self.state.device
         dims = torch.tensor([blocks, *tape.grid.size, *tape.grid.origin], dtype=torch.int32, device=device)
@@ -194,11 +160,14 @@ class Run:
             last=0,
             **tape.arguments(),
             gradient=self._of_state.view(-1, LANES),
-            node=self._momentum if node is None else node,
+            node=node,
             of_constants=self._of_constants.view(-1, LANES),
             of_coefficients=self._of_coefficients.view(-1),
         )
-        for first, last in self._engine.launches()[::order]:
+        passes = self._engine.substeps + 1
+        each = schedule_cuda.PASSES if self._engine.cuda else passes
+        for first in range(0, passes, each)[::order]:
+            last = min(first + each, passes)
             kernel(first=first, last=last)
             while self._slices > 1 and int(progress[DONE]) < 2 * self._slices * (last - first):
                 progress[STOPPED] = 0
@@ -218,7 +187,7 @@ class Rollout(torch.autograd.Function):
             constants: mass, stiffness factor and position at time 0 [(N, 5)].
             coefficients: of the local laws [(P,)].
         """
-        run = engine.prepare(state, constants, coefficients)
+        run = Run(engine, state, constants, coefficients)
         intervals = frames - 1
         kept_from = intervals - engine.kept_frames(run) if recording else intervals
         latest, scratch = run.state, Tape(engine.substeps, run.state, keep=False)
@@ -232,7 +201,7 @@ class Rollout(torch.autograd.Function):
             checkpoints.append(latest.clone() if recording else None)
             run.frame(index, tape)
             latest = tape.states[-1]
-            out[index + 1] = run.positions(latest)
+            out[index + 1] = unpacked(latest[:, :3], run.particles)
         if recording:
             ctx.run, ctx.engine, ctx.checkpoints = run, engine, checkpoints
             ctx.tapes = {index: tape for index, tape in tapes.items() if tape.keep}
@@ -250,7 +219,7 @@ class Rollout(torch.autograd.Function):
                 tape.states[0].copy_(ctx.checkpoints[index])
                 run.frame(index, tape)
             with LAUNCHING:
-                run.frame_adjoint(index, tape)
-            engine.give_back(tape)
+                run.launch(index, tape, back=True)
+            engine.spare.append(tape)
         run.add_to_adjoint(of_out[0])
         return None, None, None, *run.adjoints()

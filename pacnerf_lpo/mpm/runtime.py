@@ -25,13 +25,10 @@ _unwanted: ContextVar[Callable[[], bool]] = ContextVar("_unwanted", default=lamb
 _started: dict[str, Any] = {}
 
 
-def start(device: str = "cpu", threads: int | None = None) -> int:
-    """Initialise Taichi once per process; return the number of CPU threads (1 on CUDA). Raises UserInputError where the
-    device is unknown, CUDA is not available, or Taichi already runs on the other device.
-
-    Args:
-        device: ``"cpu"`` or ``"cuda"``.
-        threads: CPU threads; default ``PACNERF_LPO_THREADS``, else what torch uses. Ignored after the first call.
+def start(device: str = "cpu") -> int:
+    """Initialise Taichi once per process, on ``"cpu"`` or ``"cuda"``; return the number of CPU threads (1 on CUDA):
+    ``PACNERF_LPO_THREADS``, else what torch used at the first call. Raises UserInputError where the device is unknown,
+    CUDA is not available, or Taichi already runs on the other device.
     """
     kind = torch.device(device).type
     if not _started:
@@ -41,7 +38,7 @@ def start(device: str = "cpu", threads: int | None = None) -> int:
             raise UserInputError(
                 "simulator device 'cuda': no CUDA device is visible to torch; choose 'cpu' (--trainer.accelerator=cpu)"
             )
-        count = threads or int(os.environ.get("PACNERF_LPO_THREADS", 0)) or torch.get_num_threads()
+        count = int(os.environ.get("PACNERF_LPO_THREADS", 0)) or torch.get_num_threads()
         arch = ti.cuda if kind == "cuda" else ti.cpu
         with contextlib.redirect_stdout(io.StringIO()):
             ti.init(arch=arch, cpu_max_num_threads=count, log_level=ti.ERROR, **OPTIONS)

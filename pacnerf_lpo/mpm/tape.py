@@ -1,5 +1,6 @@
 """Where the states of one frame's substeps live, and the grid they live on."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -17,8 +18,7 @@ class Grid:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes."""
-        return self.size[0] * self.size[1] * self.size[2]
+        return math.prod(self.size)
 
     @property
     def contact_nodes(self) -> int:
@@ -27,15 +27,8 @@ class Grid:
 
 
 def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tuple[float, ...], margin: int) -> Grid:
-    """The grid that holds the particles while they fly freely, and ``margin`` cells more on every side.
-
-    Args:
-        x: positions [m, (3, N)].
-        v: velocities [m/s, (3, N)].
-        dx: node spacing [m].
-        duration: [s].
-        gravity: [m/s^2].
-        margin: cells.
+    """The grid that holds the particles while they fly freely for a duration [s], and ``margin`` cells more on every
+    side, from positions [m, (3, N)], velocities [m/s, (3, N)], node spacing [m] and gravity [m/s^2].
     """
     straight = x + duration * v
     fallen = x.new_tensor(gravity) * (0.5 * duration**2)

@@ -31,16 +31,6 @@ class Stencil(Emitted):
 
 
 @dataclass(frozen=True)
-class Linear(Emitted):
-    """Four numbers at every node of a stencil: q [(4,)], and their slope per node along each axis [(3, 3)]; that of the
-    fourth is zero.
-    """
-
-    q: list[Any]
-    slope: Tensor3
-
-
-@dataclass(frozen=True)
 class Moments(Emitted):
     """Sums over the nodes of a stencil: of w u [(4,)], and of w u (i, j, k) [(3, 3)]."""
 
@@ -68,13 +58,15 @@ def stencil(x: list[Any], s: Setting) -> Stencil:
     return Stencil(cell, keep(1.0 - inside[0] * inside[1] * inside[2]), offset, w, dw)
 
 
-def linear(value: list[Any], slope: Tensor3, last: Any, here: Stencil) -> Linear:
-    """``value + slope (i - offset)`` at node i of a stencil, in cells from the particle; ``last`` as fourth number."""
+def linear(value: list[Any], slope: Tensor3, last: Any, here: Stencil) -> list[Any]:
+    """``value + slope (i - offset)`` at node i of a stencil, in cells from the particle, and ``last`` as fourth number:
+    the four at node 0, and the slope per node along each axis, which is zero for the fourth [(13,)].
+    """
     q = [
         keep(value[a] - slope[a][0] * here.offset[0] - slope[a][1] * here.offset[1] - slope[a][2] * here.offset[2])
         for a in AXES
     ]
-    return Linear([*q, last], slope)
+    return [*q, last, *flat(slope)]
 
 
 def about(moments: Moments, here: Stencil, scale: Any) -> Tensor3:
@@ -82,15 +74,14 @@ def about(moments: Moments, here: Stencil, scale: Any) -> Tensor3:
     return [[keep(scale * (moments.first[a][b] - moments.m[a] * here.offset[b])) for b in AXES] for a in AXES]
 
 
-def scatter(field: Field, here: Stencil, given: Linear, s: Setting, group: Group) -> None:
-    """Add w (q + slope · (i, j, k)) to every node of a stencil."""
-    numbers = [*given.q, *flat(given.slope)]
+def scatter(field: Field, here: Stencil, given: list[Any], s: Setting, group: Group) -> None:
+    """Add w (q + slope · (i, j, k)) to every node of a stencil, given :func:`linear` numbers q and slope."""
     if group.lane is None:
         _place(here, group)
-        group.put(Bench.GIVEN, numbers)
+        group.put(Bench.GIVEN, given)
         transfer_rows.scatter(field, s, group)
     else:
-        transfer_single.scatter(field, here, s, numbers)
+        transfer_single.scatter(field, here, s, given)
 
 
 def gather(field: Field, here: Stencil, s: Setting, group: Group) -> Moments:
@@ -100,32 +91,33 @@ def gather(field: Field, here: Stencil, s: Setting, group: Group) -> Moments:
         transfer_rows.gather(field, s, group)
         found = group.on_bench(Bench.MOMENTS, 13)
     else:
-        found = transfer_single.gather(field, here, s)
+        found = transfer_single.gather_with_slope(field, here, s, [0.0] * 13)
     return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]])
 
 
 def gather_with_slope(
-    field: Field, here: Stencil, given: Linear, s: Setting, group: Group
+    field: Field, here: Stencil, given: list[Any], s: Setting, group: Group
 ) -> tuple[Moments, list[Any]]:
     """The moments of a field u, and the sum of (u · (q + slope · (i, j, k))) grad w [per cell, (3,)]."""
-    numbers = [*given.q, *flat(given.slope)]
     if group.lane is None:
         _place(here, group)
-        group.put(Bench.GIVEN, numbers)
+        group.put(Bench.GIVEN, given)
         transfer_rows.gather_with_slope(field, s, group, True)
         found = group.on_bench(Bench.MOMENTS, 16)
     else:
-        found = transfer_single.gather_with_slope(field, here, s, numbers)
+        found = transfer_single.gather_with_slope(field, here, s, given)
     return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]]), found[13:16]
 
 
-def scatter_and_slope(field: Field, other: Field, here: Stencil, given: Linear, s: Setting, group: Group) -> list[Any]:
+def scatter_and_slope(
+    field: Field, other: Field, here: Stencil, given: list[Any], s: Setting, group: Group
+) -> list[Any]:
     """:func:`scatter` to one field, and the slope of :func:`gather_with_slope` of another [per cell, (3,)]."""
     scatter(field, here, given, s, group)
     if group.lane is None:
         transfer_rows.gather_with_slope(other, s, group, False)
         return group.on_bench(Bench.SLOPE, 3)
-    return transfer_single.gather_with_slope(other, here, s, [*given.q, *flat(given.slope)])[13:]
+    return transfer_single.gather_with_slope(other, here, s, given)[13:]
 
 
 def _place(here: Stencil, group: Group) -> None:

@@ -40,18 +40,9 @@ def scatter(field: ti.template(), here: ti.template(), s: ti.template(), numbers
                     ti.atomic_add(field.array[place // 4][place % 4], value[c])
 
 
-def gather(field: Any, here: Any, s: Any) -> list[Any]:
-    """The moments of a field over a stencil [(13,)]."""
-    return _numbers(_sums(field, here, s, [0.0] * 13))[:13]
-
-
 def gather_with_slope(field: Any, here: Any, s: Any, numbers: list[Any]) -> list[Any]:
     """The moments of a field u, and the sum of (u · given) grad w [(16,)]."""
-    return _numbers(_sums(field, here, s, numbers))
-
-
-def _numbers(sums: tuple) -> list[Any]:
-    m, mi, mj, mk, slope = sums
+    m, mi, mj, mk, slope = _sums(field, here, s, numbers)
     moments = [entry(m, c) for c in range(4)]
     moments += [entry(along, c) for c in range(3) for along in (mi, mj, mk)]
     return [*moments, *(keep(entry(slope, c)) for c in range(3))]

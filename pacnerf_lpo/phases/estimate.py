@@ -1,7 +1,7 @@
 """What a run will take, said before it starts: particles, memory and minutes, by the measured speed of this machine."""
 
 import resource
-import time
+import timeit
 from collections.abc import Callable, Sequence
 
 import torch
@@ -144,9 +144,7 @@ def _image(data: VideoData, static: StaticGridModule, spacing: float, volume: fl
 def _timed(once: Callable[[], object]) -> float:
     """Seconds of a second call: the first one compiles."""
     once()
-    began = time.perf_counter()
-    once()
-    return time.perf_counter() - began
+    return timeit.timeit(once, number=1)
 
 
 def _duration(seconds: float) -> str:

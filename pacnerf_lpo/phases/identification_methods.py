@@ -49,11 +49,6 @@ class IdentificationMethod(ABC):
             )
         self.warm_up_iterations, self.main_iterations = warm_up_iterations, main_iterations
 
-    @property
-    def iterations(self) -> int:
-        """Iterations in all."""
-        return self.warm_up_iterations + self.main_iterations
-
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """The method to use for this state: itself, unless a method knows better."""
         return self
@@ -136,18 +131,9 @@ class PaperAdam(IdentificationMethod):
 
 
 class DampedLeastSquares(IdentificationMethod):
-    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together: the parameters are
-    few, so one more rollout for each gives the Jacobian of every residual.
+    """Levenberg-Marquardt on any residuals, as :class:`GaussNewton` is on pixels; a stage ends when steps are small."""
 
-    Args:
-        warm_up_iterations: at most, on the frames around contact.
-        main_iterations: at most, on all frames; either stage ends when its steps have become small.
-        scan_decades: how far parameters are searched before the first step, log10 ones so many decades to either side.
-        fits_velocity: refine the initial velocity too.
-    """
-
-    searches: bool
-    """Whether :meth:`prepare` looks at the whole parameter space."""
+    searches: bool  # whether :meth:`prepare` looks at the whole parameter space
 
     def __init__(self, warm_up_iterations: int, main_iterations: int, scan_decades: float, fits_velocity: bool = True):
         super().__init__(warm_up_iterations, main_iterations)
@@ -162,14 +148,6 @@ class DampedLeastSquares(IdentificationMethod):
     def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """Of the cost at the current parameters, in the order of ``module.unknowns``."""
 
-    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
-        """Called before each iteration."""
-        return
-
-    def end_iteration(self, module: PhysicsIDModule) -> None:
-        """Called after each iteration."""
-        return
-
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
         return LevenbergMarquardt(module.unknowns, limits, lambda: self.trial_loss(module), module.bounds)
@@ -180,12 +158,9 @@ class DampedLeastSquares(IdentificationMethod):
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         self.group = optimiser.param_groups[0]
-        self.begin_iteration(module, step)
         if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
             self.group["damping"] = optimiser.defaults["damping"]
-        model = optimiser.step(lambda: self.normal_equations(module))
-        self.end_iteration(module)
-        return model.loss
+        return optimiser.step(lambda: self.normal_equations(module)).loss
 
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """The last step was short, or took away hardly anything: along a flat direction steps stay long."""
@@ -251,14 +226,15 @@ class GaussNewton(DampedLeastSquares):
         while open_names:
             found = {name: self._scan(module, name) for name in open_names}
             best = min(found, key=lambda name: found[name][0])
-            set_free(module.free[best], found[best][1])
+            module.free[best].data.fill_(found[best][1])
             open_names.remove(best)
 
-    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
-        """Choose the frames, the views and the blocks of pixels of this stage."""
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        """One iteration on the frames, the views and the blocks of pixels of this stage."""
         module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
         self._views = module.fixed_views(self._frames, self.views_per_frame)
+        return super().iterate(module, optimiser, step)
 
     def prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """What is added to the mean squared error of the pixels, its gradient and its Hessian."""
@@ -273,11 +249,11 @@ class GaussNewton(DampedLeastSquares):
         views = module.fixed_views(frames, self.views_per_frame)
         start, halvings, losses = module.free[name].item(), module.physics.halvings, {}
         for point in tqdm(self._lattice(module, name), desc=f"physics: scan of {name}", leave=False):
-            set_free(module.free[name], point)
+            module.free[name].data.fill_(point)
             with torch.no_grad():
                 losses[point] = finite_loss(lambda: module.loss(frames, views, first).item())
             module.physics.halvings = halvings  # a point that needs a short step must not slow the others down
-        set_free(module.free[name], start)
+        module.free[name].data.fill_(start)
         best = min(losses, key=losses.__getitem__)
         return losses[best], best
 
@@ -325,12 +301,6 @@ def _looks_alike(one: tuple[Tensor, Observer], other: tuple[Tensor, Observer], f
     (path, observer), (reference, believed) = one, other
     as_before = observer is believed or not (observer.names or believed.names)
     return as_before and bool((path[:, frame] - reference[:, frame]).abs().max() < UNSEEN)
-
-
-def set_free(parameter: torch.nn.Parameter, value: float) -> None:
-    """Give a free coordinate a value."""
-    with torch.no_grad():
-        parameter.fill_(value)
 
 
 def finite_loss(loss) -> float:

@@ -72,16 +72,15 @@ class ImageCost:
     def residual_of_field(self, grid: FieldGrid, view: int, frame: int, observer: Observer = AS_BELIEVED) -> Tensor:
         """:meth:`residual` of a field that several views see."""
         video = self.data.video
-        height, width = video.images.shape[2:4]
+        measured, matte = video.images[view, frame], video.silhouettes[view, frame]
         rays = observer.rays(self.data, view, frame).to(self.device)
         rendering = render_rays(grid, self.colour, rays, self.base_spacing)
         light, transmittance = rendering.colour.cpu(), rendering.transmittance.cpu()
         colour = observer.colour(light, transmittance, video, view, frame)
-        difference = colour.reshape(height, width, 3) - video.images[view, frame]
+        difference = colour.reshape(measured.shape) - measured
         if self.silhouette_weight > 0:
-            opacity = 1 - transmittance.reshape(height, width, 1)
-            outline = opacity - video.silhouettes[view, frame].unsqueeze(-1)
-            difference = torch.cat((difference, self.silhouette_weight**0.5 * outline), dim=-1)
+            outline = 1 - transmittance.reshape(matte.shape) - matte
+            difference = torch.cat((difference, self.silhouette_weight**0.5 * outline[..., None]), dim=-1)
         difference = difference * video.valid[view].unsqueeze(-1)
         if self.pool == 1:
             return difference
@@ -103,8 +102,7 @@ class ImageCost:
 
         Args:
             seen: positions at every compared frame, by each clock of the observer [m, (clocks, F, N, 3)]
-            density: raw density [(N,)]
-            features: appearance [(N, 12)]
+            density, features: as of :meth:`residual`
             views: for each frame, the indices of the views it is compared in
             first: frame number of ``seen[:, 0]``
         """

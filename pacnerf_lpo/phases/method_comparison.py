@@ -25,7 +25,6 @@ from pacnerf_lpo.phases.identification_methods import finite_loss
 from pacnerf_lpo.phases.image_cost import ImageCost
 from pacnerf_lpo.phases.outline_method import HALVINGS, NEIGHBOURS, OutlineCost
 from pacnerf_lpo.phases.physics_id import PhysicsIDModule
-from pacnerf_lpo.types import Video
 
 PARTICLES = 1500
 """Of the coarse body, as in the search of OutlineGaussNewton: a simulation takes a fraction of a second."""
@@ -70,14 +69,10 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
 
             return count
 
-        by_images, by_outlines = counted(images.residual), counted(outlines.residual)
-        starts = _starts(model, by_images, by_outlines)
-        found = [
-            fit(residual, start, model.scales, model.bounds, Effort(ITERATIONS))
-            for residual, start in zip((by_images, by_outlines), starts, strict=True)
-        ]
-        found = [_continued(one, other, model) for one, other in (found, found[::-1])]
-        excess = [_excess(one, other) for one, other in (found, found[::-1])]
+        residuals = counted(images.residual), counted(outlines.residual)
+        found = [fit(by, _start(model, by), model.scales, model.bounds, Effort(ITERATIONS)) for by in residuals]
+        found = [_continued(*each, model) for each in zip(residuals, found, found[::-1], strict=True)]
+        excess = [_excess(*each) for each in zip(residuals, found, found[::-1], strict=True)]
     answers = [{name: model.physical(one.free)[name] for name in module.free} for one in found]
     return {
         "particles": len(model.body.positions),
@@ -89,30 +84,28 @@ def compare_methods(module: PhysicsIDModule) -> dict[str, Any]:
     }
 
 
-def _starts(model: Model, *residuals: Residual) -> list[np.ndarray]:
-    """The best point for each method: of what was identified, and of moduli to either side of it."""
+def _start(model: Model, residual: Residual) -> np.ndarray:
+    """The best point for a method: of what was identified, and of moduli to either side of it."""
     moduli = [index for index, unknown in enumerate(model.unknowns) if isinstance(unknown.transform, Log10)]
     axes = np.eye(len(model.start))[moduli]
     points = [model.start, *(model.start + offset * axis for axis in axes for offset in NEIGHBOURS)]
-    return [min(points, key=lambda free: _cost(residual, free)) for residual in residuals]
+    return min(points, key=lambda free: _cost(residual, free))
 
 
 def _cost(residual: Residual, free: np.ndarray) -> float:
     return finite_loss(lambda: float(np.sum(residual(free) ** 2)))
 
 
-def _continued(own: Fit, other: Fit, model: Model) -> Fit:
+def _continued(residual: Residual, own: Fit, other: Fit, model: Model) -> Fit:
     """A method's own answer, or where it leads from the answer of the other one, if that is better."""
-    assert own.of is not None
-    if _cost(own.of, other.free) >= (1 - ROUGH_GAIN) * own.cost:
+    if _cost(residual, other.free) >= (1 - ROUGH_GAIN) * own.cost:
         return own
-    return fit(own.of, other.free, model.scales, model.bounds, Effort(ITERATIONS))
+    return fit(residual, other.free, model.scales, model.bounds, Effort(ITERATIONS))
 
 
-def _excess(own: Fit, other: Fit) -> float:
+def _excess(residual: Residual, own: Fit, other: Fit) -> float:
     """By how many per cent a cost is higher at another method's answer [%]."""
-    assert own.of is not None
-    return round(100 * (_cost(own.of, other.free) / max(own.cost, 1e-30) - 1), 1)
+    return round(100 * (_cost(residual, other.free) / max(own.cost, 1e-30) - 1), 1)
 
 
 class _Images:
@@ -128,7 +121,6 @@ class _Images:
         distance, self._near = tree.query(self.state.positions.numpy(), NEAREST)
         weight = torch.from_numpy(1 / np.maximum(distance, 1e-2 * self.model.body.spacing)).float()
         self._weight = weight / weight.sum(1, keepdim=True)
-        self._unit = 1.0
         self._unit = max(float(np.sqrt(np.mean(self._pixels(self.model.start) ** 2))), 1e-6)
 
     def residual(self, free: np.ndarray) -> np.ndarray:
@@ -168,13 +160,13 @@ def reduced(data: VideoData) -> VideoData:
         cut = values[..., : rows * block, : columns * block]
         return avg_pool2d(cut.flatten(0, -3)[None].float(), block)[0].reshape(*values.shape[:-2], rows, columns)
 
-    small: Video = replace(
+    copied = copy(data)
+    copied._rays = {}
+    copied.video = replace(
         video,
         images=pooled(video.images.movedim(-1, 2)).movedim(2, -1),
         silhouettes=pooled(video.silhouettes),
         valid=pooled(video.valid) > 1 - 1e-6,
         intrinsics=intrinsics,
     )
-    copied = copy(data)
-    copied.video, copied._rays = small, {}
     return copied

@@ -1,18 +1,16 @@
 """Identification by outlines alone: so cheap that the whole parameter space is searched before the first step."""
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from copy import copy
-from typing import TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from pacnerf_lpo.errors import SimulationError, UserInputError
+from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.identification.forward_model import VELOCITY, Model
-from pacnerf_lpo.identification.least_squares import Effort, Fit, fit, sensitivities
+from pacnerf_lpo.identification.least_squares import Effort, Fit, fit_or_none, sensitivities
 from pacnerf_lpo.identification.levenberg_marquardt import NormalEquations
 from pacnerf_lpo.identification.multistart import Stage, horizons, multistart
 from pacnerf_lpo.identification.problem import StateProblem
@@ -26,7 +24,6 @@ from pacnerf_lpo.phases.physics_id import PhysicsIDModule
 from pacnerf_lpo.phases.work import Work
 from pacnerf_lpo.types import ParticleState
 
-Item = TypeVar("Item")
 FALL_ITERATIONS, SEARCH_ITERATIONS, FINER_ITERATIONS = 4, 6, 3
 HALVINGS = 1
 """Of the time step: what needs a finer one is not worth its time in a search."""
@@ -113,13 +110,11 @@ class OutlineGaussNewton(DampedLeastSquares):
         return Work(frames=rollouts * module.frame_count)
 
     def suited_to(self, state: ParticleState) -> DampedLeastSquares:
-        """Pixel by pixel for a corrected state."""
         if not state.corrected:
             return self
         return PixelsAfterOutlines(0, self.main_iterations, self.scan_decades, coarse_pool=1, pool=1)
 
     def prepare(self, module: PhysicsIDModule) -> None:
-        """Fit the velocity before contact, then search the parameter space."""
         if self.searches:
             with processes(self.jobs):
                 self._fit_fall(module)
@@ -187,21 +182,20 @@ class OutlineGaussNewton(DampedLeastSquares):
         model = early.model
         moving = np.isin(model.names, [parameter.name for parameter in VELOCITY])
         low, high = (np.where(moving, bound, model.start) for bound in model.bounds)
-        with suppress(SimulationError):
-            ended = fit(early.residual, model.start, model.scales, (low, high), Effort(FALL_ITERATIONS))
-            found = model.physical(ended.free)
-            with torch.no_grad():
-                module.velocity.copy_(torch.tensor([found[parameter.name] for parameter in VELOCITY]))
+        ended = fit_or_none(early.residual, model.start, model.scales, (low, high), Effort(FALL_ITERATIONS))
+        if ended is not None:
+            module.velocity.data.copy_(model.velocity(ended.free))
 
     def _outline_cost(self, module: PhysicsIDModule) -> "OutlineCost":
         if self._kept is None:
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept
 
-    def end_iteration(self, module: PhysicsIDModule) -> None:
-        """Back into the bounds."""
-        outline_cost = self._outline_cost(module)
+    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
+        """One iteration, and back into the bounds."""
+        loss, outline_cost = super().iterate(module, optimiser, step), self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
+        return loss
 
     def trial_loss(self, module: PhysicsIDModule) -> float:
         outline_cost = self._outline_cost(module)
@@ -211,9 +205,8 @@ class OutlineGaussNewton(DampedLeastSquares):
         outline_cost = self._outline_cost(module)
         free, model = outline_cost.free(module), outline_cost.model
         now = outline_cost.residual(free)
-        order = [model.names.index(name) for name in (*module.free, *(parameter.name for parameter in VELOCITY))]
         with processes(self.jobs):
-            jacobian = sensitivities(outline_cost.residual, free, now, model.scales, model.bounds)[:, order]
+            jacobian = sensitivities(outline_cost.residual, free, now, model.scales, model.bounds)
         gradient, hessian = jacobian.T @ now / len(now), jacobian.T @ jacobian / len(now)
         return NormalEquations(float(np.mean(now**2)), torch.as_tensor(gradient), torch.as_tensor(hessian))
 
@@ -221,10 +214,9 @@ class OutlineGaussNewton(DampedLeastSquares):
     @torch.no_grad()
     def _set(module: PhysicsIDModule, model: Model, free: np.ndarray) -> None:
         """Give the module the free coordinates of the model [(K,)]."""
-        values = dict(zip(model.names, free.tolist(), strict=True))
-        for name, unknown in module.free.items():
-            unknown.fill_(values[name])
-        module.velocity.copy_(torch.tensor([values[parameter.name] for parameter in VELOCITY]))
+        for unknown, value in zip(module.free.values(), free.tolist(), strict=False):
+            unknown.fill_(value)
+        module.velocity.copy_(model.velocity(free))
 
 
 class PixelsAfterOutlines(GaussNewton):
@@ -252,7 +244,7 @@ class PixelsAfterOutlines(GaussNewton):
         return loss, weight * slopes * residuals, torch.diag(weight * slopes**2)
 
 
-def _bar(items: Iterable[Item], count: int) -> Iterable[Item]:
+def _bar(items: Iterable, count: int) -> Iterable:
     return tqdm(items, "physics: search", count, leave=False)
 
 
@@ -285,9 +277,8 @@ class OutlineCost:
         data, physics = module.data, copy(module.physics)
         physics.ground_height -= sunk
         physics.substep_rate *= 2**physics.halvings
-        views = np.zeros(len(data.video.images), bool)
-        views[data.train] = True
-        held = Split(views, np.arange(len(data.video.times)) < (frames or len(data.video.times)))
+        views = np.isin(np.arange(len(data.video.images)), data.train)
+        held = Split(views, np.arange(module.frame_count) < (frames or module.frame_count))
         problem = StateProblem("", data, module.state, physics, held, bright=False, particles=particles)
         if not problem.fitted.any():
             raise UserInputError(
@@ -341,7 +332,5 @@ class OutlineCost:
         ]
 
     def free(self, module: PhysicsIDModule) -> np.ndarray:
-        """The module's unknowns in the order of the model [(K,)]."""
-        values = {name: unknown.item() for name, unknown in module.free.items()}
-        values |= dict(zip((parameter.name for parameter in VELOCITY), module.velocity.tolist(), strict=True))
-        return np.array([values[name] for name in self.model.names])
+        """The module's unknowns, which are those of the model [(K,)]."""
+        return np.array([*(unknown.item() for unknown in module.free.values()), *module.velocity.tolist()])

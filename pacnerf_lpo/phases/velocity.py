@@ -50,8 +50,9 @@ class VelocityModule(DynamicPhase):
         self._highest: float | None = None  # loss of a stable motion
         self.last_step = 0.0
 
-    def check_settings(self) -> None:
+    def check(self) -> None:
         """The video must contain the frames before contact."""
+        super().check()
         video = self.data.video
         if self.frames > len(video.times):
             raise UserInputError(

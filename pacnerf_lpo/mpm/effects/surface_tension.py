@@ -55,7 +55,7 @@ class SurfaceTension(LawEffect):
         phi = level * level * (3.0 - 2.0 * level)
         gradient = torch.stack([(phi.roll(-1, a) - phi.roll(1, a)) / (2 * spacing) for a in AXES], -1)
         seen = gather(gradient.reshape(-1, 3), points) * opacity[:, None]
-        return seen * (spacing**3 * _length(gradient).sum() / (volume * _length(seen)).sum())
+        return seen * (spacing**3 * gradient.norm(dim=-1).sum() / (volume * seen.norm(dim=-1)).sum())
 
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
@@ -68,10 +68,3 @@ class SurfaceTension(LawEffect):
         scale = strength / where(length > 0.0, length, 1.0)
         pull = [[(strength * length if i == j else 0.0) - scale * g[i] * g[j] for j in AXES] for i in AXES]
         return F, added(tau, pull), g
-
-
-def _length(vectors: Tensor) -> Tensor:
-    """Lengths of vectors (..., 3), with the gradient 0 where they vanish."""
-    squared = (vectors * vectors).sum(-1)
-    positive = squared > 0
-    return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)

@@ -35,14 +35,9 @@ class Auto(Material):
             raise UserInputError(
                 f"physics.material: Auto.laws = [{', '.join(kinds)}]; give at least two different laws, or none at all"
             )
-        self._given = None if laws is None else tuple(laws)
-
-    @property
-    def laws(self) -> tuple[Material, ...]:
-        """What competes."""
-        if self._given is not None:
-            return self._given
-        return NeoHookean(), Newtonian(), DruckerPrager(known=("E", "nu")), VonMises(), ViscoplasticVonMises()
+        own = NeoHookean(), Newtonian(), DruckerPrager(known=("E", "nu")), VonMises(), ViscoplasticVonMises()
+        self._given = laws is not None
+        self.laws: tuple[Material, ...] = own if laws is None else tuple(laws)
 
     def guesses(self, pressure: float, time: float) -> list[Material]:
         """The laws, each where a search of its parameters begins: as the user guessed, else as shows best.
@@ -50,8 +45,8 @@ class Auto(Material):
         Args:
             pressure, time: of the impact, as for :meth:`~pacnerf_lpo.mpm.parameters.Parameter.typical`.
         """
-        if self._given is not None:
-            return list(self._given)
+        if self._given:
+            return list(self.laws)
         return [
             law.guessed({name: law.parameters[name].typical(pressure, time) for name in law.free_names})
             for law in self.laws

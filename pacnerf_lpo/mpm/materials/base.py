@@ -17,8 +17,8 @@ from pacnerf_lpo.mpm.tensors import Tensor3
 class Material(ABC):
     """A constitutive law with the initial guess of its parameters.
 
-    Subclasses list ``parameters`` and give :meth:`coefficients` and :meth:`law`; no adjoint is to be written. Where it
-    does not deform (``deforms``), only forces on the body act on it.
+    Subclasses list ``parameters`` and give :meth:`law`, and :meth:`coefficients` where the law uses others than these;
+    no adjoint is to be written. Where it does not deform (``deforms``), only forces on the body act on it.
 
     Args:
         guess: initial value of every parameter [SI].
@@ -58,9 +58,9 @@ class Material(ABC):
         return type(self)(**{**self.guess, **given}, known=self.known)  # type: ignore[arg-type]
 
     @staticmethod
-    @abstractmethod
     def coefficients(p: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """What the law uses, from the parameters [SI, scalars]; evaluated once per simulation, in torch."""
+        """What the law uses, from the parameters [SI, scalars], unless it is those; once per simulation, in torch."""
+        return dict(p)
 
     @staticmethod
     @abstractmethod

@@ -1,9 +1,7 @@
 """Viscous fluids."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import SimpleNamespace
-
-from torch import Tensor
 
 from pacnerf_lpo.mpm.differentiation import maximum
 from pacnerf_lpo.mpm.materials.base import Material
@@ -31,10 +29,6 @@ class Newtonian(Material):
 
     def __init__(self, mu: float = 10.0, kappa: float = 1e4, known: Sequence[str] = ()):
         super().__init__({"mu": mu, "kappa": kappa}, known)
-
-    @staticmethod
-    def coefficients(p: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        return {"mu": p["mu"], "kappa": p["kappa"]}
 
     @staticmethod
     def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:

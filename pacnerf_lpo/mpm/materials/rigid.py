@@ -1,9 +1,6 @@
 """Bodies that do not deform."""
 
-from collections.abc import Mapping
 from types import SimpleNamespace
-
-from torch import Tensor
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.mpm.materials.base import Material
@@ -19,10 +16,6 @@ class Rigid(Material):
 
     def __init__(self) -> None:
         super().__init__({})
-
-    @staticmethod
-    def coefficients(p: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        return {}
 
     @staticmethod
     def law(point: Point, c: SimpleNamespace) -> tuple[Tensor3, Tensor3]:
