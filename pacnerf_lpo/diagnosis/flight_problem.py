@@ -35,6 +35,7 @@ def problem_of_flights(folders: Sequence[Path], divided: Sequence[str]) -> tuple
         folders: scenes of one body.
         divided: names of the classes of effects that every recording has for itself.
     """
+    folders = [folder.resolve() for folder in folders]
     problems = [problem_of_flight(folder) for folder in folders]
     if any(problem.flight.spin is not None for problem in problems):
         divided = [*divided, *(kind.__name__ for kind in known_classes() if kind.constants_of_recording)]
@@ -43,7 +44,7 @@ def problem_of_flights(folders: Sequence[Path], divided: Sequence[str]) -> tuple
         return problems[0], fingerprint
     names = [folder.name for folder in folders]
     if len(set(names)) < len(names):
-        names = [f"{folder.resolve().parent.name}_{folder.name}" for folder in folders]
+        names = [f"{folder.parent.name}_{folder.name}" for folder in folders]
     return StudyProblem(problems, names, divided), fingerprint
 
 

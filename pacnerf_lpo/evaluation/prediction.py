@@ -82,13 +82,6 @@ def simulate(run: Run, stage: Stage) -> Tensor:
     return run.physics.simulate(stage.state, len(run.data.video.times))
 
 
-def velocity_of(run: Run, stage: Stage) -> Tensor:
-    """Velocity of every particle at frame 0, the effects on it included [m/s, (N, 3)]."""
-    state = stage.state
-    density, values = state.massive(state.density), run.physics.values(state)
-    return run.physics.initial_velocity(state.positions, state.velocity, density, values, state.spacings)
-
-
 def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Tensor]]:
     """Render every frame into every view, and keep positions and images on disk.
 
@@ -100,7 +93,7 @@ def render_stage(run: Run, stage: Stage) -> Iterator[tuple[int, int, Tensor, Ten
     video, observer = run.data.video, AS_BELIEVED
     if stage.moves:  # as long as nothing has moved, nothing is known to be wrong about the cameras
         observer = Observer(cameras_of(run.physics.effects, video), run.physics.values(stage.state))
-    seen = observer.seen(positions, velocity_of(run, stage), video.times[: len(positions)])
+    seen = observer.seen(positions, run.physics.velocity_of(stage.state), video.times[: len(positions)])
     views, _, height, width, _ = video.images.shape
     folder = prediction_folder(run, stage)
     folder.mkdir(parents=True, exist_ok=True)

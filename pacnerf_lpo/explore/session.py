@@ -18,7 +18,7 @@ from pacnerf_lpo.explore.simulate import errors_of
 from pacnerf_lpo.explore.source import Source, open_source
 from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.explore.views import Views
-from pacnerf_lpo.identification.processes import Progress
+from pacnerf_lpo.identification.processes import Progress, workers
 from pacnerf_lpo.manifest import write_atomically
 
 
@@ -245,7 +245,7 @@ class Session(Views):
         """
         with self.stepper.job(progress, stop, self.jobs, yielding=True) as report:
             self.noise.learn(self.current, report)
-            suggesting.warm(self.stepper, report, self.jobs or 2)
+            suggesting.warm(self.stepper, report, workers())
 
     def suggest(
         self, most: int = 10, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from pacnerf_lpo.evaluation.prediction import StateRenderer, motion_of, to_bytes, velocity_of
+from pacnerf_lpo.evaluation.prediction import StateRenderer, motion_of, to_bytes
 from pacnerf_lpo.evaluation.run_directory import Run, Stage
 
 DRAW_SEED = 0
@@ -70,7 +70,7 @@ class Subject:
         """The particles to write."""
         state = self.stage.state
         times = self.run.data.video.times.numpy()[: len(self.positions)]
-        velocities = frame_velocities(self.positions, velocity_of(self.run, self.stage).numpy(), times)
+        velocities = frame_velocities(self.positions, self.run.physics.velocity_of(self.stage.state).numpy(), times)
         return Motion(
             times=times,
             positions=self.positions,

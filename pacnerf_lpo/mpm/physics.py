@@ -216,6 +216,11 @@ class Physics:
             velocity, mass, stiffness = effect.apply(positions, velocity, mass, stiffness, SimpleNamespace(**values))
         return velocity
 
+    def velocity_of(self, state: ParticleState) -> Tensor:
+        """The :meth:`initial_velocity` of a state with its :meth:`values` [m/s, (N, 3)]."""
+        density, values = state.massive(state.density), self.values(state)
+        return self.initial_velocity(state.positions, state.velocity, density, values, state.spacings)
+
     def fraction(self, density: Tensor, spacings: tuple[float, float]) -> Tensor:
         """How much of (dx/2)^3 is full [0..1, (N,)]."""
         opacity = alpha(density, 1.0) if self.mass_from == "alpha" else solid_fraction(density, *spacings)

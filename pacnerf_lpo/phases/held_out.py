@@ -29,7 +29,7 @@ def held_out_error(data: VideoData, physics: Physics, state: ParticleState, imag
     video = data.video
     values = physics.values(state)
     observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
-    seen = observer.seen(physics.simulate(state, len(video.times)), state.velocity, video.times)
+    seen = observer.seen(physics.simulate(state, len(video.times)), physics.velocity_of(state), video.times)
     body = state.density, state.features
     errors = [cost.residual_at(seen[:, frame], *body, view, frame, observer) for view, frame in sorted(images)]
     return torch.stack(errors).square().sum(-1).mean().item()

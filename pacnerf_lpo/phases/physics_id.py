@@ -131,7 +131,7 @@ class PhysicsIDModule(DynamicPhase):
                 self._searched = self.method.span(self)
                 self.method.prepare(self)
         elif self.global_step > self.warm_up_end and self.method.converged(self, self.optimizers()):
-            self.trainer.should_stop = True
+            self._converged = self.trainer.should_stop = True
 
     def training_step(self, step: int, _: int) -> None:
         """One iteration of the method; a converged stage is left early."""

@@ -262,3 +262,16 @@ def test_solid_fraction_is_half_where_two_and_a_half_voxels_stop_half_the_light(
     edge = density[(fraction - 0.5).abs().argmin()]
     light = torch.exp(-5 * optical_depth(edge, sample_length(DX, 2 * DX)))
     assert light.item() == pytest.approx(0.5, abs=1e-3)  # the lattice is 1e-3 wide
+
+
+def test_an_identification_that_is_resumed_when_it_was_done_still_says_so(data, state, monkeypatch):
+    monkeypatch.setattr(GaussNewton, "converged", lambda *_: True)
+    monkeypatch.setattr(PhysicsIDModule, "global_step", 1000)  # after the warm-up
+    monkeypatch.setattr(PhysicsIDModule, "optimizers", lambda _: None)
+    monkeypatch.setattr(PhysicsIDModule, "trainer", SimpleNamespace(should_stop=False))
+    phase = PhysicsIDModule(HIT, GaussNewton())
+    phase.attach(data, physics())
+    phase.import_state(state)
+    phase.on_train_start()
+    assert phase.trainer.should_stop
+    assert phase.course()["converged"]

@@ -7,10 +7,16 @@ import torch
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.manifest import Manifest, PhaseRecord
+from pacnerf_lpo.mpm.effects import InitialSpin
+from pacnerf_lpo.mpm.materials import NeoHookean
+from pacnerf_lpo.mpm.physics import Physics
 from pacnerf_lpo.outer_loop import OuterLoop
 from pacnerf_lpo.phases import LPOModule
 from pacnerf_lpo.phases.held_out import held_out_error, held_out_images
-from tests.phases.conftest import FRAMES, physics
+from pacnerf_lpo.render.camera_faults import TimeOffset
+from pacnerf_lpo.render.clocks import cameras_of
+from pacnerf_lpo.render.observation import Observer
+from tests.phases.conftest import FRAMES, cameras, film, physics
 
 
 def test_every_second_frame_keeps_one_view_back_in_turn(data):
@@ -37,6 +43,15 @@ def test_the_error_is_that_of_the_images_held_out(data, state):
     assert held_out_error(data, model, state, held_out_images(data)) < 1e-6
     beside = state.with_(positions=state.positions + torch.tensor([0.1, 0.0, 0.0]))
     assert held_out_error(data, model, beside, held_out_images(data)) > 1e-3
+
+
+def test_a_camera_sees_a_body_that_spins_before_frame_0(data, state):
+    early = TimeOffset(-0.06, view=1)  # by more than a frame: its frame 1 is before frame 0
+    model = Physics(NeoHookean(E=3e4, nu=0.3), effects=[InitialSpin(spin_z=5.0), early], substep_rate=960.0)
+    observer = Observer(cameras_of(model.effects, data.video), model.values(state))
+    *_, seen = observer.seen(model.simulate(state, FRAMES), model.velocity_of(state), data.video.times)
+    filmed, images = film(state, seen, cameras()[0]), [(1, frame) for frame in range(1, FRAMES)]
+    assert held_out_error(filmed, model, state, images) < 1e-8
 
 
 def errors(*values: float | None) -> Manifest:

@@ -98,10 +98,9 @@ class See:
         self.camera.visible = self.picture.visible = bool(cameras)
         self.camera.value = page.camera
         self._pictures.clear()
-        if cameras:
-            eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras])
-            scale = 0.06 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0)
-            page.stage.cameras(cameras, self._offset(page.recording), scale)
+        eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras]).reshape(-1, 3)
+        scale = 0.06 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0) if cameras else 1.0
+        page.stage.cameras(cameras, self._offset(page.recording), scale)
 
     def _zoom(self) -> None:
         with self.page.drawing():
