@@ -5,9 +5,8 @@ Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as P
 
 import math
 
-import torch
 from torch import Tensor
-from torch.nn.functional import softplus
+from torch.nn.functional import max_pool3d, pad, softplus
 
 from pacnerf_lpo.types import FieldGrid
 
@@ -54,9 +53,5 @@ def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
     Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
     """
     occupied = alpha(grid.density.detach(), delta) >= min_alpha
-    for axis in range(3):
-        shifted = torch.zeros_like(occupied)
-        count = occupied.shape[axis] - 1
-        shifted.narrow(axis, 0, count).copy_(occupied.narrow(axis, 1, count))
-        occupied = occupied | shifted
-    return occupied
+    corners = pad(occupied.float()[None], (0, 1) * 3)
+    return max_pool3d(corners, kernel_size=2, stride=1)[0] > 0.0
