@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.data.recordings.agreement import common_size
+from pacnerf_lpo.data.recordings.agreement import Views, common_size
 from pacnerf_lpo.data.recordings.conventions import rotation_onto
 from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
 from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording
@@ -79,13 +79,9 @@ class Findings:
     upper: np.ndarray
 
 
-def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
-    """Find out what the recording does not say. Raises UserInputError where the views contradict each other, or
-    something can neither be read nor measured.
-
-    Args:
-        views: tangent planes of every frame, by camera, in the recording's world.
-        times: of the frames [s, (F,)].
+def investigate(views: Views, times: np.ndarray, recording: Recording) -> Findings:
+    """Find out what the recording does not say from views in its world, at the times of the frames [s, (F,)]. Raises
+    UserInputError where the views contradict each other, or something can neither be read nor measured.
     """
     size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]

@@ -58,7 +58,6 @@ class Scene:
     """A scene as it was read.
 
     one: the flight in metres, y up, from 0 s on.
-    solid: the body.
     held: whether it is held at first.
     noise: of every coordinate, None where it was not measured.
     guess: start, velocity and release [SI]
