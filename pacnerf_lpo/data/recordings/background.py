@@ -143,10 +143,8 @@ def still_background(footage: Footage) -> Background | None:
 
 
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
-    """The colours of the object where the other views see it, too.
-
-    Args:
-        expected: what the other views say. masks: where this camera held the object to be [(F, h, w), bool, reduced].
+    """The colours of the object where the other views see it, too, and this camera by its masks [(F, h, w), bool,
+    reduced].
     """
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])
@@ -155,10 +153,7 @@ def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray)
 
 def background_by_views(footage: Footage, expected: Expectation, masks: np.ndarray, colours: Colours) -> Background:
     """The background where other views say which frames show it; first where they are sure, then wherever these
-    backgrounds, perhaps in a shadow then, say so too.
-
-    Args:
-        expected, masks: as for :func:`colours_by_views`. colours: of the object.
+    backgrounds, perhaps in a shadow then, say so too. Masks are as for :func:`colours_by_views`, colours the object's.
     """
     frames, chosen = footage.decisive(), footage.chosen
     views = np.stack([smoothed(frame) for frame in frames])
