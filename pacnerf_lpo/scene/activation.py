@@ -6,7 +6,7 @@ Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as P
 import math
 
 from torch import Tensor
-from torch.nn.functional import max_pool3d, pad, softplus
+from torch.nn.functional import pad, softplus
 
 from pacnerf_lpo.types import FieldGrid
 
@@ -53,5 +53,7 @@ def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
     Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
     """
     occupied = alpha(grid.density.detach(), delta) >= min_alpha
-    corners = pad(occupied.float()[None], (0, 1) * 3)
-    return max_pool3d(corners, kernel_size=2, stride=1)[0] > 0.0
+    corners = pad(occupied, (0, 1) * 3)
+    for axis, cells in enumerate(occupied.shape):
+        corners = corners.narrow(axis, 0, cells) | corners.narrow(axis, 1, cells)
+    return corners
