@@ -151,12 +151,8 @@ def cloud_summary(points: np.ndarray) -> np.ndarray:
 
 
 def at_times(trajectory: np.ndarray, times: np.ndarray, when: np.ndarray) -> np.ndarray:
-    """Positions (F, ..., 3) at other times (n, ..., 3) [m]: a cubic spline, linear with fewer than four frames.
-
-    Args:
-        trajectory: [m, (F, ..., 3)]
-        times: of its frames [s, (F,)]
-        when: [s, (n,)], clipped to the simulated interval
+    """Positions of a trajectory [m, (F, ..., 3)], with times [s, (F,)], at other times ``when`` [s, (n,)], clipped to
+    the simulated interval [m, (n, ..., 3)]: a cubic spline, linear with fewer than four frames.
     """
     when = np.clip(when, times[0], times[-1])
     if len(times) == 1:
