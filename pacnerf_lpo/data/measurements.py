@@ -98,15 +98,11 @@ def read_tracked_points(path: str | Path, video_times: Sequence[float]) -> Track
 
 
 def track_noise(times: np.ndarray, ids: np.ndarray, positions: np.ndarray) -> float:
-    """Standard deviation of the noise of tracks [m], from the departure of points from their neighbours in time.
+    """Standard deviation of the noise of tracks [m], from the departure of points from their neighbours in time, by
+    sorted times [s, (M,)], ids (M,) and positions [m, (M, 3)].
 
     A point is compared with the parabola through the two before and the one after it (third differences, which smooth
     motion leaves small); the median makes a few impacts harmless. Tracks of fewer than four points say nothing.
-
-    Args:
-        times: [s, (M,)], sorted
-        ids: (M,)
-        positions: [m, (M, 3)]
     """
     departures = []
     for name in np.unique(ids):
@@ -121,12 +117,10 @@ def track_noise(times: np.ndarray, ids: np.ndarray, positions: np.ndarray) -> fl
 
 
 def read_point_clouds(folder: str | Path, video_times: Sequence[float]) -> PointClouds:
-    """Read ``cloud_000.ply`` and so on: the number is that of the video's frame.
+    """Read ``cloud_000.ply`` and so on: the number is that of the video's frame, of those that the model is simulated
+    for [s, (F,)].
 
     A header may say otherwise, in comment lines: ``comment time_s 0.125`` and ``comment sigma_m 0.002``.
-
-    Args:
-        video_times: of the frames that the model is simulated for [s, (F,)].
     """
     folder = Path(folder)
     if not folder.is_dir():

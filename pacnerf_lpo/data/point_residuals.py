@@ -91,11 +91,8 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
 def track_residuals(
     tracks: TrackedPoints, attachment: Attachment, trajectory: np.ndarray, times: np.ndarray
 ) -> TrackResiduals:
-    """Compare tracked points with the material they are attached to, cubic in time between frames.
-
-    Args:
-        trajectory: particles at every frame [m, (F, N, 3)]
-        times: of the frames [s, (F,)]
+    """Compare tracked points with the material they are attached to, cubic in time between frames. Arguments as of
+    :func:`attach`.
     """
     point = np.searchsorted(attachment.names, tracks.ids)
     later = tracks.times > attachment.first[point]
@@ -110,7 +107,7 @@ def cloud_residuals(clouds: PointClouds, trajectory: np.ndarray, times: np.ndarr
     The model's cloud consists of the points of the first measured one, carried along by the material, so that clouds of
     the surface are compared with the surface; the first residual is zero by construction. The last summary is the
     trimmed mean distance from the cloud's points to their nearest particle: one-sided, so that a cloud of a part of the
-    body, seen from one side, is not blamed for what it does not show. Arguments as of :func:`track_residuals`.
+    body, seen from one side, is not blamed for what it does not show. Arguments as of :func:`attach`.
     """
     first = _thinned(clouds.points[0], LARGEST_CARRIED)
     ids, starts = np.arange(len(first)), np.full(len(first), clouds.times[0])
@@ -154,12 +151,8 @@ def cloud_summary(points: np.ndarray) -> np.ndarray:
 
 
 def at_times(trajectory: np.ndarray, times: np.ndarray, when: np.ndarray) -> np.ndarray:
-    """Positions (F, ..., 3) at other times (n, ..., 3) [m]: a cubic spline, linear with fewer than four frames.
-
-    Args:
-        trajectory: [m, (F, ..., 3)]
-        times: of its frames [s, (F,)]
-        when: [s, (n,)], clipped to the simulated interval
+    """Positions of a trajectory [m, (F, ..., 3)], with times [s, (F,)], at other times ``when`` [s, (n,)], clipped to
+    the simulated interval [m, (n, ..., 3)]: a cubic spline, linear with fewer than four frames.
     """
     when = np.clip(when, times[0], times[-1])
     if len(times) == 1:

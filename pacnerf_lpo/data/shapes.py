@@ -123,16 +123,7 @@ def named_shape(name: str, size: Sequence[float]) -> Shape:
 
 
 def fill(shape: Shape, spacing: float, generator: torch.Generator) -> Tensor:
-    """Particles inside a shape, one jittered in each cell of a lattice.
-
-    Args:
-        shape: what to fill.
-        spacing: edge of a cell [m].
-        generator: of the jitter.
-
-    Returns:
-        [m, (N, 3)]
-    """
+    """Particles inside a shape [m, (N, 3)], one jittered in each cell of a lattice, of edge ``spacing`` [m]."""
     axis = torch.arange(-shape.reach, shape.reach + spacing, spacing)
     points = torch.cartesian_prod(axis, axis, axis)
     points = points + spacing * (torch.rand(points.shape, generator=generator) - 0.5)

@@ -82,7 +82,6 @@ def write_scene(
     something already.
 
     Args:
-        root: folder, absent or empty.
         trajectories: particle positions [m, (F, N, 3)]
         colours: of the particles [0..1, (N, 3)]
         rig: cameras for images of the size of the drawing.
@@ -93,12 +92,11 @@ def write_scene(
     check_unused(root)
     (root / "data").mkdir(parents=True)
     generator = np.random.default_rng(drawing.seed)
-    size, radius, outline = drawing.image_size, drawing.radius, drawing.outline
     entries = []
     for frame, positions in enumerate(tqdm(trajectories, desc=f"drawing {root}", delay=2.0, leave=False)):
         shaded = shade(positions, colours)
         for view, (pose, intrinsic) in enumerate(zip(rig.camera_to_world, rig.intrinsics, strict=True)):
-            image = draw_discs(positions, shaded, pose, intrinsic, size, radius, outline)
+            image = draw_discs(positions, shaded, pose, intrinsic, drawing.image_size, drawing.radius, drawing.outline)
             noisy = np.clip(image + drawing.noise * generator.standard_normal(image.shape), 0.0, BRIGHTEST)
             image = np.where((image < 1.0).any(axis=-1, keepdims=True), noisy, 1.0)  # the white around it stays pure
             Image.fromarray(np.round(image * 255.0).astype(np.uint8)).save(root / "data" / f"m_{view}_{frame}.png")

@@ -5,9 +5,8 @@ Shifted softplus of direct voxel grid optimisation (Sun et al., CVPR 2022), as P
 
 import math
 
-import torch
 from torch import Tensor
-from torch.nn.functional import softplus
+from torch.nn.functional import pad, softplus
 
 from pacnerf_lpo.types import FieldGrid
 
@@ -54,9 +53,7 @@ def occupied_cells(grid: FieldGrid, delta: float, min_alpha: float) -> Tensor:
     Alpha increases with density and trilinear interpolation never exceeds the corners, so nothing visible is lost.
     """
     occupied = alpha(grid.density.detach(), delta) >= min_alpha
-    for axis in range(3):
-        shifted = torch.zeros_like(occupied)
-        count = occupied.shape[axis] - 1
-        shifted.narrow(axis, 0, count).copy_(occupied.narrow(axis, 1, count))
-        occupied = occupied | shifted
-    return occupied
+    corners = pad(occupied, (0, 1) * 3)
+    for axis, cells in enumerate(occupied.shape):
+        corners = corners.narrow(axis, 0, cells) | corners.narrow(axis, 1, cells)
+    return corners

@@ -5,6 +5,7 @@ prod_axis (f_a or 1 - f_a). Nodes are numbered row-major, z fastest. Sorting poi
 segmented sums and eight shifted additions, free of atomics, hence deterministic and the same on CPU and CUDA.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,30 +72,26 @@ def _corner_offsets(shape: Shape) -> list[int]:
 
 def corners(points: Stencil) -> Tensor:
     """Numbers of the eight nodes around each point [(M, 8), int64], in the order of its weights."""
-    return _corner_nodes(points.cell, points.shape)
+    return points.cell[:, None] + torch.tensor(_corner_offsets(points.shape), device=points.cell.device)
 
 
-def _corner_nodes(cell: Tensor, shape: Shape) -> Tensor:
-    return cell[:, None] + torch.tensor(_corner_offsets(shape), device=cell.device)
-
-
-def _gather(values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
+def _gather(values: Tensor, points: Stencil) -> Tensor:
     if values.shape[1] == 0:  # embedding_bag fails on it, with more than one thread
-        return values.new_zeros(len(cell), 0)
-    return embedding_bag(_corner_nodes(cell, shape), values, mode="sum", per_sample_weights=weights)
+        return values.new_zeros(len(points.cell), 0)
+    return embedding_bag(corners(points), values, mode="sum", per_sample_weights=points.weights)
 
 
-def _scatter(values: Tensor, weights: Tensor, cell: Tensor, shape: Shape) -> Tensor:
-    nodes = shape[0] * shape[1] * shape[2]
+def _scatter(values: Tensor, points: Stencil) -> Tensor:
+    nodes = math.prod(points.shape)
     if values.shape[1] == 0:
         return values.new_zeros(nodes, 0)
-    order = torch.argsort(cell)
-    count = torch.bincount(cell, minlength=nodes)
+    order = torch.argsort(points.cell)
+    count = torch.bincount(points.cell, minlength=nodes)
     begin = count.cumsum(0) - count
-    sorted_weights = weights.index_select(0, order).T.contiguous()
+    sorted_weights = points.weights.index_select(0, order).T.contiguous()
     values = values.contiguous()
     out = values.new_zeros(nodes, values.shape[1])
-    for offset, weight in zip(_corner_offsets(shape), sorted_weights, strict=True):
+    for offset, weight in zip(_corner_offsets(points.shape), sorted_weights, strict=True):
         per_cell = embedding_bag(order, values, begin, mode="sum", per_sample_weights=weight)
         out[offset:] += per_cell[: nodes - offset]
     return out
@@ -107,17 +104,18 @@ class _Transfer(Function):
     def forward(ctx: Any, values: Tensor, weights: Tensor, cell: Tensor, shape: Shape, to_nodes: bool) -> Tensor:
         ctx.save_for_backward(values, weights, cell)
         ctx.shape, ctx.to_nodes = shape, to_nodes
-        return (_scatter if to_nodes else _gather)(values, weights, cell, shape)
+        return (_scatter if to_nodes else _gather)(values, Stencil(cell, weights, shape))
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:
         values, weights, cell = ctx.saved_tensors
+        points = Stencil(cell, weights, ctx.shape)
         grad = gradients[0].contiguous()
         adjoint = _gather if ctx.to_nodes else _scatter
         at_points, at_nodes = (values, grad) if ctx.to_nodes else (grad, values)
-        to_values = adjoint(grad, weights, cell, ctx.shape) if ctx.needs_input_grad[0] else None
+        to_values = adjoint(grad, points) if ctx.needs_input_grad[0] else None
         to_weights = None
         if ctx.needs_input_grad[1]:
-            at_corners = at_nodes.index_select(0, _corner_nodes(cell, ctx.shape).flatten()).view(len(cell), 8, -1)
+            at_corners = at_nodes.index_select(0, corners(points).flatten()).view(len(cell), 8, -1)
             to_weights = torch.bmm(at_corners, at_points[:, :, None]).squeeze(2)
         return to_values, to_weights, None, None, None

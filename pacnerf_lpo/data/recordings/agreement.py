@@ -22,17 +22,15 @@ Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte tha
 """
 ENOUGH = 4
 """Views from which on one that is wrong can be distinguished from the others."""
+Views = Sequence[Sequence[Planes]]
+"""Tangent planes of every frame, by camera."""
 
 
-def common_size(views: Sequence[Sequence[Planes]], recording: Recording) -> float:
+def common_size(views: Views, recording: Recording) -> float:
     """Longest edge of the box around the body at frame 0, in the unit of the poses, once the views agree. Raises
     UserInputError where the views contradict each other; names the camera if without it they do not.
 
     They are compared at the first, the middle and the last frame.
-
-    Args:
-        views: tangent planes of every frame, by camera.
-        recording: its cameras, for messages.
     """
     gap = largest_gap(views)
     wrong = odd_one_out(views, gap, GAP) if gap > GAP else None
@@ -78,11 +76,9 @@ def check_different(images: Sequence[Sequence[Path]], recording: Recording) -> N
         seen[shown] = camera.name
 
 
-def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> int | None:
-    """The view without which the others agree, or do so twice as well; None where no view alone is to blame.
-
-    Args:
-        views: tangent planes of every frame, by camera. gap: between all of them. limit: of gaps between right views.
+def odd_one_out(views: Views, gap: float, limit: float) -> int | None:
+    """The view without which the others agree, or do so twice as well; None where no view alone is to blame. ``gap`` is
+    that between all of them, ``limit`` that of right ones.
     """
     if len(views) < ENOUGH:
         return None
@@ -91,12 +87,9 @@ def odd_one_out(views: Sequence[Sequence[Planes]], gap: float, limit: float) -> 
     return best if without[best] < max(limit, 0.5 * gap) else None
 
 
-def largest_gap(views: Sequence[Sequence[Planes]]) -> float:
+def largest_gap(views: Views) -> float:
     """How far views contradict each other in the first, the middle or the last frame: the largest rms distance of a
     view's planes from what all views allow, relative to the body; infinite where they allow nothing.
-
-    Args:
-        views: tangent planes of every frame, by camera.
     """
     last = len(views[0]) - 1
     return max(_gap([view[frame] for view in views]) for frame in (0, last // 2, last))

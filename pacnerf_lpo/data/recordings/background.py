@@ -86,10 +86,8 @@ class Background:
         """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
 
         Where they are positive is the object: their sum in it, less SMOOTH times the length of its outline, is largest
-        (Chan, Esedoglu, Nikolova 2006), as the total variation is what is held down (Chambolle 2004).
-
-        Args:
-            expected: log odds before the colours are looked at [(H, W)].
+        (Chan, Esedoglu, Nikolova 2006), as the total variation is what is held down (Chambolle 2004). ``expected`` are
+        log odds before the colours are looked at [(H, W)].
         """
         odds = self.log_odds(image) + expected
         around = smoothed(odds, SMOOTH)
@@ -107,12 +105,10 @@ def solid_part(odds: np.ndarray) -> np.ndarray:
 
 
 def expected_overlap(odds: np.ndarray, solid: np.ndarray) -> float:
-    """Intersection over union that a matte has with the truth, if the log odds are right: the figure of how sure it is.
+    """Intersection over union that a matte [(H, W), bool] has with the truth, if the log odds of the object [(H, W)]
+    are right: the figure of how sure it is.
 
     It is an upper bound: what all views take for the object, such as a contact shadow in its colours, is not in it.
-
-    Args:
-        odds: log odds of the object [(H, W)]. solid: the matte [(H, W), bool].
     """
     chance = 1.0 / (1.0 + np.exp(-odds))
     near = ndimage.binary_dilation(solid, iterations=2 * RIM) & ~solid
@@ -147,10 +143,8 @@ def still_background(footage: Footage) -> Background | None:
 
 
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
-    """The colours of the object where the other views see it, too.
-
-    Args:
-        expected: what the other views say. masks: where this camera held the object to be [(F, h, w), bool, reduced].
+    """The colours of the object where the other views see it, too, and this camera by its masks [(F, h, w), bool,
+    reduced].
     """
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])
@@ -159,10 +153,7 @@ def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray)
 
 def background_by_views(footage: Footage, expected: Expectation, masks: np.ndarray, colours: Colours) -> Background:
     """The background where other views say which frames show it; first where they are sure, then wherever these
-    backgrounds, perhaps in a shadow then, say so too.
-
-    Args:
-        expected, masks: as for :func:`colours_by_views`. colours: of the object.
+    backgrounds, perhaps in a shadow then, say so too. Masks are as for :func:`colours_by_views`, colours the object's.
     """
     frames, chosen = footage.decisive(), footage.chosen
     views = np.stack([smoothed(frame) for frame in frames])
@@ -208,11 +199,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
 
 
 def _lit(views: np.ndarray, shows: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Which of the frames that show the background show it without a shadow [(F, H, W), bool].
-
-    Args:
-        views: (F, H, W, 3). shows: frames to choose from (F, H, W). noise: (H, W).
-    """
+    """Which of the frames that show the background, ``shows``, show it without a shadow [(F, H, W), bool]."""
     light = np.where(shows, views.mean(axis=-1), -np.inf)
     return shows & (light > light.max(axis=0) - BRIGHT * noise)
 

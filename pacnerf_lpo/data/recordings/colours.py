@@ -34,12 +34,10 @@ def smoothed(image: np.ndarray, width: float = SMOOTHING) -> np.ndarray:
 
 
 def noise_of(frames: np.ndarray) -> np.ndarray:
-    """Standard deviation of the noise of each pixel and channel, from frame to frame [0..1, (H, W)].
+    """Standard deviation of the noise of each pixel and channel, from frame to frame [0..1, (H, W)], of smoothed frames
+    [0..1, (F, H, W, 3)].
 
     The median of the changes is that of a pixel which shows one thing for more than half of the time.
-
-    Args:
-        frames: smoothed [0..1, (F, H, W, 3)].
     """
     change = np.median(np.linalg.norm(np.diff(frames, axis=0), axis=-1), axis=0)
     usual = float(np.median(change))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pacnerf_lpo.data.recordings.agreement import common_size
+from pacnerf_lpo.data.recordings.agreement import Views, common_size
 from pacnerf_lpo.data.recordings.conventions import rotation_onto
 from pacnerf_lpo.data.recordings.fall import Ballistic, fit_ballistic, lowest_point, places
 from pacnerf_lpo.data.recordings.recording import AXES, UNITS, Recording
@@ -79,13 +79,9 @@ class Findings:
     upper: np.ndarray
 
 
-def investigate(views: Sequence[Sequence[Planes]], times: np.ndarray, recording: Recording) -> Findings:
-    """Find out what the recording does not say. Raises UserInputError where the views contradict each other, or
-    something can neither be read nor measured.
-
-    Args:
-        views: tangent planes of every frame, by camera, in the recording's world.
-        times: of the frames [s, (F,)].
+def investigate(views: Views, times: np.ndarray, recording: Recording) -> Findings:
+    """Find out what the recording does not say from views in its world, at the times of the frames [s, (F,)]. Raises
+    UserInputError where the views contradict each other, or something can neither be read nor measured.
     """
     size = common_size(views, recording)
     frames = [Planes.of(parts) for parts in zip(*views, strict=True)]
@@ -229,9 +225,8 @@ def find_contact(heights: np.ndarray, ground: float, path: np.ndarray, flight: i
     """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground; None where
     it does not within the video.
 
-    Args:
-        heights: of the lowest point in every frame [(F,)]. ground: its height. path: heights along the parabola [(F,)].
-        flight: frames of free flight.
+    heights: of that point in every frame [(F,)], and of the ground. path: heights along the parabola [(F,)].
+    flight: frames of free flight.
     """
     before = slice(max(flight - 3, 0), max(flight - 1, 2))  # the last frames in the air, seen from similar angles
     lowest = path + np.nanmean((heights - path)[before])

@@ -67,8 +67,6 @@ def factor_of(shape: tuple[int, ...]) -> int:
 def reduced(image: np.ndarray) -> np.ndarray:
     """The image [(H, W, ...)] averaged over squares of pixels, so that its longer edge has at most COARSE of them."""
     factor = factor_of(image.shape)
-    if factor == 1:
-        return image
     room = [(0, -size % factor) for size in image.shape[:2]]
     padded = np.pad(image, room + [(0, 0)] * (image.ndim - 2), mode="edge")
     rows, columns = (size // factor for size in padded.shape[:2])

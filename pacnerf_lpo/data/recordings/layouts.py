@@ -3,22 +3,13 @@
 from pathlib import Path
 from typing import Literal
 
-from pacnerf_lpo.data.recordings.readers import (
-    colmap,
-    dynerf,
-    nerfstudio,
-    opencv_calibration,
-    pac_nerf,
-    phystwin,
-    spring_gaus,
-    toml_calibration,
-)
+from pacnerf_lpo.data.recordings.readers import calibrated, colmap, dynerf, nerfstudio, pac_nerf, phystwin, spring_gaus
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.errors import UserInputError
 
 LAYOUTS = (
     *(pac_nerf.LAYOUT, pac_nerf.GIC, spring_gaus.SYNTHETIC, spring_gaus.REAL, nerfstudio.LAYOUT, nerfstudio.D_NERF),
-    *(reader.LAYOUT for reader in (colmap, dynerf, phystwin, opencv_calibration, toml_calibration)),
+    *(colmap.LAYOUT, dynerf.LAYOUT, phystwin.LAYOUT, calibrated.OPENCV, calibrated.TOML),
 )
 Format = Literal[
     "pac-nerf", "gic", "spring-gaus-synthetic", "spring-gaus-real", "nerfstudio", "d-nerf", "colmap", "dynerf",

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, product
 from pathlib import Path
 
 import numpy as np
@@ -156,7 +157,9 @@ class Look:
 def examine(folder: Path) -> Look:
     """Look at every image of a scene; UserInputError for a missing or damaged file, or where too little is seen."""
     scene = read_written_scene(folder)
-    appearances, mattes = _appearances(scene)
+    images = tqdm(list(product(scene.views, range(len(scene.times)))), "looking at the scene", delay=2.0, leave=False)
+    shown = (appearance(scene.pixels(view, frame), view) for view, frame in images)
+    appearances = tuple(tuple(islice(shown, len(scene.times))) for _ in scene.views)
     planes = tuple(_planes(scene, *pair) for pair in zip(scene.views, appearances, strict=True))
     frames = [Planes.of(parts) for parts in zip(*planes, strict=True)]
     flight = min(max(scene.hit_frame, FEWEST), len(frames))
@@ -166,25 +169,15 @@ def examine(folder: Path) -> Look:
     place = places(frames, motion.shape)
     away = (place - motion.at(scene.times))[:flight]
     lower, upper = bounds(frames[0])
-    views = {frame: tuple(_at_common_time(scene, place, frame)) for frame in mattes}
-    hulls = {frame: _hull(views[frame], frames[frame], seen) for frame, seen in mattes.items()}
+    views = {frame: tuple(_at_common_time(scene, place, frame)) for frame in (0, scene.hit_frame)}
+    hulls = {frame: _hull(views[frame], frames[frame], _mattes(scene, frame)) for frame in views}
     lowest = np.array([lowest_point(planes, UP) for planes in frames])
     residual, centre = float(np.sqrt(np.nanmean((away**2).sum(axis=1)))), place[:, 1]
     return Look(scene, appearances, planes, views, lower, upper, motion, flight, centre, lowest, residual, hulls)
 
 
-def _appearances(scene: WrittenScene) -> tuple[tuple[tuple[Appearance, ...], ...], dict[int, list[np.ndarray]]]:
-    """What every image shows, by view and frame, and where the object is in the first and the contact frame."""
-    mattes: dict[int, list[np.ndarray]] = {0: [], scene.hit_frame: []}
-    found: list[list[Appearance]] = [[] for _ in scene.views]
-    images = list(np.ndindex(len(scene.views), len(scene.times)))
-    for number, frame in tqdm(images, desc="looking at the scene", delay=2.0, leave=False):
-        view = scene.views[number]
-        pixels = scene.pixels(view, frame)
-        found[number].append(appearance(pixels, view))
-        if frame in mattes:
-            mattes[frame].append((pixels[..., 3] > 0.5) & view.valid)
-    return tuple(map(tuple, found)), mattes
+def _mattes(scene: WrittenScene, frame: int) -> tuple[np.ndarray, ...]:
+    return tuple((scene.pixels(view, frame)[..., 3] > 0.5) & view.valid for view in scene.views)
 
 
 def _planes(scene: WrittenScene, view: View, seen: Sequence[Appearance]) -> tuple[Planes, ...]:
@@ -201,10 +194,10 @@ def _at_common_time(scene: WrittenScene, place: np.ndarray, frame: int) -> Itera
         yield view.after(later) if view.offset and np.isfinite(later).all() else view
 
 
-def _hull(views: Sequence[View], planes: Planes, mattes: Sequence[np.ndarray]) -> Hull:
+def _hull(views: Sequence[View], planes: Planes, mattes: tuple[np.ndarray, ...]) -> Hull:
     lower, upper = bounds(planes)
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
-        return Hull(np.empty((0, 3)), 1.0, tuple(mattes), (float("nan"),) * len(mattes))
+        return Hull(np.empty((0, 3)), 1.0, mattes, (float("nan"),) * len(mattes))
     points, cell = visual_hull(views, mattes, lower, upper)
     outside = [outside_share(matte, points, cell, view) for matte, view in zip(mattes, views, strict=True)]
-    return Hull(points, cell, tuple(mattes), tuple(outside))
+    return Hull(points, cell, mattes, tuple(outside))

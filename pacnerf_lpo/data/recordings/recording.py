@@ -250,7 +250,7 @@ def check_images(camera: Camera, size: tuple[int, int]) -> None:
             f"point is ({centre[0]:.4g}, {centre[1]:.4g}); {mend}"
         )
 
-    corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - camera.intrinsic[:2, 2]
+    corners = np.array([(x, y) for x in (0, size[0]) for y in (0, size[1])]) - centre
     farthest = float(np.linalg.norm(corners / camera.intrinsic[[0, 1], [0, 1]], axis=1).max())
     k = np.array([*camera.lens.coefficients, *(0.0,) * 8][:8])
     if camera.lens.model == "fisheye":

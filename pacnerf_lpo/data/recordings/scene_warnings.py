@@ -218,15 +218,13 @@ def _border(look: Look) -> Iterator[SceneWarning]:
         cut = [number for number, one in enumerate(row) if one.cut]
         gone = [number for number, one in enumerate(row) if not one.seen]
         remedy = f"aim this camera at the whole motion; if much is missing, init with --leave_out {view.name}"
+        worst = ", and box and shape come from frame 0" if 0 in cut else ""
         if gone:
             what = f"camera {view.name} does not see the object {_in_frames(gone)}"
             yield SceneWarning("border", what, remedy, (view.name,), tuple(gone))
         if cut:
-            worst = ", and box and shape come from frame 0" if cut[0] == 0 else ""
-            what = (
-                f"camera {view.name}: the object touches the image border {_in_frames(cut)}, it may be cut off{worst}"
-            )
-            yield SceneWarning("border", what, remedy, (view.name,), tuple(cut))
+            what = f"the object touches the image border {_in_frames(cut)}, it may be cut off{worst}"
+            yield SceneWarning("border", f"camera {view.name}: {what}", remedy, (view.name,), tuple(cut))
 
 
 def _mattes(look: Look) -> Iterator[SceneWarning]:

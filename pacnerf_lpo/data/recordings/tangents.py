@@ -68,12 +68,8 @@ def outline_points(
 
 
 def outline_tangents(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """How far an outline reaches in each of :data:`DIRECTIONS` directions of the image plane [(DIRECTIONS,)].
-
-    NaN where nothing is seen, and where the outermost point lies at the image border.
-
-    Args:
-        points, inside: of :func:`outline_points`.
+    """How far an outline of :func:`outline_points` reaches in each of :data:`DIRECTIONS` directions of the image plane
+    [(DIRECTIONS,)]; NaN where nothing is seen, and where the outermost point lies at the image border.
     """
     if len(points) == 0:
         return np.full(DIRECTIONS, np.nan)
@@ -90,12 +86,8 @@ def tangent_planes(tangents: np.ndarray, pose: np.ndarray) -> Planes:
 
 
 def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarray) -> Planes:
-    """The tangent planes of an outline; none where nothing is seen. Tangents at the image border are left out.
-
-    Args:
-        silhouette: opacity [0..1, (H, W)].
-        intrinsic: [pixels, (3, 3)].
-        pose: camera to world, OpenGL axes (3, 4).
+    """The tangent planes of an outline, see :func:`outline_points`, in a camera of a pose (camera to world, OpenGL axes
+    (3, 4)); none where nothing is seen. Tangents at the image border are left out.
     """
     return tangent_planes(outline_tangents(*outline_points(silhouette, intrinsic)), pose)
 

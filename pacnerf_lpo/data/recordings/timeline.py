@@ -64,10 +64,8 @@ def common_times(recording: Recording, stamps: Sequence[np.ndarray]) -> Timeline
     where the cameras do not overlap, or several frames in a row are missing.
 
     A camera that is out of step by a constant keeps its images, and its offset is stated; missing frames, and all of a
-    camera with another frame rate, are filled in between two images.
-
-    Args:
-        recording: for messages. stamps: when each camera's frames were taken, clocks corrected [s, (F,) each].
+    camera with another frame rate, are filled in between two images. ``stamps`` say when each camera's frames were
+    taken, clocks corrected [s, (F,) each].
     """
     steps = [float(np.median(np.diff(times))) for times in stamps]
     step = max(steps)

@@ -24,12 +24,8 @@ def projected(points: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
 def visual_hull(
     views: Sequence[View], mattes: Sequence[np.ndarray], lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Lattice points that lie on the object in every view that sees them, and are seen by more than half of all
-    [m, (N, 3)], and the edge of a cell [m].
-
-    Args:
-        mattes: where the object is in each [(H, W), bool].
-        lower, upper: corners of the box around it [m, (3,)].
+    """Lattice points in a box with corners [m, (3,)] that lie on the object, by its mattes [(H, W), bool], in every
+    view that sees them, and are seen by more than half of all [m, (N, 3)], and the edge of a cell [m].
     """
     cell = float((upper - lower).max()) / CELLS
     axes = [np.arange(low - cell / 2, high + cell, cell) for low, high in zip(lower, upper, strict=True)]

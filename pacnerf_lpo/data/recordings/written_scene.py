@@ -118,8 +118,7 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
     first = re.match(r"# Written by pacnerf-lpo init from (.*), layout (\S+)\.", text)
     index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(entry(str(path), config, "data.root"))))
-    files = choose_files(index, None, None, "auto")
-    checks.check_cameras(index, files.views, files.frames)
+    files = choose_files(index)
     notes = header(text)
     names = {int(number): name for number, name in re.findall(r"(\d+) ([^,;]+)", notes.get("cameras", ""))}
     views = []
@@ -145,14 +144,10 @@ def read_written_scene(folder: Path) -> WrittenScene:
 
 
 def picture(pixels: np.ndarray, plate: np.ndarray | None) -> np.ndarray:
-    """What the camera saw, as far as it was kept [0..1, (h, w, 3)].
+    """What the camera saw, as far as it was kept [0..1, (h, w, 3)], from colour and opacity [0..1, (h, w, 4)].
 
-    The object is put on its plate; without one, images that were cut out by masks still have their background under the
-    transparency; else it is put on white.
-
-    Args:
-        pixels: colour and opacity [0..1, (h, w, 4)].
-        plate: the empty background [0..1, (h, w, 3)].
+    The object is put on its plate [0..1, (h, w, 3)]; without one, images that were cut out by masks still have their
+    background under the transparency; else it is put on white.
     """
     colour, opacity = pixels[..., :3], pixels[..., 3:]
     behind = colour[opacity[..., 0] == 0.0]

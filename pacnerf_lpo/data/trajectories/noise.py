@@ -67,11 +67,9 @@ class Noise:
 
 
 def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
-    """Of one coordinate, in all recordings that were made in the same way: a few dozen samples alone say little of it.
-
-    Args:
-        tracks: times [s, (F,)] and values [m, (F,)] of each. A track with fewer samples than a smooth path has
-            coefficients says nothing; where all are such, noise counts as a millimetre.
+    """Of one coordinate, from times [s, (F,)] and values [m, (F,)] of all recordings that were made in the same way: a
+    few dozen samples alone say little of it. A track with fewer samples than a smooth path has coefficients says
+    nothing; where all are such, noise counts as a millimetre.
     """
     usable = []
     for times, values in tracks:

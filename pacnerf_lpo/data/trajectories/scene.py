@@ -58,7 +58,6 @@ class Scene:
     """A scene as it was read.
 
     one: the flight in metres, y up, from 0 s on.
-    solid: the body.
     held: whether it is held at first.
     noise: of every coordinate, None where it was not measured.
     guess: start, velocity and release [SI]
@@ -73,16 +72,11 @@ class Scene:
     gravity: tuple[float, float, float]
 
 
-def is_scene(folder: Path) -> bool:
-    """Whether a folder is the scene of a measured flight."""
-    return (folder / NAME).is_file() and (folder / TRACK).is_file()
-
-
 def scenes_in(folder: Path) -> list[Path]:
     """The scene in a folder, or those in its folders; none where it is something else."""
-    if is_scene(folder):
-        return [folder]
-    return sorted(path for path in folder.iterdir() if path.is_dir() and is_scene(path)) if folder.is_dir() else []
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    scenes = [path for path in (folder, *inside) if (path / NAME).is_file() and (path / TRACK).is_file()]
+    return [folder] if folder in scenes else scenes
 
 
 def write_scene(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import TypeVar
 
@@ -97,8 +98,7 @@ def make_scenes(
     found, short = _each(lambda one: investigate(one, direction, start), usable)
     left_out += short
     odd = outlying(found)
-    names = [flight.one.name for flight, is_odd in zip(found, odd, strict=True) if is_odd]
-    left_out += [f"left out: {name} is no smooth path, unlike the others" for name in names]
+    left_out += [f"left out: {one.one.name} is no smooth path, unlike the others" for one in compress(found, odd)]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
     noise = list(noises(found))
     unknown = recordings[0].spin is None

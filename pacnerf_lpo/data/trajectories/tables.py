@@ -71,11 +71,8 @@ def _empty(path: Path, line: int, what: str) -> str:
 
 
 def read_table(path: Path, fps: float | None = None) -> list[Trajectory]:
-    """The recordings in a CSV file; the delimiter is a comma, a semicolon or a tab. Raises UserInputError where it
-    cannot be read, or its columns are not understood.
-
-    Args:
-        fps: samples a second, where the file counts frames and has no times.
+    """The recordings in a CSV file, see :func:`read_cells`, of ``fps`` samples a second where it counts frames and has
+    no times. Raises UserInputError where it cannot be read, or its columns are not understood.
     """
     table = read_cells(path)
     if len(table.header) == 3 or (len(table.header) == 4 and table.header[1][0] == "individuals"):
