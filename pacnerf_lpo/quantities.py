@@ -1,7 +1,7 @@
 """Physical values as a person writes them: symbols, SI prefixes, few digits."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 NU, RHO = "\N{GREEK SMALL LETTER NU}", "\N{GREEK SMALL LETTER RHO}"
@@ -15,6 +15,17 @@ PREFIXES = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 def symbol(name: str) -> str:
     """The usual symbol of a parameter, or its name where there is none."""
     return SYMBOLS.get(name, name)
+
+
+def yaml_number(value: float, digits: int = 6) -> str:
+    """As YAML reads it: a number needs a point before its exponent."""
+    text = f"{value:.{digits}g}"
+    return text.replace("e", ".0e", 1) if "e" in text and "." not in text else text
+
+
+def yaml_list(values: Iterable[float], digits: int = 6) -> str:
+    """Numbers as a list in YAML."""
+    return "[" + ", ".join(yaml_number(value, digits) for value in values) + "]"
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:

@@ -207,20 +207,21 @@ def _read_cloud(path: Path, video_times: Sequence[float]) -> tuple[float, np.nda
     _check_near(f"{path}, vertex {worst}", points[worst])
     number = int(CLOUD_NAME.findall(path.name)[0])
     default = video_times[number] if number < len(video_times) else np.inf
-    time = _comment(path, comments, "time_s", default)
+    time = commented(path, comments, "time_s", default)
     if np.isinf(time):
         raise UserInputError(
             f"{path}: the video has frames 0 to {len(video_times) - 1}; renumber the file, or write 'comment time_s' "
             "in its header"
         )
     _check_time(str(path), time, video_times)
-    sigma = _comment(path, comments, SIGMA, 0.0)
+    sigma = commented(path, comments, SIGMA, 0.0)
     if sigma < 0:
         raise UserInputError(f"{path}: {SIGMA} {sigma:g} is negative; write the standard deviation in metres")
     return time, points, sigma
 
 
-def _comment(path: Path, comments: list[str], key: str, default: float) -> float:
+def commented(path: Path, comments: list[str], key: str, default: float) -> float:
+    """The number that a comment line of a PLY file gives for a key. Raises UserInputError where it is no number."""
     for comment in comments:
         name, _, value = comment.strip().partition(" ")
         try:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.data.recordings.conversion import Scene
 from pacnerf_lpo.data.recordings.recording import WATER
+from pacnerf_lpo.quantities import yaml_list
 from pacnerf_lpo.scene_folder import SCENE_FILE
 
 MARGIN = 0.06
@@ -111,4 +112,4 @@ def _mattes(scene: Scene) -> str:
 
 
 def _corner(corner: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value + 0.0:.4g}" for value in corner.round(6).tolist()) + "]"
+    return yaml_list((corner.round(6) + 0.0).tolist(), digits=4)

@@ -19,6 +19,7 @@ from pacnerf_lpo.data.trajectories.noise import Noise
 from pacnerf_lpo.data.trajectories.tables import read_table
 from pacnerf_lpo.data.trajectories.trajectory import AXES, Trajectory, check_trajectory
 from pacnerf_lpo.errors import UserInputError
+from pacnerf_lpo.quantities import yaml_list, yaml_number
 
 NAME, TRACK = "scene.yaml", "track.csv"
 SECTION = "flight"
@@ -90,14 +91,14 @@ def write_scene(
         writer.writerow(["time_s", *(f"{axis}_m" for axis in AXES)])
         for time, position in zip(one.times, one.positions, strict=True):
             writer.writerow([f"{time:.6f}", *("" if math.isnan(x) else f"{x:.6f}" for x in position)])
-    seen = [axis for axis, known in zip(AXES, noise, strict=True) if known is not None]
-    spin = "null" if one.spin is None else _list(one.spin.tolist())
+    spin = "null" if one.spin is None else yaml_list(one.spin.tolist())
+    errors = {axis: one for axis, one in zip(AXES, noise, strict=True) if one is not None}
+    written = {axis: map(yaml_number, (one.white, one.slow, one.lasting)) for axis, one in errors.items()}
     noises = "\n".join(
-        f"    {axis}: {{white: {_number(one.white)}, slow: {_number(one.slow)}, lasting: {_number(one.lasting)}}}"
-        for axis, one in zip(AXES, noise, strict=True)
-        if one is not None
+        f"    {axis}: {{white: {white}, slow: {slow}, lasting: {lasting}}}"
+        for axis, (white, slow, lasting) in written.items()
     )
-    guess = "\n".join(f"    {name}: {_number(value)}" for name, value in found.guess.items())
+    guess = "\n".join(f"    {name}: {yaml_number(value)}" for name, value in found.guess.items())
     path = folder / NAME
     path.write_text(
         f"""\
@@ -105,10 +106,10 @@ def write_scene(
 # Every value can be changed. Positions in {TRACK} are in metres and seconds, y up: {one.how}.
 # up: {direction.why}
 # scale: 1 unit of the recording = {direction.scale:g} m, {direction.scale_why}
-# measured: {", ".join(seen)} in {len(one.times)} samples until {found.end.value:.4g} s; {found.end.why}
+# measured: {", ".join(errors)} in {len(one.times)} samples until {found.end.value:.4g} s; {found.end.why}
 {SECTION}:
   shape: {solid.shape} # stated
-  size: {_list(solid.size)} # m, stated
+  size: {yaml_list(solid.size)} # m, stated
   mass: {solid.mass:g} # kg, stated
   held: {str(found.held[0]).lower()} # whether it is held at first and let go later; {found.held[1]}
   spin: {spin} # rad/s; {spin_why}
@@ -155,15 +156,5 @@ def check_solid(solid: Solid, where: str) -> None:
     if not (math.isfinite(solid.mass) and solid.mass > 0):
         raise UserInputError(f"{where}: mass = {solid.mass:g} kg; give the body's weight in kilograms")
     if not all(math.isfinite(x) and x > 0 for x in solid.size):
-        raise UserInputError(f"{where}: size = {_list(solid.size)}; give positive lengths in metres")
+        raise UserInputError(f"{where}: size = {yaml_list(solid.size)}; give positive lengths in metres")
     solid.make()
-
-
-def _number(value: float) -> str:
-    """As YAML reads it: a number needs a point before its exponent."""
-    text = f"{value:.6g}"
-    return text.replace("e", ".0e", 1) if "e" in text and "." not in text else text
-
-
-def _list(values: Sequence[float]) -> str:
-    return "[" + ", ".join(_number(value) for value in values) + "]"

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pacnerf_lpo.data.measurements import read_ply
+from pacnerf_lpo.data.measurements import commented, read_ply
 from pacnerf_lpo.data.recordings.media import library
 from pacnerf_lpo.data.trajectories.flight import find_direction, investigate, noises, outlying
 from pacnerf_lpo.data.trajectories.scene import Solid, check_solid, write_scene
@@ -146,10 +146,12 @@ def read_clouds(folder: Path, fps: float | None) -> Trajectory:
         points, comments = read_ply(path)
         points = points[np.isfinite(points).all(1)]
         digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
-        said = [comment.split()[1] for comment in comments if comment.startswith("time_s ")]
-        if not said and (fps is None or not digits):
-            raise UserInputError(f"{path}: says no time; give --fps, and a number in the name of each file")
-        times.append(float(said[0]) if said else int(digits[-1]) / float(fps or 1.0))
+        time = commented(path, comments, "time_s", np.nan)
+        if np.isnan(time):
+            if not (fps and digits):
+                raise UserInputError(f"{path}: says no time; give --fps, and a number in the name of each file")
+            time = int(digits[-1]) / fps
+        times.append(time)
         places.append(points.mean(0) if len(points) else np.full(3, np.nan))
     order = np.argsort(times, kind="stable")
     whole = np.array(times)[order], np.array(places)[order]

@@ -139,6 +139,15 @@ def test_wrong_positions_are_named_in_one_line(tmp_path, capsys):
     refused(capsys, csv, "is empty")
 
 
+def test_a_cloud_needs_a_time_that_is_a_number(tmp_path, capsys):
+    (folder := tmp_path / "clouds").mkdir()
+    points = PlyElement.describe(np.zeros(3, [(axis, "f4") for axis in "xyz"]), "vertex")
+    PlyData([points], comments=["time_s late"]).write(str(folder / "cloud_1.ply"))
+    refused(capsys, folder, "cloud_1.ply", "does not read 'comment time_s <number>'")
+    PlyData([points]).write(str(folder / "cloud_1.ply"))
+    refused(capsys, folder, "cloud_1.ply", "says no time; give --fps", options=(*BALL, "--fps", "0"))
+
+
 def test_the_scene_file_says_where_values_come_from_and_what_is_wrong_in_it(tmp_path):
     init(write(tmp_path / "throw.csv", columns(PATH)), tmp_path / "scene")
     path = tmp_path / "scene" / "scene.yaml"
