@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.base_fit import base_fit, notes
+from pacnerf_lpo.identification.base_fit import EXPLAINED, base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.identification.least_squares import CLOSE, Effort, Fit, fit
 from pacnerf_lpo.identification.model_errors import ModelErrors
@@ -151,7 +151,8 @@ def compare(
         effects: of the model.
         known: values to start from [SI].
         settings: number of replicates, and their seed.
-        searched: whether the whole parameter space is searched first; else the fit starts from ``known``.
+        searched: whether the whole parameter space is searched first; else the fit starts from ``known``, and it is
+            searched where the best fit leaves far more than the errors of the model.
         others: values to start from, too; the fit goes on from whichever start explains the standardised data best.
 
     Raises:
@@ -168,6 +169,11 @@ def compare(
         with suppress(SimulationError):  # there is another start
             start = problem.model(effects, values).start
             begun.append(standardised(problem, model, start, None, errors, progress, "rough"))
+    if not searched and min(found.cost for found in begun) > EXPLAINED * problem.fitted.sum():
+        progress("nothing explains the outlines yet; searching the whole parameter space")
+        base = base_fit(problem, effects, known, progress, followed=True)
+        begun.append(standardised(problem, model, base.free, None, errors, progress, "rough"))
+        rollouts += base.rollouts
     first = min(begun, key=lambda found: found.cost)
     rollouts += sum(found.rollouts for found in begun) - first.rollouts
     if np.any(np.abs(first.free - free) > BENT * first.deviation):

@@ -81,6 +81,24 @@ def test_the_fit_goes_on_from_the_start_that_explains_most(monkeypatch, small_th
     assert starts[3] == pytest.approx(fits[1].known["drag"])
 
 
+@pytest.mark.parametrize("explained", [True, False])
+def test_where_nothing_is_explained_the_whole_space_is_searched(monkeypatch, small_threads, explained):
+    falling.install(monkeypatch)
+    problem, starts, said = falling.Falling({"drag": DRAG}), [], list[str]()
+
+    def told(problem, model, free, *more, **options):
+        starts.append(model.physical(free)["drag"])
+        found = standardised(problem, model, free, *more, **options)
+        return replace(found, cost=found.cost + 1e6 * (not explained and len(starts) == 1))
+
+    monkeypatch.setattr(comparison, "standardised", told)
+    found = compare(problem, MODEL, {**problem.first_guess, "drag": 0.5}, (6, 1), False, said.append)
+    assert starts[0] == pytest.approx(0.5)
+    assert any("searching the whole parameter space" in line for line in said) != explained
+    assert explained or starts[1] == pytest.approx(DRAG, rel=0.2)
+    assert found.known["drag"] == pytest.approx(DRAG, rel=0.2)
+
+
 def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_threads):
     """What the model does not know of is in the last frames only: the drag ends there."""
     falling.install(monkeypatch)
