@@ -33,7 +33,6 @@ MANY_ARGUMENTS = {
     "phases/static_grid.py:StaticGridModule.__init__": CONFIGURED,
     "mpm/simulator.py:Simulator.__init__": "settings of the public engine, each given by its name",
     "mpm/kernels.py:passes": KERNEL,
-    "mpm/rollout.py:Engine.__init__": "settings of the engine, which the simulator has checked",
 }
 LIGHTNING = ("on_", "training_step", "configure_optimizers", "setup", "train_dataloader", "log_metrics", "forward")
 """What its callers, Lightning and torch, ask a class to override begins so."""

@@ -2,6 +2,8 @@
 
 from torch import Tensor
 
+SURFACE_ALPHA = (1e-4, 1e-1)
+
 
 def transmittance_entropy(transmittance: Tensor) -> Tensor:
     """Mean of -T ln T - (1 - T) ln(1 - T) [nat, scalar] over rays (R,): small when rays are either stopped or free."""
@@ -23,4 +25,4 @@ def surface_area(opacity: Tensor, dx: float) -> Tensor:
 
     Eq. 9 of the supplement prints dx^2 / 4; the default weights belong to dx^2 / 8.
     """
-    return opacity.clamp(1e-4, 1e-1).sum() * (dx**2 / 8)
+    return opacity.clamp(*SURFACE_ALPHA).sum() * (dx**2 / 8)

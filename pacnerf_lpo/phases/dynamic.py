@@ -61,7 +61,12 @@ class DynamicPhase(AbstractPhase):
                     f"physics.effects: {type(effect).__name__} concerns view {effect.view}, which is no training view; "
                     f"set its view to one of {used}, or add it to data.train_views"
                 )
+        self.check_settings()
         self.physics.halvings = 0
+
+    def check_settings(self) -> None:
+        """Raise UserInputError where the video or the model does not suit the settings of the phase."""
+        return
 
     def import_state(self, state: ParticleState | None) -> None:
         """Keep the state and prepare the comparison with the video; then :meth:`begin`."""
@@ -122,22 +127,28 @@ class DynamicPhase(AbstractPhase):
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep how often the time step was halved, and what the phase has reached."""
         checkpoint["step_halvings"] = self.physics.halvings
+        checkpoint["progress"] = self.progress()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the time step and the progress that were reached."""
         self.physics.halvings = checkpoint["step_halvings"]
+        self.take_up(checkpoint["progress"])
+
+    def progress(self) -> dict[str, Any]:
+        """What a checkpoint keeps in addition to weights and optimiser: plain data and tensors."""
+        return {}
+
+    def take_up(self, progress: dict[str, Any]) -> None:
+        """Go on with what :meth:`progress` gave."""
+        return
 
 
 class Correction(DynamicPhase):
     """A phase that corrects what the body is at frame 0 by the whole video, while physics and velocity stay."""
 
-    def __init__(
-        self, iterations: int, density_drives_mass: bool, silhouette_weight: float, warm_up: float, seed: int = 0
-    ):
-        super().__init__(iterations, silhouette_weight, seed)
-        if not 0 <= warm_up < 1:
-            raise UserInputError(f"phases.correction: warm_up = {warm_up:g} is a part of the iterations; give 0 to 0.9")
-        self.density_drives_mass, self.warm_up = density_drives_mass, warm_up
+    density_drives_mass: bool
 
     def work(self, particles: int) -> Work:
         return compared(len(self.data.video.times), 1, gradients=True) * self.steps
@@ -159,8 +170,11 @@ class Correction(DynamicPhase):
 
     @torch.no_grad()
     def _log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
-        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn; arguments as
-        of :meth:`ImageCost.loss`.
+        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
+
+        Args:
+            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
+            density, features: of the particles [(N,)], [(N, 12)]
         """
         test, body, errors = self.data.test, (density, features), []
         if not test or step % TEST_EVERY:

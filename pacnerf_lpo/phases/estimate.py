@@ -1,7 +1,7 @@
 """What a run will take, said before it starts: particles, memory and minutes, by the measured speed of this machine."""
 
 import resource
-import timeit
+import time
 from collections.abc import Callable, Sequence
 
 import torch
@@ -144,7 +144,9 @@ def _image(data: VideoData, static: StaticGridModule, spacing: float, volume: fl
 def _timed(once: Callable[[], object]) -> float:
     """Seconds of a second call: the first one compiles."""
     once()
-    return timeit.timeit(once, number=1)
+    began = time.perf_counter()
+    once()
+    return time.perf_counter() - began
 
 
 def _duration(seconds: float) -> str:

@@ -9,7 +9,7 @@ from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.particles.inverse import grid_of_particles
 from pacnerf_lpo.particles.sampling import RELATIVE_ALPHA, interpolate, sample_particles
 from pacnerf_lpo.phases.dynamic import Correction
-from pacnerf_lpo.phases.schedules import rising_adam
+from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.scene.activation import alpha
 from pacnerf_lpo.scene.voxel_field import OBJECT_ALPHA
 from pacnerf_lpo.types import FieldGrid, ParticleState
@@ -44,8 +44,10 @@ class GridOptimizationModule(Correction):
         warm_up: float = 0.0,
         seed: int = 0,
     ):
-        super().__init__(iterations, density_drives_mass, silhouette_weight, warm_up, seed)
-        self.feature_rate, self.relative_alpha = feature_rate, relative_alpha
+        super().__init__(iterations, silhouette_weight, seed)
+        self.warm_up = check_warm_up(warm_up)
+        self.density_drives_mass, self.feature_rate = density_drives_mass, feature_rate
+        self.relative_alpha = relative_alpha
 
     def begin(self) -> None:
         grid = grid_of_particles(self.state.positions, self.state.density, self.state.features, self.state.spacing)
@@ -57,6 +59,7 @@ class GridOptimizationModule(Correction):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
+        """Cost over all frames of freshly sampled particles, one random training view for each frame."""
         particles = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
         self.log("correction/particles", float(len(particles[0])))
         return self.loss(step, self.state.velocity.mean(0), *particles)
@@ -71,6 +74,7 @@ class GridOptimizationModule(Correction):
 
     @torch.no_grad()
     def export_state(self) -> ParticleState:
+        """The state with particles sampled from the trained grid."""
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed))
         velocity = self.state.velocity.mean(0).expand_as(positions).clone()
         found = {"positions": positions.cpu(), "density": density.cpu(), "features": features.cpu()}

@@ -11,8 +11,10 @@ from pacnerf_lpo.render.clocks import cameras_of
 from pacnerf_lpo.render.observation import Observer
 from pacnerf_lpo.types import ParticleState
 
+Images = frozenset[tuple[int, int]]
 
-def held_out_images(data: VideoData) -> frozenset[tuple[int, int]]:
+
+def held_out_images(data: VideoData) -> Images:
     """View and frame index of the held-out images: in every second frame that of one training view, in turn.
 
     Frame 0 is not among them, because the static phase has seen it in all training views.

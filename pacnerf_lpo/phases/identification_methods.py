@@ -148,6 +148,14 @@ class DampedLeastSquares(IdentificationMethod):
     def normal_equations(self, module: PhysicsIDModule) -> NormalEquations:
         """Of the cost at the current parameters, in the order of ``module.unknowns``."""
 
+    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
+        """Called before each iteration."""
+        return
+
+    def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Called after each iteration."""
+        return
+
     def optimiser(self, module: PhysicsIDModule) -> torch.optim.Optimizer:
         limits = torch.tensor(module.scales, dtype=torch.float64) * LONGEST_STEP
         return LevenbergMarquardt(module.unknowns, limits, lambda: self.trial_loss(module), module.bounds)
@@ -158,9 +166,12 @@ class DampedLeastSquares(IdentificationMethod):
 
     def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
         self.group = optimiser.param_groups[0]
+        self.begin_iteration(module, step)
         if step == module.warm_up_end:  # steps that failed on other frames say nothing of these
             self.group["damping"] = optimiser.defaults["damping"]
-        return optimiser.step(lambda: self.normal_equations(module)).loss
+        model = optimiser.step(lambda: self.normal_equations(module))
+        self.end_iteration(module)
+        return model.loss
 
     def converged(self, module: PhysicsIDModule, optimiser) -> bool:
         """The last step was short, or took away hardly anything: along a flat direction steps stay long."""
@@ -229,12 +240,11 @@ class GaussNewton(DampedLeastSquares):
             module.free[best].data.fill_(found[best][1])
             open_names.remove(best)
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration on the frames, the views and the blocks of pixels of this stage."""
+    def begin_iteration(self, module: PhysicsIDModule, step: int) -> None:
+        """Choose the frames, the views and the blocks of pixels of this stage."""
         module.image_cost.pool = self.coarse_pool if step < module.warm_up_end else self.pool
         self._frames = module.frames_at(step)
         self._views = module.fixed_views(self._frames, self.views_per_frame)
-        return super().iterate(module, optimiser, step)
 
     def prior_terms(self, module: PhysicsIDModule) -> tuple[float, Tensor, Tensor]:
         """What is added to the mean squared error of the pixels, its gradient and its Hessian."""

@@ -83,13 +83,11 @@ class LawChoice(DynamicPhase):
         optimiser: Any = self.optimizers()
         optimiser.step()
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        super().on_save_checkpoint(checkpoint)
-        checkpoint["progress"] = self.competition.found()
+    def progress(self) -> dict[str, Any]:
+        return self.competition.found()
 
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        super().on_load_checkpoint(checkpoint)
-        self.competition.restore(checkpoint["progress"])
+    def take_up(self, progress: dict[str, Any]) -> None:
+        self.competition.restore(progress)
 
     def export_state(self) -> ParticleState:
         """The imported state with the parameters of the chosen law; the velocity that images gave stays."""
@@ -112,5 +110,7 @@ def held_back(data: VideoData) -> Split:
     out; views that are no training views are not looked at.
     """
     views, frames = data.video.images.shape[:2]
-    fitted = np.isin(np.arange(views), np.setdiff1d(data.train, data.train[HELD_SHARE - 1 :: HELD_SHARE]))
+    train = np.asarray(data.train)
+    held = train[HELD_SHARE - 1 :: HELD_SHARE] if len(train) >= HELD_SHARE else train[:0]
+    fitted = np.isin(np.arange(views), np.setdiff1d(train, held))
     return Split(fitted, np.arange(frames) < frames - min(2, frames // (2 * HELD_SHARE)))

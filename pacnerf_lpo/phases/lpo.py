@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.phases.dynamic import Correction
 from pacnerf_lpo.phases.identification_methods import finite_loss
-from pacnerf_lpo.phases.schedules import rising_adam
+from pacnerf_lpo.phases.schedules import check_warm_up, rising_adam
 from pacnerf_lpo.types import ParticleState
 
 PARTICLES = ("positions", "density", "features")
@@ -47,14 +47,16 @@ class LPOModule(Correction):
         silhouette_weight: float = 0.0,
         warm_up: float = 0.0,
     ):
-        super().__init__(iterations, density_drives_mass, silhouette_weight, warm_up)
+        super().__init__(iterations, silhouette_weight)
         if not (positions or features):
             raise UserInputError(
                 "phases.correction: positions and features are both false, so nothing would be corrected; "
                 "set one of them, or set the whole phase to null (+None)"
             )
         self.corrects_positions, self.corrects_features = positions, features
+        self.density_drives_mass = density_drives_mass
         self.position_rate, self.feature_rate = position_rate, feature_rate
+        self.warm_up = check_warm_up(warm_up)
 
     def begin(self) -> None:
         self.positions = nn.Parameter(self.state.positions.clone(), requires_grad=self.corrects_positions)
@@ -65,6 +67,7 @@ class LPOModule(Correction):
         self.register_buffer("best_loss", torch.tensor(math.inf))
 
     def configure_optimizers(self) -> Any:
+        """Adam with one group for positions and one for density and features."""
         groups = []
         if self.corrects_positions:
             groups.append({"params": [self.positions], "lr": self.position_rate * self.state.base_spacing})
@@ -73,6 +76,7 @@ class LPOModule(Correction):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
+        """Cost over all frames, one random training view for each."""
         loss = self.loss(step, self.state.velocity, self.positions, self.density, self.features)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())
@@ -88,6 +92,7 @@ class LPOModule(Correction):
 
     @torch.no_grad()
     def export_state(self) -> ParticleState:
+        """The state with the last particles, or the remembered ones where these fit better."""
         last, best = ({name: getattr(self, prefix + name) for name in PARTICLES} for prefix in ("", "best_"))
         cost = lambda particles: self.loss(self.steps, self.state.velocity, **particles).item()  # noqa: E731
         chosen = min(last, best, key=lambda particles: finite_loss(lambda: cost(particles)))

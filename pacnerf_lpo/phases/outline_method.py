@@ -191,11 +191,10 @@ class OutlineGaussNewton(DampedLeastSquares):
             self._kept = OutlineCost(module, self.particles, self.coarse_particles)
         return self._kept
 
-    def iterate(self, module: PhysicsIDModule, optimiser, step: int) -> float:
-        """One iteration, and back into the bounds."""
-        loss, outline_cost = super().iterate(module, optimiser, step), self._outline_cost(module)
+    def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Back into the bounds."""
+        outline_cost = self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
-        return loss
 
     def trial_loss(self, module: PhysicsIDModule) -> float:
         outline_cost = self._outline_cost(module)

@@ -28,15 +28,14 @@ class PhysicsIDModule(DynamicPhase):
     def __init__(
         self, hit_frame: int, method: IdentificationMethod, warm_up_frames: int = 3, silhouette_weight: float = 0.0
     ):
-        super().__init__(method.warm_up_iterations + method.main_iterations, silhouette_weight)
+        super().__init__(method.iterations, silhouette_weight)
         self.automatic_optimization = False
         self.hit_frame, self.warm_up_frames = hit_frame, warm_up_frames
         self.method = self._configured = method
         self.register_buffer("warm_up_end", torch.tensor(method.warm_up_iterations))
 
-    def check(self) -> None:
+    def check_settings(self) -> None:
         """The video must show the contact, and something must be left to identify."""
-        super().check()
         video = self.data.video
         if not 1 <= self.hit_frame < len(video.times):
             raise UserInputError(
@@ -69,6 +68,7 @@ class PhysicsIDModule(DynamicPhase):
 
     @property
     def frame_count(self) -> int:
+        """Frames of the video."""
         return len(self.data.video.times)
 
     @property
@@ -94,9 +94,11 @@ class PhysicsIDModule(DynamicPhase):
 
     @property
     def warm_up_length(self) -> int:
+        """Frames that the warm-up looks at."""
         return min(self.hit_frame + self.warm_up_frames, self.frame_count)
 
     def frames_at(self, step: int) -> int:
+        """How many frames the iteration looks at."""
         return self.warm_up_length if step < self.warm_up_end else self.frame_count
 
     def values(self) -> dict[str, Tensor]:
@@ -175,13 +177,10 @@ class PhysicsIDModule(DynamicPhase):
             "visited": self._visited,
         }
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        super().on_save_checkpoint(checkpoint)
-        checkpoint["progress"] = self.course()
+    def progress(self) -> dict[str, Any]:
+        return self.course()
 
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        super().on_load_checkpoint(checkpoint)
-        progress = checkpoint["progress"]
+    def take_up(self, progress: dict[str, Any]) -> None:
         self._searched, self._costs, self._visited = progress["searched"], progress["costs"], progress["visited"]
 
     def progress_metrics(self) -> dict[str, str]:

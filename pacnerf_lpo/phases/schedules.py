@@ -110,3 +110,10 @@ def rising_adam(groups: list[dict[str, Any]], steps: int, warm_up: float) -> Any
         return adam
     rising = LinearLR(adam, 1 / (rise + 1), total_iters=rise)
     return {"optimizer": adam, "lr_scheduler": {"scheduler": rising, "interval": "step"}}
+
+
+def check_warm_up(warm_up: float) -> float:
+    """The part itself; raises UserInputError unless it is at least 0 and below 1."""
+    if not 0 <= warm_up < 1:
+        raise UserInputError(f"phases.correction: warm_up = {warm_up:g} is a part of the iterations; give 0 to 0.9")
+    return warm_up

@@ -9,7 +9,6 @@ from torch.nn.functional import mse_loss, normalize
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
-from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
@@ -116,6 +115,7 @@ class StaticGridModule(AbstractPhase):
         return Work(rays=self.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
+        """Adam with one rate for the grids and one for the colour network."""
         groups = [
             {"params": [self.field.density, self.field.features], "lr": self.grid_rate},
             {"params": list(self.colour.parameters()), "lr": self.network_rate},
@@ -156,6 +156,7 @@ class StaticGridModule(AbstractPhase):
         return loss
 
     def weights_at(self, step: int) -> dict[str, float]:
+        """Weight of every term of the loss at a step."""
         scalings = self.length.scalings(step)
         entropy = self.entropy_weight * self.entropy_schedule.factor(step, scalings)
         return {
@@ -196,8 +197,11 @@ class StaticGridModule(AbstractPhase):
 
     def _surface_offset(self, state: ParticleState) -> float:
         """Raw density above the visible surface's where the body is as large as in the training views' mattes."""
-        views, frames = self.data.video.images.shape[:2]
-        first = Split(np.isin(np.arange(views), self.data.train), np.arange(frames) == 0)
+        from pacnerf_lpo.identification.problem import StateProblem  # it looks at states of phases
+
+        video = self.data.video
+        views = np.isin(np.arange(len(video.images)), self.data.train)
+        first = Split(views, np.arange(len(video.times)) == 0)
         return StateProblem("", self.data, state, self.physics, first, bright=False).surface_offset
 
     def progress_metrics(self) -> dict[str, str]:

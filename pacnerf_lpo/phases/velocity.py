@@ -50,9 +50,8 @@ class VelocityModule(DynamicPhase):
         self._highest: float | None = None  # loss of a stable motion
         self.last_step = 0.0
 
-    def check(self) -> None:
+    def check_settings(self) -> None:
         """The video must contain the frames before contact."""
-        super().check()
         video = self.data.video
         if self.frames > len(video.times):
             raise UserInputError(
