@@ -49,6 +49,11 @@ class IdentificationMethod(ABC):
             )
         self.warm_up_iterations, self.main_iterations = warm_up_iterations, main_iterations
 
+    @property
+    def iterations(self) -> int:
+        """Iterations in all."""
+        return self.warm_up_iterations + self.main_iterations
+
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
         """The method to use for this state: itself, unless a method knows better."""
         return self
@@ -131,9 +136,18 @@ class PaperAdam(IdentificationMethod):
 
 
 class DampedLeastSquares(IdentificationMethod):
-    """Levenberg-Marquardt on any residuals, as :class:`GaussNewton` is on pixels; a stage ends when steps are small."""
+    """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together: the parameters are
+    few, so one more rollout for each gives the Jacobian of every residual.
 
-    searches: bool  # whether :meth:`prepare` looks at the whole parameter space
+    Args:
+        warm_up_iterations: at most, on the frames around contact.
+        main_iterations: at most, on all frames; either stage ends when its steps have become small.
+        scan_decades: how far parameters are searched before the first step, log10 ones so many decades to either side.
+        fits_velocity: refine the initial velocity too.
+    """
+
+    searches: bool
+    """Whether :meth:`prepare` looks at the whole parameter space."""
 
     def __init__(self, warm_up_iterations: int, main_iterations: int, scan_decades: float, fits_velocity: bool = True):
         super().__init__(warm_up_iterations, main_iterations)
