@@ -74,6 +74,7 @@ def read_pac_nerf(
         raise UserInputError(f"data.image_scale: {image_scale} is not in 0 < scale <= 1; 0.5 halves width and height")
     index = read_index(root)
     files = choose_files(index, views, frames, background)
+    checks.check_cameras(index, files.views, files.frames)
     times = checks.check_times(index, files.views, files.frames)
     offsets = checks.check_offsets(index, files.views, files.frames, times[1] - times[0] if len(times) > 1 else 1.0)
     height, width = checks.check_image_files(files.needed())
@@ -99,17 +100,14 @@ def read_pac_nerf(
     )
 
 
-def choose_files(
-    index: Index, views: Sequence[int] | None = None, frames: int | None = None, background: Background = "auto"
-) -> Files:
-    """The views, frames and kind of image asked for; UserInputError where they do not exist, or a camera moves."""
+def choose_files(index: Index, views: Sequence[int] | None, frames: int | None, background: Background) -> Files:
+    """The views, frames and kind of image that were asked for. Raises UserInputError where they do not exist."""
     folder = index.path.parent / "data"
     if not folder.is_dir() or not any(folder.glob("[mr]_*_*.png")):
         raise UserInputError(f"{folder}: no images there; put m_<camera>_<frame>.png or r_<camera>_<frame>.png in it")
     available = index.views()
     chosen = tuple(available) if views is None else checks.check_views("views", views, available)
     frame_ids = checks.check_frames(index, frames)
-    checks.check_cameras(index, chosen, frame_ids)
     matted = background == "matted" or (background == "auto" and any(folder.glob("m_*_*.png")))
     return Files(folder, chosen, frame_ids, matted)
 

@@ -118,7 +118,8 @@ def read_written_scene(folder: Path) -> WrittenScene:
         raise UserInputError(f"{path}: no valid YAML ({' '.join(str(error).split())}); mend that line") from None
     first = re.match(r"# Written by pacnerf-lpo init from (.*), layout (\S+)\.", text)
     index = read_index(folder if (folder / INDEX_NAME).exists() else Path(str(entry(str(path), config, "data.root"))))
-    files = choose_files(index)
+    files = choose_files(index, None, None, "auto")
+    checks.check_cameras(index, files.views, files.frames)
     notes = header(text)
     names = {int(number): name for number, name in re.findall(r"(\d+) ([^,;]+)", notes.get("cameras", ""))}
     views = []

@@ -5,6 +5,7 @@ same with ``transforms_train.json``, images ``m_`` on white and, transparent, ``
 from dataclasses import replace
 from pathlib import Path
 
+from pacnerf_lpo.data.checks import check_cameras
 from pacnerf_lpo.data.index import NAME, read_index
 from pacnerf_lpo.data.pac_nerf import choose_files
 from pacnerf_lpo.data.recordings.readers.layout import Layout, has
@@ -14,7 +15,8 @@ from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 def read(folder: Path) -> Recording:
     """Matted images where there are any, else raw ones with their plates; metres, y up, the ground at y = 0."""
     index = read_index(folder)
-    files = choose_files(index)
+    files = choose_files(index, None, None, "auto")
+    check_cameras(index, files.views, files.frames)
     cameras = []
     for view in files.views:
         shot, stamps = index.camera(view), [(frame, index.shots[view, frame]) for frame in files.frames]
