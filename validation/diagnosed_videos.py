@@ -1,6 +1,6 @@
 """Videos that were reconstructed and then diagnosed by ``pacnerf-lpo diagnose``, with their answer sheets:
 
-    python -m validation.diagnosed_videos runs/torus runs/cat runs/bird runs/demo_missing --videos ../shared/data
+    python -m validation.diagnosed_videos runs/torus runs/cat runs/bird --videos ../shared/data
 
 writes ``results/diagnosed_videos.json`` and the page made of it.
 """
@@ -25,8 +25,8 @@ HIDDEN = {
 """What the answer sheets call an effect: its class here, its coefficient here, and there."""
 WORDS = """
 Path-traced videos at 128 x 128 pixels from other simulators than this one, reconstructed from the video and then
-diagnosed. All effects compete, but in the demo (seven views) those of `demo_candidates`. **Development figures**: the
-method was built while these were looked at; blind scenes are in [hidden effects](hidden_effects.md).
+diagnosed. All effects compete. **Development figures**: the method was built while these were looked at; blind scenes
+are in [hidden effects](hidden_effects.md).
 
 *Interval*: the one of reports, 90 %, with what another solver may change. *Of our solver*: without that; a third to a
 tenth as wide. What the truth lies outside of is **bold**.
@@ -34,7 +34,7 @@ tenth as wide. What the truth lies outside of is **bold**.
 LIMITS = """
 Gravity and quadratic drag move the outlines in nearly the same way as linear drag, but leave more of the error. What
 is left beside the named effects passes the check in all of them. The size of one force, 2 % of the acceleration by
-contact, was chosen on the first three of these videos: it was what made them most likely
+contact, was chosen on these videos: it was what made them most likely
 ([the error of the solver](solver_error.md)), and errors of the shape are simulated at two resolutions, as these videos
 are far more probable so. Versions before took what the bird's solver dissipates for a viscosity (13 and 61 Pa s): that
 is an error of every model now, and an effect is taken back that its own model does not need.
