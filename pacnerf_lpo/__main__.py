@@ -52,7 +52,7 @@ def guarded(command: Callable[[], int]) -> int:
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (RunError, SimulationError, OSError) as error:  # a full disk, a folder that may not be written
+    except (RunError, SimulationError, OSError) as error:  # the last: a full disk, a folder that may not be written
         return _complain(error, 1)
     except (Interrupted, KeyboardInterrupt) as error:
         return _complain(error, INTERRUPTED)

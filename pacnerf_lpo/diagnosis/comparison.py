@@ -171,9 +171,10 @@ def compare(
             begun.append(standardised(problem, model, start, None, errors, progress, "rough"))
     if not searched and min(found.cost for found in begun) > EXPLAINED * problem.fitted.sum():
         progress("nothing explains the outlines yet; searching the whole parameter space")
-        base = base_fit(problem, effects, known, progress, followed=True)
-        begun.append(standardised(problem, model, base.free, None, errors, progress, "rough"))
-        rollouts += base.rollouts
+        with suppress(SimulationError):
+            base = base_fit(problem, effects, known, progress, followed=True)
+            begun.append(standardised(problem, model, base.free, None, errors, progress, "rough"))
+            rollouts += base.rollouts
     first = min(begun, key=lambda found: found.cost)
     rollouts += sum(found.rollouts for found in begun) - first.rollouts
     if np.any(np.abs(first.free - free) > BENT * first.deviation):

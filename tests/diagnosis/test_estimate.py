@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from pacnerf_lpo.diagnosis import comparison
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, estimate, intervals, standardised
 from pacnerf_lpo.diagnosis.posterior import of_equal_weights
+from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.mpm.effects import LinearDrag
 from tests.diagnosis import falling
 
@@ -97,6 +98,21 @@ def test_where_nothing_is_explained_the_whole_space_is_searched(monkeypatch, sma
     assert any("searching the whole parameter space" in line for line in said) != explained
     assert explained or starts[1] == pytest.approx(DRAG, rel=0.2)
     assert found.known["drag"] == pytest.approx(DRAG, rel=0.2)
+
+
+def test_a_search_that_ends_in_unstable_motions_takes_nothing_away(monkeypatch, small_threads):
+    falling.install(monkeypatch)
+    problem, said = falling.Falling({"drag": DRAG}), list[str]()
+    settings = problem, MODEL, {**problem.first_guess, "drag": 1.5}, (6, 1), False, said.append
+    expected = compare(*settings)
+
+    def unstable(*_, **__):
+        raise SimulationError(0, 0, "unstable from every start")
+
+    monkeypatch.setattr(comparison, "EXPLAINED", 0.0)
+    monkeypatch.setattr(comparison, "base_fit", unstable)
+    assert compare(*settings).known == expected.known
+    assert any("searching the whole parameter space" in line for line in said)
 
 
 def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_threads):
