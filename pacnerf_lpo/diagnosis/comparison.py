@@ -55,7 +55,7 @@ class Comparison:
     errors: what it may get wrong where nothing is missing.
     notes: sentences about estimates at a bound or far from what was expected.
     rollouts: simulations that it took.
-    whole: whether it is fitted to all data, those that are held out among them.
+    fitted: entries that it is fitted to [(R, F, 11), bool]
     dispersion: of the unknowns, in units of their variances: by how far they have moved then, at least 1.
     """
 
@@ -70,12 +70,8 @@ class Comparison:
     errors: ModelErrors
     notes: tuple[str, ...]
     rollouts: int
-    whole: bool = False
+    fitted: np.ndarray
     dispersion: float = 1.0
-
-    def mask(self, problem: Problem) -> np.ndarray:
-        """Entries that it is fitted to [(R, F, 11), bool]."""
-        return problem.usable if self.whole else problem.fitted
 
     @staticmethod
     def at(
@@ -84,12 +80,13 @@ class Comparison:
         prior: Prior,
         seen: tuple[np.ndarray, np.ndarray],
         errors: ModelErrors,
+        fitted: np.ndarray,
         cost: float = 0.0,
         notes: tuple[str, ...] = (),
         rollouts: int = 0,
     ) -> "Comparison":
         """A model at free coordinates [(K,)], with its residual and jacobian as ``seen``."""
-        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, errors, notes, rollouts)
+        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, errors, notes, rollouts, fitted)
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
@@ -103,7 +100,7 @@ class Comparison:
         """Factor on the standard deviation of each unknown, at least 1, by what left-out replicates, the residual and
         the data that were held out show [(K,)].
         """
-        mask = self.mask(problem)
+        mask = self.fitted
         found = spread_along(self.noise(problem, mask), self.residual[mask], self.changes(mask))
         return found * np.sqrt(self.dispersion)
 
@@ -113,7 +110,7 @@ class Comparison:
 
     def checks(self, problem: Problem) -> tuple[Check, Check]:
         """Whether the residual is what the model predicts: in the fitted entries, and in the held-out ones."""
-        fitted, usable = problem.fitted, problem.usable
+        fitted, usable = self.fitted, problem.usable
         whole = self.marginal(problem, usable)
         found = check_fitted(whole.among(fitted[usable]), self.residual[fitted])
         return found, check_held_out(whole, self.residual[usable], fitted[usable])
@@ -169,7 +166,7 @@ def compare(
         with suppress(SimulationError):  # there is another start
             start = problem.model(effects, values).start
             begun.append(standardised(problem, model, start, None, errors, progress, "rough"))
-    if not searched and min(found.cost for found in begun) > EXPLAINED * problem.fitted.sum():
+    if not searched and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
         progress("nothing explains the outlines yet; searching the whole parameter space")
         with suppress(SimulationError):
             base = base_fit(problem, effects, known, progress, followed=True)
@@ -185,7 +182,7 @@ def compare(
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)
-    errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation)
+    errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation, first.fitted)
     comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
     simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
     return replace(comparison, rollouts=comparison.rollouts + simulated)
@@ -204,15 +201,15 @@ def standardised(
     """A model fitted from free coordinates [(K,)], standardised by its errors; ``changes`` of the residual by the
     unknowns there [(R, F, 11, K)], where they are known; rough: another fit follows; whole: to all data.
     """
-    mask = problem.usable if how == "whole" else problem.fitted
+    mask = problem.usable if how == "whole" else problem.fitted_with(model.effects)
     objective = StandardisedObjective(problem, model, mask, errors.noise(problem, mask), prior)
     start = free if changes is None else Fit(free, objective(free), objective.derivative(changes), 1, objective)
     report = reporter(model, progress)
     effort = Effort(WHITENED_ITERATIONS, confirm=False) if how == "rough" else objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     doubts, cost = tuple(notes(model, best.free, *objective.prior)), best.cost_of(objective.rows)
-    found = Comparison.at(model, best.free, objective.prior, objective.seen(best), errors, cost, doubts, best.rollouts)
-    return replace(found, whole=how == "whole")
+    at = model, best.free, objective.prior, objective.seen(best), errors, mask
+    return Comparison.at(*at, cost, doubts, best.rollouts)
 
 
 def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress) -> Comparison:
@@ -224,7 +221,7 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
     at = comparison.free, comparison.jacobian, comparison.errors
     found = standardised(problem, model, *at, progress, "whole")
     noise, along = found.noise(problem, problem.usable), found.error_scales(problem)
-    fitted, changes = problem.fitted[problem.usable], found.changes(problem.usable) / along
+    fitted, changes = comparison.fitted[problem.usable], found.changes(problem.usable) / along
     shift = (found.free - comparison.free) / found.deviation
     moved = disagreement(shift, noise.among(fitted).whiten(changes[fitted]), noise.whiten(changes), CLOSE)
     return replace(found, dispersion=moved)
@@ -232,7 +229,7 @@ def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison
 
 def intervals(problem: Problem, effects: Sequence[Effect], comparison: Comparison) -> tuple[list[Interval], list[str]]:
     """90 % intervals of every unknown [SI], and what the recording does not determine, in words."""
-    mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
+    mask, model = comparison.fitted, problem.model(effects, comparison.known)
     noise, along = comparison.noise(problem, mask), comparison.error_scales(problem)
     rows = noise.whiten(comparison.changes(mask))
     return intervals_in_si(model, comparison.free, comparison.deviation, rows, along, noise)
@@ -272,7 +269,7 @@ def solver_errors(
         problem, effects, comparison: the fitted model.
         found: interval of each unknown [SI], from :func:`intervals`.
     """
-    mask, model = comparison.mask(problem), problem.model(effects, comparison.known)
+    mask, model = comparison.fitted, problem.model(effects, comparison.known)
     noise = comparison.errors.but_of_solver.noise(problem, mask)
     rows = noise.whiten(comparison.changes(mask))
     targets = noise.whiten(np.nan_to_num(comparison.errors.solver[mask]))

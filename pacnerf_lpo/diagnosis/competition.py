@@ -50,7 +50,7 @@ class Competition:
 
     def run(self) -> list[Refit]:
         """All refits, against the best optimum of the model without them that any of them has found."""
-        found, size = self.found, int(self.problem.fitted.sum())
+        found, size = self.found, int(self.found.comparison.fitted.sum())
         gone = [*found.left_out, *found.unconfirmed]
         by_name = {candidate.name: candidate for candidate in found.candidates if candidate.name not in gone}
         tried: list[str] = []

@@ -426,12 +426,12 @@ def better_model(problem: Problem, rounds: Sequence[Round]) -> tuple[int, dict[s
     """The first round whose model is decisively better near an optimum that the last round found for its own, and the
     values there [SI]: every model of an earlier round is contained in that one. None where the last round found none.
     """
-    known, mask = rounds[-1].better, problem.fitted
+    known = rounds[-1].better
     if known is None:
         return None
     for place, earlier in enumerate(rounds[:-1]):
         comparison = earlier.comparison
-        better = better_null(problem, earlier.effects, comparison, known, comparison.cost, mask).known
+        better = better_null(problem, earlier.effects, comparison, known, comparison.cost, comparison.fitted).known
         if better is not None:
             return place, better
     return len(rounds) - 1, known

@@ -35,7 +35,7 @@ def profile(
         raise UserInputError(
             f"diagnose: --profile {name}: the last model has no such unknown; it has {', '.join(comparison.names)}"
         )
-    mask, index = comparison.mask(problem), comparison.names.index(name)
+    mask, index = comparison.fitted, comparison.names.index(name)
     model, noise = problem.model(effects, comparison.known), comparison.noise(problem, mask)
     objective = StandardisedObjective(problem, model, mask, noise, (comparison.mean, comparison.deviation))
     others = np.flatnonzero(np.arange(len(comparison.names)) != index)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pacnerf_lpo.diagnosis.catalogue import Candidate, name_of
 from pacnerf_lpo.diagnosis.comparison import BENT, Comparison, intervals_in_si, reporter, standardised
-from pacnerf_lpo.diagnosis.screening import Screening, fitted_by
+from pacnerf_lpo.diagnosis.screening import Screening
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.base_fit import base_fit, notes
 from pacnerf_lpo.identification.forward_model import Model
@@ -182,7 +182,7 @@ class _Fits:
         self.name, self.spreads, self.effects = candidate.name, candidate.spreads, [*effects, candidate.effect]
         self.one_sided = candidate.effect.one_sided and not candidate.discrete
         outside = candidate.name in screening.outside
-        self.mask = fitted_by(problem, outside)
+        self.mask = problem.of_all_cameras if outside else comparison.fitted
         self.whole = comparison.noise(problem, problem.usable)
         self.noise = self.whole.among(self.mask[problem.usable])
         self.without = _cost_without(problem, comparison, self.mask) if outside else comparison.cost

@@ -55,7 +55,7 @@ def newest_is_needed(problem: Problem, before: Round, found: Round) -> tuple[boo
 
 def _by_a_line(problem: Problem, found: Round, screening: Screening) -> float:
     """Log Bayes factor of the newest effect of a model by the slopes at its fit; 0 where no line leads to the null."""
-    effect, comparison, mask = found.effects[-1], found.comparison, problem.fitted
+    effect, comparison, mask = found.effects[-1], found.comparison, found.comparison.fitted
     if effect.discrete:
         return 0.0
     unknowns = problem.model(found.effects, comparison.known).unknowns

@@ -43,7 +43,7 @@ def residual_force(
         problem, effects, comparison: the run, its fitted model and its effects.
         deviation: prior standard deviation of every coefficient [m/s^2]
     """
-    mask, parts = problem.fitted, problem.parts(effects, comparison.known)
+    mask, parts = comparison.fitted, problem.parts(effects, comparison.known)
     noise = comparison.marginal(problem, mask)
     left = noise.whiten_residual(comparison.residual[mask])
     design = noise.whiten(comparison.errors.force[mask]) * deviation

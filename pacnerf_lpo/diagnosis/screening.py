@@ -98,16 +98,10 @@ def probe(
     progress: Progress,
 ) -> Probes:
     """Try every candidate at the fitted model, see :func:`probed`."""
-    held = {problem.video.view_ids[view] for view in np.flatnonzero(~problem.split.views)}
-    outside = [candidate.name for candidate in candidates if candidate.observes and candidate.view in held]
+    outside = [candidate.name for candidate in candidates if problem.of_held_camera(candidate.effect)]
     null, free = problem.model(effects, comparison.known), comparison.free
     found, simulated = probed(problem, effects, null, free, candidates, problem.usable, progress)
     return Probes(found, outside, simulated)
-
-
-def fitted_by(problem: Problem, outside: bool) -> np.ndarray:
-    """Entries that a hypothesis is fitted to [(R, F, 11), bool]; a fault of a held-out camera needs what that saw."""
-    return problem.usable & problem.split.frames[..., None] if outside else problem.fitted
 
 
 def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening:
@@ -119,7 +113,7 @@ def judge(problem: Problem, comparison: Comparison, probes: Probes) -> Screening
     noise, residual = comparison.marginal(problem, mask), np.nan_to_num(comparison.residual[mask])
     parts = {}
     for held in {one.name in probes.outside for one in hypotheses}:
-        entries = fitted_by(problem, held)
+        entries = problem.of_all_cameras if held else comparison.fitted
         parts[held] = Fitted(entries[mask], noise.among(entries[mask]))
     fitted = [parts[one.name in probes.outside] for one in hypotheses]
     calibration = calibrate(noise, hypotheses, fitted, LEVEL, dispersion_of(noise, residual))

@@ -94,7 +94,8 @@ def _as_round(stepper: Stepper, noise: Noise, step: Step, progress: Progress) ->
     model = problem.model(effects, step.values)
     residual = problem.residual(found.predicted)
     seen = residual, np.zeros((*residual.shape, len(model.names)))
-    stands = Comparison.at(model, model.start, priors(problem, model), seen, errors, notes=step.notes)
+    at = model, model.start, priors(problem, model), seen, errors, problem.fitted_with(effects)
+    stands = Comparison.at(*at, notes=step.notes)
     comparison = replace(stands, known=dict(step.values))
     parts = problem.parts(effects, step.values)
     phases = [phases_of(part, path) for part, path in zip(parts, found.paths, strict=True)]

@@ -12,7 +12,6 @@ from pacnerf_lpo.explore.stepping import Stepper
 from pacnerf_lpo.identification.base_fit import at_probes, notes
 from pacnerf_lpo.identification.least_squares import Effort, Fit
 from pacnerf_lpo.identification.least_squares import fit as descend
-from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Held, StandardisedObjective
 from pacnerf_lpo.inference.intervals import spread_along
@@ -45,9 +44,9 @@ def fit(stepper: Stepper, noise: Noise, names: list[str], progress: Progress) ->
     """
     problem, step = stepper.problem, stepper.history.current
     effects = stepper.catalogue.chosen(step.effects)
-    learnt = noise.of(step, progress).comparison.noise(problem, problem.fitted)
-    model = problem.model(effects, step.values)
-    objective = StandardisedObjective(problem, model, problem.fitted, learnt)
+    model, mask = problem.model(effects, step.values), problem.fitted_with(effects)
+    learnt = noise.of(step, progress).comparison.noise(problem, mask)
+    objective = StandardisedObjective(problem, model, mask, learnt)
     places = [model.names.index(name) for name in names]
     bounds = model.bounds[0][places], model.bounds[1][places]
     held, tell, title = Held(objective, model.start, places), reporter(model, progress), f"fit of {', '.join(names)}"
@@ -79,16 +78,16 @@ def fit(stepper: Stepper, noise: Noise, names: list[str], progress: Progress) ->
     if not fits:
         raise unstable[-1]
     best = min(fits, key=lambda one: one.cost_of(objective.rows))
-    ends, whole = _intervals(problem, objective, best, places), held.all(best.free)
+    ends, whole = _intervals(objective, mask, best, places), held.all(best.free)
     return taken(whole, title, ends, notes(model, whole, *objective.prior))
 
 
 def _intervals(
-    problem: Problem, objective: StandardisedObjective, best: Fit, places: Sequence[int]
+    objective: StandardisedObjective, fitted: np.ndarray, best: Fit, places: Sequence[int]
 ) -> dict[str, tuple[float, float]]:
     """90 % intervals of what was identified [SI], all else held; none of what the data do not determine."""
     assert best.jacobian is not None
-    own, fitted = objective.deviation[list(places)], problem.fitted
+    own = objective.deviation[list(places)]
     residual, jacobian = objective.seen(best)
     along = spread_along(objective.noise, residual[fitted], np.nan_to_num(jacobian[fitted]) * own)
     standardised = best.jacobian[: int(fitted.sum())] * own

@@ -99,7 +99,7 @@ class Noise:
         errors = ModelErrors.learn(problem, effects, model, free, (REPLICATES, SEED), told)
         residual = problem.residual(model.predict(free))
         seen = residual, np.zeros((*residual.shape, 0))
-        return Comparison.at(model, free, priors(problem, model), seen, errors)
+        return Comparison.at(model, free, priors(problem, model), seen, errors, problem.fitted_with(effects))
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""

@@ -115,17 +115,17 @@ class ModelErrors:
         """Of the residual in the entries of a mask [(R, F, 11), bool], with all that may be wrong."""
         return noise_of(problem, self.replicates, self.sensor, mask, self.known[mask])
 
-    def sized(self, problem: Problem, residual: np.ndarray, changes: np.ndarray) -> ModelErrors:
-        """The same with errors of the shape, where there are any, as large as the fitted entries show them.
+    def sized(self, problem: Problem, residual: np.ndarray, changes: np.ndarray, mask: np.ndarray) -> ModelErrors:
+        """The same with errors of the shape, where there are any, as large as some entries show them.
 
         Args:
             problem: the run.
             residual: where all unknowns have the means of their priors [(R, F, 11)]
             changes: of it by one prior standard deviation of each unknown [(R, F, 11, K)]
+            mask: entries that are fitted [(R, F, 11), bool]
         """
         if not self.shape.shape[-1]:
             return self
-        mask = problem.fitted
         noise = replace(self, size=0.0).noise(problem, mask).with_directions(np.nan_to_num(changes[mask]))
         shape, force = np.nan_to_num(self.shape[mask]), np.nan_to_num(self.force[mask])
         usual = [size for size in SHAPES if size <= 1]

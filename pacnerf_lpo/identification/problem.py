@@ -241,6 +241,22 @@ class Problem(ABC):
         """Entries that are fitted [(V, F, 11), bool]."""
         return self.usable & self.split.fitted[..., None]
 
+    @property
+    def of_all_cameras(self) -> np.ndarray:
+        """Entries of the fitted frames, those of held-out cameras among them [(V, F, 11), bool]."""
+        return self.usable & self.split.frames[..., None]
+
+    def of_held_camera(self, effect: Effect) -> bool:
+        """Whether an effect is a fault of one camera that is held out."""
+        held = np.array(self.video.view_ids)[~self.split.views]
+        return getattr(effect, "view", None) in held.tolist()
+
+    def fitted_with(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Entries that a model with some effects is fitted to [(V, F, 11), bool]: a fault of a held-out camera needs
+        what that saw, so all cameras are fitted then, and the last frames alone are held out.
+        """
+        return self.of_all_cameras if any(map(self.of_held_camera, effects)) else self.fitted
+
     def layout(self, mask: np.ndarray) -> Layout:
         """Names of the entries of a mask [(V, F, 11), bool]."""
         row, frame, kind = np.nonzero(mask)

@@ -86,6 +86,7 @@ def comparison(names: tuple[str, ...] = ("E", "v_x")) -> Comparison:
         ),
         (),
         123,
+        np.ones(SHAPE, bool),
     )
 
 

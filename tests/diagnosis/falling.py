@@ -30,6 +30,7 @@ from pacnerf_lpo.mpm.effects import GroundFriction, LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.mpm.materials import NeoHookean
 from pacnerf_lpo.mpm.physics import Physics
+from pacnerf_lpo.render.camera_faults import CameraShift
 from pacnerf_lpo.types import Video
 
 VIEWS, FRAMES, SIZE, SPACING, RADIUS = 4, 9, 64, 0.1, 0.18
@@ -40,7 +41,10 @@ TRUTH = {"E": 6e4, "nu": 0.3, "ground_height": 0.0, "v_x": 0.4, "v_y": -1.0, "v_
 GUESS = {**TRUTH, "E": 9e4, "v_x": 0.3, "v_y": -1.1, "v_z": 0.3}
 CENTRE = np.array([0.0, 0.75, 0.0])
 CANDIDATES = "- class_path: LinearDrag\n- class_path: UniformForce\n- class_path: GroundFriction\n"
-EFFECTS: dict[str, Effect] = {name_of(effect): effect for effect in (LinearDrag(), UniformForce(), GroundFriction())}
+HELD = 2
+"""The camera that is held out."""
+MADE = LinearDrag(), UniformForce(), GroundFriction(), CameraShift(view=HELD)
+EFFECTS: dict[str, Effect] = {name_of(effect): effect for effect in MADE}
 
 
 def candidate(name: str) -> Candidate:
@@ -67,7 +71,7 @@ class Falling(BodyProblem):
             tuple(range(VIEWS)),
             tuple(range(FRAMES)),
         )
-        split = Split(np.arange(VIEWS) != 2, np.arange(FRAMES) < FRAMES - 2)
+        split = Split(np.arange(VIEWS) != HELD, np.arange(FRAMES) < FRAMES - 2)
         physics = Physics(NeoHookean(E=9e4, nu=0.3), substep_rate=960.0, fit_ground_height=True)
         blank = np.ones((VIEWS, FRAMES, 11))
         super().__init__("falling", video, split, physics, SPACING, blank, independent(blank))

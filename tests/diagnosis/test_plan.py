@@ -52,7 +52,7 @@ def undecided(problem: KnownShape, small_threads: None) -> SimpleNamespace:
     errors = ModelErrors(noise, problem.sensor, *[nothing] * 4, np.zeros(1), nothing[..., 0])
     comparison = Comparison(
         model.names, model.start, problem.first_guess, mean, deviation, 100.0, problem.residual(problem.measured),
-        jacobian, errors, (), 1,
+        jacobian, errors, (), 1, problem.fitted,
     )  # fmt: skip
     candidates = {"LinearDrag": LinearDrag(), "GravityMagnitude": GravityMagnitude()}
     fitted = {"LinearDrag": {"drag": 1.0}, "GravityMagnitude": {"extra_gravity": -1.0}}

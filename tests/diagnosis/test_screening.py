@@ -9,12 +9,11 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2, f
 
-from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison, compare, intervals, solver_errors
 from pacnerf_lpo.diagnosis.refitting import refit
 from pacnerf_lpo.diagnosis.removal import without_each
 from pacnerf_lpo.diagnosis.rounds import Round
-from pacnerf_lpo.diagnosis.screening import EFFICIENCY, FORCE, Usual, fitted_by, usual_faults
+from pacnerf_lpo.diagnosis.screening import EFFICIENCY, FORCE, Usual, usual_faults
 from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.forward_model import Model
 from pacnerf_lpo.inference.decision import LEVEL
@@ -23,7 +22,6 @@ from pacnerf_lpo.inference.layout import Layout
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects import LinearDrag, UniformForce
 from pacnerf_lpo.mpm.effects.base import Effect
-from pacnerf_lpo.render.camera_faults import CameraShift
 from tests.diagnosis import falling
 from tests.diagnosis.examples import screened
 
@@ -31,7 +29,7 @@ pytestmark = pytest.mark.slow
 
 DRAG = 2.0
 BOTH = [falling.candidate(name) for name in ("LinearDrag", "UniformForce")]
-HELD = Candidate("CameraShift@2", CameraShift(view=2))
+HELD = falling.candidate("CameraShift@2")
 
 
 def compared(problem: falling.Falling, effects: tuple[Effect, ...] = ()) -> Comparison:
@@ -95,9 +93,20 @@ def test_the_hidden_effect_is_ranked_first_with_its_size(fitted, small_threads):
     assert np.diag(found.correlations) == pytest.approx(1.0)
     # a fault of the held-out camera competes with all others, and is fitted to what that camera saw
     assert found.outside == ["CameraShift@2"]
-    assert fitted_by(problem, True)[2].any() and not fitted_by(problem, False)[2].any()
+    assert problem.of_all_cameras[2].any() and not comparison.fitted[2].any()
+    assert (problem.fitted_with([HELD.effect]) == problem.of_all_cameras).all()
+    assert (problem.fitted_with([BOTH[0].effect]) == problem.fitted).all()
     shift = found.score("CameraShift@2")
     assert shift is not None and found.p_value(shift.log_bayes_factor) > LEVEL
+
+
+def test_a_model_with_a_fault_of_the_held_out_camera_is_fitted_to_what_that_saw(stable, small_threads):
+    """Else nothing would tell its size: it would drift, and be taken back as superfluous."""
+    shift = {"shift_x_view2": 0.06, "shift_y_view2": -0.04}
+    problem = falling.Falling(shift)
+    found = compared(problem, (HELD.effect,))
+    assert {name: found.known[name] for name in shift} == pytest.approx(shift, abs=0.01)
+    assert (found.fitted == problem.of_all_cameras).all()
 
 
 def test_an_unstable_probe_is_left_out_and_so_is_a_candidate_without_any(fitted, monkeypatch, small_threads):
