@@ -135,13 +135,15 @@ def compare(
     searched: bool,
     progress: Progress,
     others: Sequence[dict[str, float]] = (),
+    earlier: ModelErrors | None = None,
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
     once more with errors of the shape as large as the recording shows them there, and with what the solver may get
     wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion. If
-    the standardised fit moves far from where errors were simulated, they are simulated again.
+    the standardised fit moves far from where errors were simulated, they are simulated again. Where errors are known of
+    an earlier model, the first fit has noise of its own motion beside them, and the others are simulated where it ends.
 
     Args:
         problem: the run.
@@ -151,6 +153,7 @@ def compare(
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``, and it is
             searched where the best fit leaves far more than the errors of the model.
         others: values to start from, too; the fit goes on from whichever start explains the standardised data best.
+        earlier: errors of a model with fewer effects; None: there is none.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -160,7 +163,11 @@ def compare(
     if searched:
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
-    errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
+    if earlier is None:
+        errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
+    else:
+        errors = earlier.noise_at(problem, model, free, settings, progress)
+    rollouts += errors.of_noise + (errors.of_changes if earlier is None else 0)
     begun = [standardised(problem, model, free, None, errors, progress, "rough")]
     for values in others:
         with suppress(SimulationError):  # there is another start
@@ -173,19 +180,22 @@ def compare(
             begun.append(standardised(problem, model, base.free, None, errors, progress, "rough"))
             rollouts += base.rollouts
     first = min(begun, key=lambda found: found.cost)
-    rollouts += sum(found.rollouts for found in begun) - first.rollouts
-    if np.any(np.abs(first.free - free) > BENT * first.deviation):
+    rollouts += sum(found.rollouts for found in begun)
+    moved = bool(np.any(np.abs(first.free - free) > BENT * first.deviation))
+    if moved:
         progress("the fit has moved far; errors are learnt again where it is")
-        rollouts += errors.simulations + first.rollouts
-        errors = ModelErrors.learn(problem, effects, model, first.free, settings, progress)
+        errors = errors.noise_at(problem, model, first.free, settings, progress)
+        rollouts += errors.of_noise
+    if moved or earlier is not None:
+        errors = errors.changes_at(problem, effects, model, first.free, progress)
         first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
+        rollouts += errors.of_changes + first.rollouts
     progress("errors of resolution and dissipation there")
     away = first.jacobian @ (first.free - first.mean)
     errors = errors.solver_at(problem, model, first.free)
     errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation, first.fitted)
     comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
-    simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
-    return replace(comparison, rollouts=comparison.rollouts + simulated)
+    return replace(comparison, rollouts=comparison.rollouts + errors.solver.shape[-1] + rollouts)
 
 
 def standardised(
