@@ -30,6 +30,16 @@ COMMANDS = {
 }
 # their function run reads the command line itself; the arguments of the other commands are those of their run
 READING = ("fit", "configs")
+LISTED = "\n".join(f"  {name:<12}{what}" for name, (what, _) in COMMANDS.items())
+HELP = f"""usage: pacnerf-lpo COMMAND ...
+
+commands:
+{LISTED}
+
+example:
+  pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo
+
+pacnerf-lpo COMMAND --help says more."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -60,7 +70,7 @@ def guarded(command: Callable[[], int]) -> int:
 
 def _dispatch(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
-        print(_help())
+        print(HELP)
         return 0 if words else 2
     if words[0] == "--version":
         print(__version__)
@@ -82,20 +92,6 @@ def _dispatch(words: list[str]) -> int:
         if words[0] not in READING:
             return call(module.run, f"pacnerf-lpo {words[0]}", words[1:])
         return module.run(words[1:])
-
-
-def _help() -> str:
-    commands = "\n".join(f"  {name:<12}{what}" for name, (what, _) in COMMANDS.items())
-    example = "pacnerf-lpo fit --config fit --config demo --outer_loop.run_dir runs/demo"
-    return f"""usage: pacnerf-lpo COMMAND ...
-
-commands:
-{commands}
-
-example:
-  {example}
-
-pacnerf-lpo COMMAND --help says more."""
 
 
 def _complain(error: BaseException, status: int) -> int:

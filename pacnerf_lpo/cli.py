@@ -75,7 +75,6 @@ class PhaseCLI(LightningCLI):
         )
 
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
-        """Declare the sections of the configuration."""
         said = {name: text.replace("%", "%%") for name, text in OPTIONS.items()}
         parser.add_argument("--resume", metavar="RUN_DIR", help=said["resume"])
         parser.add_argument("--preset", type=str | None, help=said["preset"])
@@ -100,7 +99,6 @@ class PhaseCLI(LightningCLI):
         self.remarks = scene_changes(files)
 
     def instantiate_classes(self) -> None:
-        """Make the data, the physical model, one template of each phase, and the outer loop."""
         made = self._instantiate()
         self.datamodule, self.outer_loop, self.trainer_config = made.data, made.outer_loop, vars(made.trainer)
 
@@ -181,9 +179,7 @@ class PhaseCLI(LightningCLI):
         return loop.run_dir
 
     def _check_phases(self) -> None:
-        """Each phase checks that video, model and its own settings agree, before long work: with some of the laws,
-        where several compete.
-        """
+        """Each phase checks early that video, settings and model agree, with one of the laws where several compete."""
         models = [self.physics] if self.physics.decided else self.physics.candidates
         for phase in self.phases.values():
             errors: list[UserInputError] = []
@@ -228,12 +224,12 @@ class PhaseCLI(LightningCLI):
 
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop
-        loop.begin(step)
+        steps_before = sum(record.steps for record in loop.manifest.done)
+        checkpoint = loop.begin(step)
         doing(f"preparing {step.role}")
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
         module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
-        checkpoint = loop.checkpoint(step)
         options = copy.deepcopy(self.trainer_config)
         options["callbacks"] = [
             loop,
@@ -241,7 +237,7 @@ class PhaseCLI(LightningCLI):
             PhaseCheckpoint(checkpoint, loop.checkpoint_seconds, stop),
             *(options["callbacks"] or []),
         ]
-        logger = PhaseLogger(loop.run_dir, step.role, loop.first_step())
+        logger = PhaseLogger(loop.run_dir, step.role, steps_before)
         if isinstance(module, DynamicPhase):  # few numbers; what takes time is simulated and rendered on the device
             options["accelerator"], options["devices"] = "cpu", 1
         trainer = pl.Trainer(**options, logger=logger, max_epochs=1, enable_model_summary=False)
@@ -310,11 +306,9 @@ def fit(
     finish: Callable[[Path, str | None], None],
     goes_on: bool = False,
 ) -> int:
-    """The command ``fit``; returns its exit status. Arguments as of :class:`PhaseCLI` and :meth:`PhaseCLI.run`, and:
-
-    Args:
-        finish: called with the run directory and the truth to compare with, once all phases are done.
-        goes_on: a run of these settings that is there already goes on, as with ``--resume``.
+    """The command ``fit``; returns its exit status. Arguments as of :class:`PhaseCLI` and :meth:`PhaseCLI.run`. Once
+    all phases are done, ``finish`` is called with the run directory and the truth to compare with. With
+    ``goes_on``, a run of these settings that is there already goes on, as with ``--resume``.
     """
     quieten_lightning()
     phases = PhaseCLI(_expand_resume(args), datamodule_class, physics_class)

@@ -15,12 +15,8 @@ def tagged(phase: str, name: str) -> str:
 
 
 class PhaseEvents(SummaryWriter):
-    """Adds to the events of a phase, or of the diagnosis, of a finished run; use it in ``with``.
-
-    Args:
-        run_dir: events go to its folder ``tensorboard``.
-        phase: put before every tag.
-        first_step: optimiser steps of all phases before this one.
+    """Adds to the events of a phase, or of the diagnosis, of a finished run; use it in ``with``. The steps of a phase
+    are counted from ``first_step``, the optimiser steps of all phases before it.
     """
 
     def __init__(self, run_dir: Path, phase: str, first_step: int = 0):
@@ -28,7 +24,6 @@ class PhaseEvents(SummaryWriter):
         self.phase, self.first_step = phase, first_step
 
     def add_metrics(self, metrics: Mapping[str, float], step: int) -> None:
-        """Add scalars at a step of the phase."""
         for name, value in metrics.items():
             self.add_scalar(tagged(self.phase, name), value, self.first_step + step)
 

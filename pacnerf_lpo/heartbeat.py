@@ -53,11 +53,7 @@ _heart: _Heart | None = None
 
 @contextmanager
 def heartbeat(task: str) -> Iterator[None]:
-    """While entered, no more than :data:`QUIET` seconds pass without a line on standard error.
-
-    Args:
-        task: what is being done, as it follows ``still``; :func:`doing` changes it.
-    """
+    """While entered, no more than :data:`QUIET` seconds pass without a line, on standard error, about a task."""
     global _heart
     if _heart is not None:
         doing(task)
@@ -78,8 +74,8 @@ def heartbeat(task: str) -> Iterator[None]:
 
 
 def doing(task: str | None) -> None:
-    """What is being done from now on, for the next sign of life; None: nothing but waiting for a person. Without a
-    :func:`heartbeat` it does nothing.
+    """What is being done from now on, as it follows ``still`` in the next sign of life; None: nothing but waiting for a
+    person. Without a :func:`heartbeat` it does nothing.
     """
     if _heart is not None:
         _heart.task, _heart.began = task, time.monotonic()

@@ -128,16 +128,13 @@ class OuterLoop(pl.Callback):
         self.steps = algorithm_1(self.rounds, correction, self.carry == "refit_grid", law)
 
     def reread(self) -> None:
-        """Take manifest and particle state from disk, where the last finished phase, or who looked back at it, left
-        them.
-        """
+        """Take manifest and state from disk, where the last finished phase, or who looked back at it, left them."""
         self.manifest = Manifest.load(self.run_dir)
         if self.last_done is not None:
             self.state = ParticleState.load(self.run_dir / self.last_done.state)
 
     @property
     def last_done(self) -> PhaseRecord | None:
-        """Record of the last finished phase."""
         return self.manifest.done[-1] if self.manifest.done else None
 
     def next_phase(self) -> PhaseStep | None:
@@ -159,29 +156,22 @@ class OuterLoop(pl.Callback):
         competed = any(other.role == "law" for other in self.steps)
         return self.physics_start == "restart" or (step.round <= 1 and not competed)
 
-    def first_step(self) -> int:
-        """Optimiser steps of all finished phases: where the next one begins on the time line."""
-        return sum(record.steps for record in self.manifest.done)
-
     def findings(self, role: Role) -> dict[str, Any] | None:
         """What the last finished phase of this kind found in addition to its state; None: there is none."""
         found = [self.run_dir / record.findings for record in self.manifest.done if record.phase == role]
         return json.loads(found[-1].read_text()) if found and found[-1].is_file() else None
 
-    def checkpoint(self, step: PhaseStep) -> Path:
-        """Where the phase keeps its last checkpoint."""
-        return self.run_dir / "checkpoints" / step.stem / "last.ckpt"
-
-    def begin(self, step: PhaseStep) -> None:
-        """Record in the manifest that a phase starts or goes on."""
+    def begin(self, step: PhaseStep) -> Path:
+        """Record in the manifest that a phase starts or goes on; returns where it keeps its last checkpoint."""
         records = self.manifest.phases
         if len(records) == step.index:
-            checkpoint = self.checkpoint(step).relative_to(self.run_dir)
-            state = f"states/{step.stem}.pt"
-            records.append(PhaseRecord(step.index, step.round, step.role, "running", str(checkpoint), state))
-        records[step.index].status, records[step.index].error = "running", None
+            checkpoint, state = f"checkpoints/{step.stem}/last.ckpt", f"states/{step.stem}.pt"
+            records.append(PhaseRecord(step.index, step.round, step.role, "running", checkpoint, state))
+        record = records[step.index]
+        record.status, record.error = "running", None
         self._started = time.monotonic()
         self.close("running")
+        return self.run_dir / record.checkpoint
 
     def abandon(self, status: Literal["interrupted", "failed"], error: str | None = None) -> None:
         """Record that the run stopped, and in which phase if in one."""
@@ -192,13 +182,12 @@ class OuterLoop(pl.Callback):
         self.close(status)
 
     def close(self, status: str) -> None:
-        """Set the status of the whole run."""
         self.manifest.status = status
         self.manifest.save()
 
     def setup(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
         """Hand the particle state over. Here, and not later, because a checkpoint may be loaded into it afterwards."""
-        state, phase, record = self.state, cast(AbstractPhase, pl_module), self._current(trainer)
+        state, phase, record = self.state, cast(AbstractPhase, pl_module), self._current()
         role = record.phase
         if state is not None and role == "physics" and self.physics_start == "restart":
             state = state.with_(physics={})
@@ -213,7 +202,7 @@ class OuterLoop(pl.Callback):
         """Take the particle state back and record the phase as done."""
         phase = cast(AbstractPhase, pl_module)
         self.state = phase.export_state()
-        record = self._current(trainer)
+        record = self._current()
         if phase.held_out:
             record.held_out_error = held_out_error(phase.data, phase.physics, self.state, phase.held_out)
         write_atomically(self.run_dir / record.state, self.state.as_bytes())
@@ -223,5 +212,5 @@ class OuterLoop(pl.Callback):
         record.seconds += time.monotonic() - self._started
         self.manifest.save()
 
-    def _current(self, trainer: pl.Trainer) -> PhaseRecord:
+    def _current(self) -> PhaseRecord:
         return self.manifest.phases[len(self.manifest.done)]

@@ -25,10 +25,8 @@ a rollout of a hundred thousand particles."""
 
 @dataclass(frozen=True)
 class Preset:
-    """Resolution and method.
-
-    overlays: names of shipped configurations, in their order.
-    pixels: images are reduced until their longer side has no more; None: never.
+    """Resolution and method: names of shipped configurations, in their order, and to how many pixels the longer side of
+    an image is reduced where it has more; None: never.
     """
 
     overlays: tuple[str, ...] = ()

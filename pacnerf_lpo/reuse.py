@@ -28,11 +28,8 @@ MACHINE = ("accelerator", "devices", "log_every_n_steps", "callbacks")
 
 @dataclass(frozen=True)
 class Reusable:
-    """Finished phases that another run can begin with.
-
-    source: the run that has them.
-    records: of its first phases: the reconstruction and, where it is still right, the velocity.
-    why_not: why the velocity is fitted again; None: it is taken over, too.
+    """The first phases of a finished run, with which another one can begin: the reconstruction and, where it is still
+    right, the velocity. ``why_not``: why that is fitted again; None: it is taken over, too.
     """
 
     source: Path

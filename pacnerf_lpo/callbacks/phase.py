@@ -48,16 +48,13 @@ class PhaseCheckpoint(Checkpoint):
             raise Interrupted
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Write the finished phase."""
         self._write(trainer)
         self.stop.deferred = False
 
     def state_dict(self) -> dict[str, Any]:
-        """State of torch's CPU generator."""
         return {"generator": torch.get_rng_state()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Keep the generator's state until training starts."""
         self._restored_generator = state_dict["generator"]
 
     def _write(self, trainer: pl.Trainer) -> None:
@@ -107,13 +104,13 @@ class PhaseProgress(ProgressBar):
             self._shown = now
             self._show(done, now, describe(trainer.callback_metrics, cast(AbstractPhase, pl_module)))
 
-    def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        """Leave the finished bar on the screen."""
-        self._close()
+    def on_train_end(self, *_: Any) -> None:
+        """Leave the bar where it is."""
+        if self._bar is not None:
+            self._bar.close()
 
-    def on_exception(self, trainer: pl.Trainer, pl_module: pl.LightningModule, exception: BaseException) -> None:
-        """Leave the bar where it stopped."""
-        self._close()
+    def on_exception(self, *_: Any) -> None:
+        self.on_train_end()
 
     def _show(self, done: int, now: float, description: str) -> None:
         if self._bar is not None:
@@ -124,11 +121,6 @@ class PhaseProgress(ProgressBar):
         elapsed = now - self._started
         left = elapsed / max(done - self._first, 1) * (self._total - done)
         print(f"{self.title}: {done}/{self._total} [{elapsed:.0f} s, {left:.0f} s left] {description}", file=sys.stderr)
-
-    def _close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
-            self._bar = None
 
 
 def describe(metrics: Mapping[str, torch.Tensor], phase: AbstractPhase) -> str:

@@ -27,16 +27,14 @@ from pacnerf_lpo.presets import stack
 def run(args: Sequence[str]) -> int:
     """Run the command; returns its exit status. Its first word may be a scene folder, and several are a study."""
     scenes = list(takewhile(lambda word: not word.startswith("-"), args))
-    if not scenes:
-        return cli.fit(args, VideoModule, Physics, look_back, finish)
     if len(scenes) > 1:
         from pacnerf_lpo.commands import study  # which fits each of them by this function
 
         return study.run(scenes, args[len(scenes) :])
-    words, remarks = stack(Path(args[0]), args[1:])
+    words, remarks = stack(Path(args[0]), args[1:]) if scenes else (args, [])
     for remark in remarks:
         print(remark)
-    return cli.fit(words, VideoModule, Physics, look_back, finish, goes_on=True)
+    return cli.fit(words, VideoModule, Physics, look_back, finish, goes_on=bool(scenes))
 
 
 def look_back(

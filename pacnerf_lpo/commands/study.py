@@ -10,16 +10,13 @@ from pacnerf_lpo.scene_folder import find_scene_file
 
 
 def run(scenes: Sequence[str], words: Sequence[str]) -> int:
-    """Reconstruct every scene by itself, then identify what they share from all of them; returns the exit status.
-    Raises UserInputError where there is no ``--out``, for a folder that is no scene, one given twice, and options of a
-    single run.
+    """Reconstruct every scene, a folder with ``scene.yaml``, by itself, then identify what they share from all of them;
+    returns the exit status. The words are ``--out FOLDER`` and options of ``fit``, which hold for every scene. Raises
+    UserInputError where there is no ``--out``, for a folder that is no scene, one given twice, and options of a single
+    run.
 
     What is finished is not done again. The page and the numbers are those of the first step of a diagnosis, which goes
     on from there with ``diagnose SCENE SCENE ... --out FOLDER``.
-
-    Args:
-        scenes: folders with ``scene.yaml``.
-        words: ``--out FOLDER`` and options of ``fit``, which hold for every scene.
     """
     out, rest = take_option(words, "--out")
     if out is None:

@@ -119,7 +119,6 @@ def patches(positions: Tensor) -> np.ndarray:
 
 
 def truth_of(physics: Physics, velocity: Sequence[float], dx: float) -> dict[str, Any]:
-    """What truth.json says about the scene."""
     keys = {name: key for key, name in TRUTH_KEYS.items()}
     material, ground = physics.material, physics.ground
     return {

@@ -72,15 +72,11 @@ def read_truth(path: str | Path) -> Truth:
 
 
 def parameter_errors(found: Mapping[str, float], truth: Truth, fluid: bool = False) -> dict[str, ParameterError]:
-    """The error of every fitted parameter whose true value is known or follows from the truth's elastic pair. Raises
-    UserInputError where a true parameter has no error measure.
+    """The error of every fitted parameter [SI, theta in degrees] whose true value is known or follows from the truth's
+    elastic pair. Raises UserInputError where a true parameter has no error measure.
 
-    A fluid's ``mu`` is never compared with a solid's, and a true value of 0 has no logarithm: such pairs are left out.
-
-    Args:
-        found: fitted values by name, SI units, theta in degrees.
-        truth: what :func:`read_truth` returned.
-        fluid: the fitted ``mu`` is a viscosity [Pa s].
+    The ``mu`` of a ``fluid``, a viscosity [Pa s], is never compared with a solid's, and a true value of 0 has no
+    logarithm: such pairs are left out.
     """
     true = truth.parameters if truth.fluid else complete_elastic_pair(truth.parameters)
     incomparable = {"mu", "E", "nu"} if fluid != truth.fluid else set()

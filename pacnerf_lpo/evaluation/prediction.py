@@ -34,11 +34,7 @@ CONTACT_CELLS = 1.5
 
 @dataclass(frozen=True)
 class Prediction:
-    """A motion and its images.
-
-    positions: [m, (F, N, 3), float32]
-    images: [0..255, (V, F, H, W, 3), uint8], views in the order of the video's first axis
-    """
+    """A motion [m, (F, N, 3), float32] and its images [0..255, (V, F, H, W, 3), uint8], views as in the video."""
 
     positions: np.ndarray
     images: np.ndarray
@@ -152,12 +148,8 @@ def contact_of(run: Run, stage: Stage) -> int | None:
 
 
 def contact_frame(lowest: np.ndarray, spacing: float, ground: float = 0.0) -> int | None:
-    """First frame in which a particle feels the ground: its quadratic kernel, 1.5 cells wide, reaches it.
-
-    Args:
-        lowest: height of the lowest particle at each frame [m, (F,)]
-        spacing: grid spacing [m]
-        ground: height of the ground [m]
+    """First frame in which the lowest particle, at these heights [m, (F,)], feels a ground at its height [m]: its
+    quadratic kernel, 1.5 cells of that spacing [m] wide, reaches it.
     """
     touching = lowest - ground < CONTACT_CELLS * spacing
     return int(touching.argmax()) if touching.any() else None

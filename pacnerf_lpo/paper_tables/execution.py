@@ -24,13 +24,8 @@ FAILURE_FILE = "failure.txt"
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs to go on with a run.
-
-    run_dir: a prepared run directory.
-    command: of ``fit``.
-    threads: CPU threads of the run.
-    memory: limit of its resident memory [bytes]; None for no limit.
-    stop: while this file exists, runs are stopped and none is started.
+    """What a worker needs to go on with a run in a prepared directory: the command of ``fit``, its CPU threads, a limit
+    of its resident memory [bytes] or None, and a file: while it exists, runs are stopped and none is started.
     """
 
     run_dir: Path
@@ -114,9 +109,7 @@ def _memory(pid: int) -> int:
 
 def _last_line(log: Path, begin: int, status: int) -> str:
     """The last line the run printed, without the name of the program."""
-    with open(log, "rb") as file:
-        file.seek(begin)
-        lines = file.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
+    lines = log.read_bytes()[begin:].decode(errors="replace").strip().splitlines()
     said = lines[-1].strip().removeprefix("pacnerf-lpo: ") if lines else "no output"
     return f"{said} (exit status {status})" if status < 0 else said
 

@@ -28,12 +28,8 @@ PARAMETERS = {
 
 @dataclass(frozen=True)
 class Layout(ABC):
-    """A table of the paper.
-
-    name: its file, and its place in ``paper.yaml``.
-    title: what it compares.
-    columns: from left to right.
-    view_sets: names of the view sets it needs, files in ``configs/views``; empty for the baselines' own views.
+    """A table of the paper. ``name`` is its file, and its place in ``paper.yaml``; ``view_sets`` names the view sets
+    that it needs, files in ``configs/views``; the empty name means the baselines' own views.
     """
 
     name: str
@@ -48,8 +44,8 @@ class Layout(ABC):
     def table(self, rows: Iterable[Row], columns: tuple[str, ...] | None = None) -> Table:
         """A table of rows whose best and second best are marked."""
         groups = [column.group for column in self.columns]
-        shown = [marked(row, groups) if len(row.entries) == len(groups) else row for row in rows]
-        return Table(self.name, self.title, columns or tuple(column.label for column in self.columns), shown)
+        labels = columns or tuple(column.label for column in self.columns)
+        return Table(self.name, self.title, labels, [marked(row, groups) for row in rows])
 
     def beside_paper(self, scene: Scene, quantity: str, entries: Sequence[Entry]) -> tuple[Entry, ...]:
         """Our entries with what the paper prints in the same places, where the scene is the paper's."""
@@ -65,11 +61,8 @@ class Layout(ABC):
 
 @dataclass(frozen=True)
 class ImageLayout(Layout):
-    """PSNR, SSIM and LPIPS by scene and on average.
-
-    views: the set of views that is scored. A reference that was trained on all views is scored on those that the
-        first compared column holds out.
-    first_frame: score the first frame only.
+    """PSNR, SSIM and LPIPS by scene and on average, of a set of views, and perhaps of the first frame only. A reference
+    that was trained on all views is scored on those that the first compared column holds out.
     """
 
     views: Literal["train", "test"] = "test"

@@ -38,13 +38,9 @@ SECTIONS_OF_THE_BEGINNING = ("seed_everything", "data", "physics", "phases", "tr
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run of the suite.
-
-    files: its configuration files, in order.
-    rounds: rounds of Algorithm 1 that the tables need.
-    config: the resolved configuration.
-    run_dir: where it is; the key of its results is part of its name.
-    start: the run whose first phases it takes over, if any.
+    """A run of the suite: its configuration files, in order; how many rounds of Algorithm 1 the tables need; the
+    resolved configuration; the key of its results, which is part of the name of its folder; and the run whose first
+    phases it takes over, if any.
     """
 
     name: RunName

@@ -37,11 +37,8 @@ TIMES = " | "
 
 @dataclass(frozen=True)
 class Resources:
-    """How runs share the machine.
-
-    jobs: runs at the same time.
-    backend: what starts them when there are several.
-    memory: limit of each run's resident memory [bytes]; None for no limit.
+    """How runs share the machine: how many run at the same time, what starts them when there are several, and a limit
+    of each one's resident memory [bytes] or None.
     """
 
     jobs: int = 1

@@ -18,12 +18,9 @@ FLUIDS = ("droplet", "letter")
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene to run.
-
-    root: what ``data.root`` is set to.
-    configs: configuration files of the scene, in order.
-    truth: what ``truth`` is set to; only the evaluation at the end of a run opens it.
-    original: whether it is the paper's recording, so that the paper's figures can stand next to ours.
+    """A scene to run: its configuration files, in order, and what ``data.root`` and ``truth`` are set to; only the
+    evaluation at the end of a run opens the truth. ``original``: it is the paper's recording, so that the paper's
+    figures can stand next to ours.
     """
 
     name: str

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pacnerf_lpo.evaluation.evaluate import RESULTS_FILE
+from pacnerf_lpo.evaluation.tables import view_rows
 from pacnerf_lpo.paper_tables.execution import Outcome
 from pacnerf_lpo.paper_tables.plan import LABEL_FILE, PlannedRun
 from pacnerf_lpo.paper_tables.tables import Column, Entry, run_of
@@ -34,7 +35,7 @@ class Figures:
         if table is None:
             said = str((self.phase["first_frame_metrics"]["train"] or {}).get(metric, "not measured"))
             return Entry(note=said.removeprefix("n/a (").removesuffix(")"), key=self.key)
-        rows = sorted({*self.views("train"), *self.views("test")})
+        rows, _, _ = view_rows(self.results)
         values = [table[rows.index(view)][: 1 if first_frame else None] for view in views]
         numbers = [math.inf if value is None else value for row in values for value in row]
         return Entry(sum(numbers) / len(numbers), key=self.key)

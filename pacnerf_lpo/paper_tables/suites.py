@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from pacnerf_lpo.paper_tables.layouts import ErrorLayout, ImageLayout, Layout, SpreadLayout, TimeLayout, ValueLayout
 from pacnerf_lpo.paper_tables.tables import Column
@@ -17,12 +18,8 @@ FULL = Column("PAC-NeRF", "pac_nerf")
 
 @dataclass(frozen=True)
 class Suite:
-    """Tables over scenes.
-
-    scenes: names of scenes; of the paper's nine, those that the data folder has are taken.
-    layouts: the tables.
-    overlays: configuration files that belong to the suite, relative to the folder of configurations.
-    asset: the scenes are the package's own, and no data folder is needed.
+    """Tables over those of some scenes that the data folder has; with ``asset`` they are the package's own, and no data
+    folder is needed. ``overlays`` are the suite's own files, relative to the folder of configurations.
     """
 
     scenes: tuple[str, ...]
@@ -56,72 +53,66 @@ ABLATIONS = tuple(
 )
 ONCE = (*corrected("3v", 1), *corrected("3v_dagger", 1))
 REPEATED = (*corrected("3v", 4, WITH_NONE), *corrected("3v_dagger", 4, WITH_NONE))
-ROUNDS = (*by_round("3v", (1, 2, 3, 4)), *by_round("3v_dagger", (1, 2, 3, 4)))
-LATER_ROUNDS = (*by_round("3v", (2, 3, 4)), *by_round("3v_dagger", (2, 3, 4)))
-FIVE_VIEW_SETS = ("", "3v_2", "3v_3", "3v_4", "3v_5")
+DAGGER_ROUNDS, DAGGER_LATER = by_round("3v_dagger", (1, 2, 3, 4)), by_round("3v_dagger", (2, 3, 4))
+ROUNDS = (*by_round("3v", (1, 2, 3, 4)), *DAGGER_ROUNDS)
+LATER_ROUNDS = (*by_round("3v", (2, 3, 4)), *DAGGER_LATER)
 
-TABLE_4 = ImageLayout("table4", "Static voxel grid optimization, first frames, test views", ABLATIONS, first_frame=True)
-TABLE_5 = ImageLayout("table5", "Geometric correction, test views", (FULL, *ONCE))
-TABLE_6 = ValueLayout("table6", "Physical identification from PAC-NeRF-3v", (FULL, *corrected("3v", 4, WITH_NONE)))
-TABLE_7 = ValueLayout(
-    "table7", "Physical identification from PAC-NeRF-3v†", (FULL, *corrected("3v_dagger", 4, WITH_NONE))
+PAPER = (
+    ImageLayout("table4", "Static voxel grid optimization, first frames, test views", ABLATIONS, first_frame=True),
+    ImageLayout("table5", "Geometric correction, test views", (FULL, *ONCE)),
+    ValueLayout("table6", "Physical identification from PAC-NeRF-3v", (FULL, *corrected("3v", 4, WITH_NONE))),
+    ValueLayout("table7", "Physical identification from PAC-NeRF-3v†", (FULL, *corrected("3v_dagger", 4, WITH_NONE))),
+    ImageLayout("table8", "Geometric recorrection, test views", (FULL, *REPEATED)),
+    ImageLayout("table10", "Geometric (re)correction by number of rounds, test views", ROUNDS),
+    ImageLayout("table11", "Geometric (re)correction by number of rounds, training views", ROUNDS, views="train"),
+    ErrorLayout("table12", "Physical identification by number of rounds, error", LATER_ROUNDS),
+    SpreadLayout(
+        "table13",
+        "Five view sets, test views, mean and standard deviation",
+        (*corrected("3v_dagger", 1), *corrected("3v_dagger", 4, WITH_NONE)[1:]),
+        view_sets=("", "3v_2", "3v_3", "3v_4", "3v_5"),
+    ),
+    ImageLayout("table14", "Geometric correction, six views", (FULL, *corrected("6v", 1))),
+    ErrorLayout("table15", "Physical identification, six views, error", (FULL, *corrected("6v", 4, WITH_NONE))),
+    ImageLayout("table16", "Geometric recorrection, six views", (FULL, *corrected("6v", 4, WITH_NONE))),
 )
-TABLE_8 = ImageLayout("table8", "Geometric recorrection, test views", (FULL, *REPEATED))
 TABLE_9 = TimeLayout(
     "table9", "Computation times of one round of Algorithm 1", (Column("PAC-NeRF-3v+LPO", "3v", "lpo"),)
 )
-TABLE_10 = ImageLayout("table10", "Geometric (re)correction by number of rounds, test views", ROUNDS)
-TABLE_11 = ImageLayout("table11", "Geometric (re)correction by number of rounds, training views", ROUNDS, views="train")
-TABLE_12 = ErrorLayout("table12", "Physical identification by number of rounds, error", LATER_ROUNDS)
-TABLE_13 = SpreadLayout(
-    "table13",
-    "Five view sets, test views, mean and standard deviation",
-    (*corrected("3v_dagger", 1), *corrected("3v_dagger", 4, WITH_NONE)[1:]),
-    view_sets=FIVE_VIEW_SETS,
-)
-TABLE_14 = ImageLayout("table14", "Geometric correction, six views", (FULL, *corrected("6v", 1)))
-TABLE_15 = ErrorLayout("table15", "Physical identification, six views, error", (FULL, *corrected("6v", 4, WITH_NONE)))
-TABLE_16 = ImageLayout("table16", "Geometric recorrection, six views", (FULL, *corrected("6v", 4, WITH_NONE)))
-PAPER = (TABLE_4, TABLE_5, TABLE_6, TABLE_7, TABLE_8, TABLE_10, TABLE_11, TABLE_12, TABLE_13, TABLE_14, TABLE_15)
 QUICK = (Column("PAC-NeRF-6v", "6v", group="6v"), Column("+LPO", "6v", "lpo", group="6v"))
 
-# The development videos: parts that cost less than the whole, which takes over what the parts have computed
-SHARED_ONCE = (
-    ImageLayout(
-        "correction_3v_dagger", "Geometric correction (R = 1), test views", corrected("3v_dagger", 1, WITH_NONE)
+SHARED_PARTS: dict[str, tuple[Layout, ...]] = {
+    "shared_once": (
+        ImageLayout(
+            "correction_3v_dagger", "Geometric correction (R = 1), test views", corrected("3v_dagger", 1, WITH_NONE)
+        ),
+        ErrorLayout("identification_once", "Physical identification (R = 1), error", corrected("3v_dagger", 1, {})),
+        TimeLayout("times_once", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
     ),
-    ErrorLayout("identification_once", "Physical identification (R = 1), error", corrected("3v_dagger", 1, {})),
-    TimeLayout("times_once", "Computation times of one round", (Column("PAC-NeRF-3v†+LPO", "3v_dagger", "lpo"),)),
-)
-SHARED_ONCE_3V = (
-    ImageLayout("correction_3v", "Geometric correction (R = 1), test views", corrected("3v", 1, WITH_NONE)),
-    ErrorLayout("identification_once_3v", "Physical identification (R = 1), error", corrected("3v", 1, {})),
-)
-SHARED_ROUNDS = (
-    ImageLayout(
-        "rounds", "Geometric (re)correction by number of rounds, test views", by_round("3v_dagger", (1, 2, 3, 4))
+    "shared_once_3v": (
+        ImageLayout("correction_3v", "Geometric correction (R = 1), test views", corrected("3v", 1, WITH_NONE)),
+        ErrorLayout("identification_once_3v", "Physical identification (R = 1), error", corrected("3v", 1, {})),
     ),
-    ErrorLayout(
-        "identification_rounds", "Physical identification by number of rounds, error", by_round("3v_dagger", (2, 3, 4))
+    "shared_rounds": (
+        ImageLayout("rounds", "Geometric (re)correction by number of rounds, test views", DAGGER_ROUNDS),
+        ErrorLayout("identification_rounds", "Physical identification by number of rounds, error", DAGGER_LATER),
     ),
-)
-SHARED_FULL_VIEW = (
-    ValueLayout("full_view", "Identification from all views", (FULL,)),
-    ErrorLayout("full_view_error", "Identification from all views, error", (FULL,)),
-)
+    "shared_full_view": (
+        ValueLayout("full_view", "Identification from all views", (FULL,)),
+        ErrorLayout("full_view_error", "Identification from all views, error", (FULL,)),
+    ),
+}
+"""Of the suite of the development videos: each costs less than the whole, which takes over what they have computed."""
 SHARED_REPEATED = (
     ImageLayout("recorrection", "Geometric recorrection (R = 4), test views", REPEATED),
     ErrorLayout("identification", "Physical identification (R = 4), error", REPEATED),
 )
 
 SUITES = {
-    **{layout.name: Suite(NINE, (layout,)) for layout in (*PAPER, TABLE_16)},
+    **{layout.name: Suite(NINE, (layout,)) for layout in PAPER},
     "table9": Suite(("droplet",), (TABLE_9,)),
-    "shared_once": Suite(SHARED, SHARED_ONCE),
-    "shared_once_3v": Suite(SHARED, SHARED_ONCE_3V),
-    "shared_rounds": Suite(SHARED, SHARED_ROUNDS),
-    "shared_full_view": Suite(SHARED, SHARED_FULL_VIEW),
-    "shared": Suite(SHARED, (*SHARED_ONCE, *SHARED_ONCE_3V, *SHARED_ROUNDS, *SHARED_FULL_VIEW, *SHARED_REPEATED)),
+    **{name: Suite(SHARED, layouts) for name, layouts in SHARED_PARTS.items()},
+    "shared": Suite(SHARED, (*chain.from_iterable(SHARED_PARTS.values()), *SHARED_REPEATED)),
     "quick": Suite(
         ("bird",),
         (

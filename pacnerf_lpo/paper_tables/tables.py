@@ -33,12 +33,9 @@ AVERAGE = "average"
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
-
-    label: its heading, such as ``+LPO⁴``.
-    baseline, correction: names of files in ``configs/baselines`` and ``configs/corrections``.
-    round: after which round of Algorithm 1; 0 is the static phase.
-    group: columns of one group are compared with each other; an empty group is a reference.
+    """One column of a table: its heading, files in ``configs/baselines`` and ``configs/corrections``, and the round of
+    Algorithm 1 after which it is; 0 is the static phase. Columns of one group are compared with each other; an empty
+    group is a reference.
     """
 
     label: str
@@ -59,11 +56,8 @@ class Column:
 class RunName:
     """Which run of a suite: the results after every round come out of one run, so the round is not part of it.
 
-    scene: name of the scene.
-    baseline: name of a file in ``configs/baselines``.
-    correction: name of a file in ``configs/corrections``; empty for the common beginning of all corrections: static
-        grids, velocity and the first identification, which is also the baseline's own result.
-    views: name of a file in ``configs/views``; empty for the baseline's own views.
+    No ``correction`` is the common beginning of all of them: static grids, velocity and the first identification, which
+    is also the baseline's own result. No ``views``, a file in ``configs/views``, are the baseline's own.
     """
 
     scene: str
@@ -89,14 +83,8 @@ def run_of(scene: str, column: Column, views: str = "") -> RunName:
 
 @dataclass(frozen=True)
 class Entry:
-    """One figure of a table.
-
-    value: ours; None where there is none.
-    note: why there is none.
-    deviation: standard deviation where the value is a mean over view sets.
-    paper: what the paper prints in this place.
-    mark: among the compared columns of its row.
-    key: of the run it comes from.
+    """One figure of a table: our value, or a note why there is none; the standard deviation, where it is a mean over
+    view sets; what the paper prints in this place; the mark among the compared columns; and the key of its run.
     """
 
     value: float | None = None
@@ -109,11 +97,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table.
-
-    scene, quantity: what it is about, for people.
-    form: how numbers are printed, such as ``.2f``.
-    better: 1 higher, -1 lower, 0 not to be compared.
+    """A line of a table: what it is about, for people; how numbers are printed, such as ``.2f``; and whether higher (1)
+    or lower (-1) is better, or they are not to be compared (0).
     """
 
     scene: str
@@ -137,12 +122,14 @@ class Table:
 
 def marked(row: Row, groups: Sequence[str]) -> Row:
     """Mark the best and the second best of each named group of columns; equal as printed is equal."""
+    if row.better == 0:
+        return row
     entries = list(row.entries)
     for group in dict.fromkeys(filter(None, groups)):
         members = [i for i, name in enumerate(groups) if name == group and entries[i].value is not None]
         values = {i: float(format(entries[i].value or 0.0, row.form)) for i in members}
         ranking = sorted(set(values.values()), reverse=row.better > 0)
-        if row.better == 0 or len(members) < 2:
+        if len(members) < 2:
             continue
         marks: dict[float, Mark] = dict(zip(ranking, ("best", "second"), strict=False))
         for i in members:
@@ -230,11 +217,7 @@ def paper_truth(scene: str) -> dict[str, float]:
 
 
 def paper_values(table: str, scene: str, quantity: str) -> Sequence[float | None]:
-    """A row of a table, one value per column; empty where the paper has no such row.
-
-    Args:
-        table: ``table4`` ... ``table16``.
-        scene: its name, ``average`` or ``deviation``.
-        quantity: ``psnr``, ``ssim``, ``lpips``, the name of a parameter, or a process of Table 9.
+    """A row of ``table4`` ... ``table16``, one value per column; empty where the paper has no such row. A scene may be
+    ``average`` or ``deviation``; a quantity is ``psnr``, ``ssim``, ``lpips``, a parameter, or a process of Table 9.
     """
     return _content().get(table, {}).get(scene, {}).get(quantity, [])

@@ -105,15 +105,10 @@ class DynamicPhase(AbstractPhase):
         return self.physics.rollout(positions, everywhere, massive, parameters, self.state.spacings, frames)
 
     def watch(self, trajectory: Tensor, velocity: Tensor, parameters: Mapping[str, Tensor]) -> tuple[Tensor, Observer]:
-        """A motion from frame 0 on as the cameras see it, to be compared by :class:`ImageCost`.
+        """How cameras see a motion [m, (F, N, 3)] from frame 0 on, to be compared by :class:`ImageCost`: positions by
+        each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
 
-        Args:
-            trajectory: [m, (F, N, 3)]
-            velocity: at frame 0, without the effects on it [m/s, (N, 3) or (3,)]
-            parameters: every physical parameter [SI]
-
-        Returns:
-            Positions by each clock [m, (clocks, F, N, 3)], and what is wrong with the cameras.
+        The velocity is that at frame 0 without the effects on it [m/s, (N, 3) or (3,)]; all parameters are given [SI].
         """
         cameras = cameras_of(self.physics.effects, self.data.video)
         if not cameras:
@@ -127,12 +122,10 @@ class DynamicPhase(AbstractPhase):
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep how often the time step was halved, and what the phase has reached."""
         checkpoint["step_halvings"] = self.physics.halvings
         checkpoint["progress"] = self.progress()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Go on with the time step and the progress that were reached."""
         self.physics.halvings = checkpoint["step_halvings"]
         self.take_up(checkpoint["progress"])
 
@@ -170,16 +163,9 @@ class Correction(DynamicPhase):
 
     @torch.no_grad()
     def _log_test_psnr(self, step: int, seen: Tensor, density: Tensor, features: Tensor, observer: Observer) -> None:
-        """Log the PSNR [dB] of the test views in every so many steps: one of them for each frame, in turn.
-
-        Args:
-            seen: positions at every frame, by each clock of the observer [m, (clocks, F, N, 3)]
-            density, features: of the particles [(N,)], [(N, 12)]
-        """
-        test, body, errors = self.data.test, (density, features), []
-        if not test or step % TEST_EVERY:
-            return
-        for frame in range(seen.shape[1]):
-            residual = self.image_cost.residual_at(seen[:, frame], *body, test[frame % len(test)], frame, observer)
-            errors.append(float(residual[..., :3].square().mean()))
-        self.log("correction/PSNR of test views [dB]", psnr(sum(errors) / len(errors)))
+        """Log the PSNR of the test views, in every so many steps: one view for each frame, in turn."""
+        test = self.data.test
+        if test and step % TEST_EVERY == 0:
+            images = [(test[frame % len(test)], frame) for frame in range(seen.shape[1])]
+            error = self.image_cost.colour_error(seen, density, features, images, observer)
+            self.log("correction/PSNR of test views [dB]", psnr(error / 3))

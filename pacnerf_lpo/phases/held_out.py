@@ -25,13 +25,9 @@ def held_out_images(data: VideoData) -> Images:
 
 @torch.no_grad()
 def held_out_error(data: VideoData, physics: Physics, state: ParticleState, images: Iterable[tuple[int, int]]) -> float:
-    """Mean squared colour error (values 0..1, summed over channels) of a state in these images, each a view and a frame
-    index.
-    """
+    """Mean squared colour error (0..1, summed over channels) of a state in images, each a view and a frame index."""
     video = data.video
     values = physics.values(state)
     observer, cost = Observer(cameras_of(physics.effects, video), values), ImageCost(data, state)
     seen = observer.seen(physics.simulate(state, len(video.times)), physics.velocity_of(state), video.times)
-    body = state.density, state.features
-    errors = [cost.residual_at(seen[:, frame], *body, view, frame, observer) for view, frame in sorted(images)]
-    return torch.stack(errors).square().sum(-1).mean().item()
+    return cost.colour_error(seen, state.density, state.features, sorted(images), observer)

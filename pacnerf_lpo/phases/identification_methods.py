@@ -31,12 +31,7 @@ UNSEEN = 1e-5
 
 
 class IdentificationMethod(ABC):
-    """How PhysicsIDModule lowers the cost.
-
-    Args:
-        warm_up_iterations: iterations on the frames around contact.
-        main_iterations: iterations on all frames.
-    """
+    """How PhysicsIDModule lowers the cost: by iterations on the frames around contact, then by others on all frames."""
 
     fits_velocity: bool = False
     draws_views: bool = False  # at random, so that the costs of two iterations differ by chance, too
@@ -51,7 +46,6 @@ class IdentificationMethod(ABC):
 
     @property
     def iterations(self) -> int:
-        """Iterations in all."""
         return self.warm_up_iterations + self.main_iterations
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:
@@ -107,7 +101,6 @@ class PaperAdam(IdentificationMethod):
         self.learning_rates = dict(learning_rates or {})
 
     def check(self, names: Sequence[str]) -> None:
-        """Learning rates are those of identified parameters."""
         unknown = [name for name in self.learning_rates if name not in names]
         if unknown:
             raise UserInputError(
@@ -137,13 +130,8 @@ class PaperAdam(IdentificationMethod):
 
 class DampedLeastSquares(IdentificationMethod):
     """Levenberg-Marquardt with forward sensitivities, for material and initial velocity together: the parameters are
-    few, so one more rollout for each gives the Jacobian of every residual.
-
-    Args:
-        warm_up_iterations: at most, on the frames around contact.
-        main_iterations: at most, on all frames; either stage ends when its steps have become small.
-        scan_decades: how far parameters are searched before the first step, log10 ones so many decades to either side.
-        fits_velocity: refine the initial velocity too.
+    few, so one more rollout for each gives the Jacobian of every residual. Either stage ends when its steps have become
+    small. Before the first step log10 parameters may be searched, ``scan_decades`` to either side.
     """
 
     searches: bool

@@ -1,6 +1,6 @@
 """Predicted against measured images of a moving particle set: the cost that every dynamic phase minimises."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import torch
 from torch import Tensor
@@ -20,8 +20,7 @@ class ImageCost:
     Everything it is given and returns is on the CPU.
 
     Args:
-        data: the video with its cached rays.
-        state: supplies the grid spacings and the frozen colour network.
+        data, state: the video, and a state with the grid spacings and the frozen colour network.
         silhouette_weight: weight of the squared error between opacity and matte relative to that of the colours.
 
     Attributes:
@@ -44,16 +43,11 @@ class ImageCost:
         frame: int,
         observer: Observer = AS_BELIEVED,
     ) -> Tensor:
-        """Predicted minus measured, zero where an occluder hides the scene, pooled.
+        """Predicted minus measured image [(H/pool, W/pool, 3)], zero where an occluder hides the scene, with a fourth
+        channel, opacity minus matte, if silhouettes are weighted.
 
-        Args:
-            positions: where the view sees the particles [m, (N, 3)]
-            density: raw density [(N,)]
-            features: appearance [(N, 12)]
-            view, frame: indices into the video.
-
-        Returns:
-            [(H/pool, W/pool, 3)], with a fourth channel, opacity minus matte, if silhouettes are weighted.
+        The view sees the particles at ``positions`` [m, (N, 3)], with raw density [(N,)] and appearance [(N, 12)]; view
+        and frame are indices into the video.
         """
         return self.residual_of_field(self.field(positions, density, features), view, frame, observer)
 
@@ -86,6 +80,15 @@ class ImageCost:
             return difference
         pooled = functional.avg_pool2d(difference.permute(2, 0, 1), self.pool, ceil_mode=True)
         return pooled.permute(1, 2, 0)
+
+    def colour_error(
+        self, seen: Tensor, density: Tensor, features: Tensor, images: Iterable[tuple[int, int]], observer: Observer
+    ) -> float:
+        """Squared error of the colours alone, summed over channels, averaged over the pixels of images, each given by
+        its view and frame; other arguments as of :meth:`loss`.
+        """
+        found = [self.residual_at(seen[:, frame], density, features, view, frame, observer) for view, frame in images]
+        return torch.stack(found)[..., :3].square().sum(-1).mean().item()
 
     def loss(
         self,

@@ -192,7 +192,6 @@ class OutlineGaussNewton(DampedLeastSquares):
         return self._kept
 
     def end_iteration(self, module: PhysicsIDModule) -> None:
-        """Back into the bounds."""
         outline_cost = self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
 
@@ -259,8 +258,7 @@ class OutlineCost:
 
     Args:
         module: supplies video, state, model, how often its time step is halved, and the values to start from.
-        particles: number of particles of the body.
-        coarser: number of particles of the additional coarser body; None: there is none.
+        particles, coarser: number of particles of the body, and of the coarser one, if there is one.
         frames: only the first so many are compared; None: all.
         sunk: the ground lies so much lower [m]
     """

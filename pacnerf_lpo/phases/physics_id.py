@@ -61,14 +61,11 @@ class PhysicsIDModule(DynamicPhase):
         self.free = nn.ParameterDict({name: nn.Parameter(torch.tensor(value)) for name, value in free.items()})
         velocity = self.state.velocity.mean(0).clone()
         self.velocity = nn.Parameter(velocity, requires_grad=self.method.fits_velocity)
-        self._searched: dict[str, tuple[float, float]] = {}
-        self._costs: list[float] = []
-        self._visited: dict[str, list[float]] = {name: [] for name in self.free}
-        self._converged = False
+        visited: dict[str, list[float]] = {name: [] for name in self.free}
+        self._course: dict[str, Any] = {"converged": False, "searched": {}, "costs": [], "visited": visited}
 
     @property
     def frame_count(self) -> int:
-        """Frames of the video."""
         return len(self.data.video.times)
 
     @property
@@ -94,11 +91,9 @@ class PhysicsIDModule(DynamicPhase):
 
     @property
     def warm_up_length(self) -> int:
-        """Frames that the warm-up looks at."""
         return min(self.hit_frame + self.warm_up_frames, self.frame_count)
 
     def frames_at(self, step: int) -> int:
-        """How many frames the iteration looks at."""
         return self.warm_up_length if step < self.warm_up_end else self.frame_count
 
     def values(self) -> dict[str, Tensor]:
@@ -130,10 +125,10 @@ class PhysicsIDModule(DynamicPhase):
         """The method looks around first, where it may; a resumed run goes on where it stood, if it was not done."""
         if self.global_step == 0:
             if self.searches:
-                self._searched = self.method.span(self)
+                self._course["searched"] = self.method.span(self)
                 self.method.prepare(self)
         elif self.global_step > self.warm_up_end and self.method.converged(self, self.optimizers()):
-            self._converged = self.trainer.should_stop = True
+            self._course["converged"] = self.trainer.should_stop = True
 
     def training_step(self, step: int, _: int) -> None:
         """One iteration of the method; a converged stage is left early."""
@@ -142,8 +137,8 @@ class PhysicsIDModule(DynamicPhase):
         loss = self.method.iterate(self, optimiser, step)
         self.log("physics/loss", loss)
         if step >= self.warm_up_end:
-            self._costs.append(loss)
-            for name, visited in self._visited.items():
+            self._course["costs"].append(loss)
+            for name, visited in self._course["visited"].items():
                 visited += [*([] if visited else [before[name]]), self.free[name].item()]
         for name, value in self.export_values().items():
             self.log(f"physics/{name} [{self.physics.parameters[name].unit.replace('/', '|')}]", value)
@@ -152,7 +147,7 @@ class PhysicsIDModule(DynamicPhase):
         if self.method.converged(self, optimiser) and step < self.warm_up_end:
             self.warm_up_end.fill_(step + 1)
         elif self.method.converged(self, optimiser):
-            self._converged = self.trainer.should_stop = True
+            self._course["converged"] = self.trainer.should_stop = True
 
     def export_values(self) -> dict[str, float]:
         """Every physical parameter now [SI]."""
@@ -171,17 +166,14 @@ class PhysicsIDModule(DynamicPhase):
             "hit_frame": self.hit_frame,
             "draws_views": self.method.draws_views,
             "fits_velocity": self.method.fits_velocity,
-            "converged": self._converged,
-            "searched": self._searched,
-            "costs": self._costs,
-            "visited": self._visited,
+            **self._course,
         }
 
     def progress(self) -> dict[str, Any]:
-        return self.course()
+        return self._course
 
     def take_up(self, progress: dict[str, Any]) -> None:
-        self._searched, self._costs, self._visited = progress["searched"], progress["costs"], progress["visited"]
+        self._course = {name: progress[name] for name in self._course}
 
     def progress_metrics(self) -> dict[str, str]:
         values = self.export_values()

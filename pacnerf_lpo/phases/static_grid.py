@@ -9,6 +9,7 @@ from torch.nn.functional import mse_loss, normalize
 
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.evaluation.prediction import StateRenderer
+from pacnerf_lpo.identification.problem import StateProblem
 from pacnerf_lpo.identification.silhouette_moments import silhouette_moments
 from pacnerf_lpo.identification.split import Split
 from pacnerf_lpo.losses.regularisers import matte_cross_entropy, surface_area, transmittance_entropy
@@ -115,7 +116,6 @@ class StaticGridModule(AbstractPhase):
         return Work(rays=self.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """Adam with one rate for the grids and one for the colour network."""
         groups = [
             {"params": [self.field.density, self.field.features], "lr": self.grid_rate},
             {"params": list(self.colour.parameters()), "lr": self.network_rate},
@@ -156,7 +156,6 @@ class StaticGridModule(AbstractPhase):
         return loss
 
     def weights_at(self, step: int) -> dict[str, float]:
-        """Weight of every term of the loss at a step."""
         scalings = self.length.scalings(step)
         entropy = self.entropy_weight * self.entropy_schedule.factor(step, scalings)
         return {
@@ -197,8 +196,6 @@ class StaticGridModule(AbstractPhase):
 
     def _surface_offset(self, state: ParticleState) -> float:
         """Raw density above the visible surface's where the body is as large as in the training views' mattes."""
-        from pacnerf_lpo.identification.problem import StateProblem  # it looks at states of phases
-
         video = self.data.video
         views = np.isin(np.arange(len(video.images)), self.data.train)
         first = Split(views, np.arange(len(video.times)) == 0)

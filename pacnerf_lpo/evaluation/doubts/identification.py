@@ -245,9 +245,7 @@ def _risen(course: Mapping[str, Any]) -> Iterator[Doubt]:
 
 
 def doubts_about_methods(methods: Mapping[str, Any] | None, physics: Physics) -> Iterator[Doubt]:
-    """The answers of two methods on a coarse body, where they were compared, differ by more than a noticeable change of
-    each.
-    """
+    """Two methods that were compared on a coarse body differ by more than a noticeable change of each answer."""
     if methods is None:
         return
     for name, by_images in methods.get("images", {}).items():

@@ -15,9 +15,7 @@ CONTACT_GROWTH = 1.8
 
 
 def doubts_about_images(results: Mapping[str, Any], phase: Mapping[str, Any]) -> Iterator[Doubt]:
-    """Views or frames in which the images of a phase, an entry of ``results["phases"]``, are far worse than in the
-    others.
-    """
+    """Views or frames in which images of a phase, one of ``results["phases"]``, are far worse than in the others."""
     rms = np.array(phase["images"]["rms"])
     order, train, test = view_rows(results)
     contact, worst = results["contact"], int(rms.mean(1).argmax())

@@ -33,12 +33,9 @@ ALONG = np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class Fall:
-    """What the outlines of the training views say about the motion, without any model.
-
-    ground: height at which the lowest point comes to rest [m]; None where the body never leaves its free fall.
-    error: of ``ground`` [m].
-    contact: first frame at the ground; None where it is not reached.
-    frames: of the video.
+    """What the outlines of the training views say about the motion, without any model: the height at which the lowest
+    point comes to rest [m], None where the body never leaves its free fall, and its error; the first frame at the
+    ground, None where it is not reached; and the number of frames.
     """
 
     ground: float | None
