@@ -44,8 +44,7 @@ def diagnose(stepper: Stepper, noise: Noise, progress: Progress) -> tuple[Step, 
     ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
     names = accepted_names(rounds)
     title = f"diagnose: {listed(names, 'and') if names else 'nothing added'}"
-    notes = last.comparison.notes if last.accepted is None else last.accepted.notes
-    effects = tuple(name_of(effect) for effect in ended.effects)
+    notes, effects = (last.accepted or last.comparison).notes, tuple(map(name_of, ended.effects))
     step = Step(0, stepper.history.current.number, title, "diagnose", dict(ended.known), effects, ends, notes=notes)
     verdict = json.loads((folder / RESULT).read_text())["verdict"]
     return stepper.adopt(step), [verdict["sentence"], *verdict["details"]]
@@ -63,9 +62,7 @@ def _rounds(source: Source, progress: Progress) -> list[Round]:
 
 
 def report(stepper: Stepper, noise: Noise, folder: Path, step: Step, progress: Progress) -> Path:
-    """Write the page of a step, with its numbers and pictures, into a folder; returns the page. Raises SimulationError
-    or UserInputError where a motion is unstable.
-    """
+    """The page of a step, written with its numbers and pictures into a folder. Raises as :meth:`Session.report`."""
     problem, first = stepper.problem, stepper.history.steps[0]
     shown = [first] if step.number == first.number else [first, step]
     rounds = [_as_round(stepper, noise, one, progress) for one in shown]
@@ -79,7 +76,6 @@ def report(stepper: Stepper, noise: Noise, folder: Path, step: Step, progress: P
     result["verdict"] |= {"sentence": said, "details": [STATED, *step.notes]}
     for stage, one in zip(result["stages"], shown, strict=True):
         stage["readable"] = one.name
-    folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / RESULT, json.dumps(result, indent=1).encode())
     write_pictures(problem, rounds, folder)
     return write_page(folder)

@@ -17,11 +17,11 @@ from pacnerf_lpo.diagnosis.catalogue import (
     whole_catalogue,
 )
 from pacnerf_lpo.errors import UserInputError
-from pacnerf_lpo.explore.records import EffectInfo, Setting, Step
+from pacnerf_lpo.explore.records import EffectInfo, Kind, Setting, Step
 from pacnerf_lpo.identification.forward_model import VELOCITY
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.mpm.effects.base import Effect
-from pacnerf_lpo.mpm.parameters import OF, Log10, Parameter, own_name
+from pacnerf_lpo.mpm.parameters import OF, Log10, Parameter, named, own_name
 from pacnerf_lpo.mpm.physics import GROUND_HEIGHT
 from pacnerf_lpo.report.wording import readable
 
@@ -34,17 +34,16 @@ PROBES = 2.0
 
 
 class Catalogue:
-    """The numbers and effects of a problem. Raises UserInputError where the list cannot be read.
-
-    Sliders lie around ``base``, the values of the first step [SI]; ``listed`` is a YAML list of effects of one's own.
+    """The numbers and effects of a problem; ``listed`` is a YAML list of effects of one's own. Raises UserInputError
+    where the list cannot be read.
     """
 
-    def __init__(self, problem: Problem, base: Mapping[str, float], listed: str | None = None):
-        self.problem, self.base = problem, dict(base)
+    def __init__(self, problem: Problem, listed: str | None):
+        self.problem, self.base = problem, problem.first_guess
         material = problem.physics.material
-        self.installed = {name_of(effect): effect for effect in problem.physics.effects}
+        self.effects: dict[str, Effect] = {name_of(effect): effect for effect in problem.physics.effects}
+        self.installed = tuple(self.effects)
         self.declared: list[dict[str, Any]] = []
-        self.effects: dict[str, Effect] = dict(self.installed)
         found = whole_catalogue(material, problem.video.view_ids, ())
         if listed is not None:
             found = [*read_candidates(Path(listed), material, ()), *found]
@@ -65,7 +64,8 @@ class Catalogue:
         """Parameters of material, motion and ground by name."""
         problem = self.problem
         model = problem.model(problem.physics.effects, self.base)
-        found = {unknown.name: unknown for unknown in model.unknowns}
+        found = named(*model.unknowns)
+        self.free = set(found)
         if problem.deforms:
             for name in self.base:
                 own, _, recording = name.partition(OF)
@@ -73,7 +73,6 @@ class Catalogue:
                 if name not in found and known is not None:
                     found[name] = known.of_recording(recording) if recording else known
         coefficients = {name for effect in self.effects.values() for name in effect.parameters}
-        self.free = {unknown.name for unknown in model.unknowns} | coefficients
         return {name: parameter for name, parameter in found.items() if name not in coefficients}
 
     def declare(self, entry: str | dict[str, Any]) -> str:
@@ -89,7 +88,6 @@ class Catalogue:
             if not self._take(effect):
                 raise UserInputError(f"explore: {name} has a coefficient that an effect of the catalogue has too")
             self.declared.append(as_config(effect, effect.guess))
-            self.free |= set(self.effects[name].parameters)
         return name
 
     def effect(self, name: str) -> Effect:
@@ -168,7 +166,7 @@ class Catalogue:
             isinstance(parameter.transform, Log10),
             step.intervals.get(name),
             owner is None or owner in step.effects,
-            name in self.free,
+            owner is not None or name in self.free,
             name.partition(OF)[2] or None,
         )
 
@@ -186,10 +184,6 @@ class Catalogue:
             )
             for name, effect in self.effects.items()
         ]
-
-    def show(self, name: str, value: float) -> str:
-        """A number with its unit."""
-        return self.numbers[name][1].show(value)
 
 
 def _group(name: str) -> str:
@@ -220,21 +214,20 @@ def with_values(catalogue: Catalogue, step: Step, values: Mapping[str, float]) -
     owners = {name: catalogue.owner(name) for name in values}
     nulls = _nulls(catalogue, catalogue.effects)
     added = [own for name, own in owners.items() if own and own not in step.effects and values[name] != nulls[name]]
-    effects = joined(catalogue, step.effects, list(dict.fromkeys(added)))
-    given = {name: value for name, value in values.items() if owners[name] is None or owners[name] in effects}
-    title = ", ".join(f"{_called(catalogue, name)} {catalogue.show(name, value)}" for name, value in values.items())
-    known = {**step.values, **_nulls(catalogue, added), **given}
-    return Step(0, step.number, title, "set", known, effects, step.intervals)
+    given = {name: value for name, value in values.items() if owners[name] in (None, *step.effects, *added)}
+    numbers, effects = catalogue.numbers, catalogue.effects
+    # a coefficient is called by its effect where that has no other
+    called = {name: own if own and len(effects[own].parameters) == 1 else name for name, own in owners.items()}
+    title = ", ".join(f"{called[name]} {numbers[name][1].show(value)}" for name, value in values.items())
+    return _joined(catalogue, step, list(dict.fromkeys(added)), given, title, "set")
 
 
 def with_effect(catalogue: Catalogue, step: Step, effect: str, values: Mapping[str, float]) -> Step:
     """With one more effect, at checked values [SI]. Raises UserInputError where it does not suit the others."""
     if effect in step.effects:
         raise UserInputError(f"explore: the model has {effect} already; change its settings instead")
-    effects = joined(catalogue, step.effects, [effect])
-    shown = ", ".join(catalogue.show(name, value) for name, value in values.items())
-    known = {**step.values, **_nulls(catalogue, [effect]), **values}
-    return Step(0, step.number, f"+ {effect} {shown}".rstrip(), "add", known, effects, step.intervals)
+    shown = ", ".join(catalogue.effects[effect].parameters[name].show(value) for name, value in values.items())
+    return _joined(catalogue, step, [effect], values, f"+ {effect} {shown}".rstrip(), "add")
 
 
 def without_effect(catalogue: Catalogue, step: Step, effect: str) -> Step:
@@ -248,21 +241,18 @@ def without_effect(catalogue: Catalogue, step: Step, effect: str) -> Step:
     return Step(0, step.number, f"- {effect}", "remove", values, kept, intervals)
 
 
-def joined(catalogue: Catalogue, effects: Sequence[str], more: Sequence[str]) -> tuple[str, ...]:
-    """Effects of a model with some more. Raises UserInputError where they do not suit each other."""
-    found = tuple(effects)
+def _joined(
+    catalogue: Catalogue, step: Step, more: Sequence[str], values: Mapping[str, float], title: str, kind: Kind
+) -> Step:
+    """With more effects, and other values. Raises UserInputError where the effects do not suit each other."""
+    effects = step.effects
     for name in more:
-        if name not in {candidate.name for candidate in catalogue.candidates(found)}:
-            raise UserInputError(f"explore: {name} cannot be added to a model with {' and '.join(found) or 'none'}")
-        found = (*found, name)
-    return found
+        if name not in {candidate.name for candidate in catalogue.candidates(effects)}:
+            raise UserInputError(f"explore: {name} cannot be added to a model with {' and '.join(effects) or 'none'}")
+        effects = (*effects, name)
+    known = {**step.values, **_nulls(catalogue, more), **values}
+    return Step(0, step.number, title, kind, known, effects, step.intervals)
 
 
 def _nulls(catalogue: Catalogue, effects: Iterable[str]) -> dict[str, float]:
     return {name: null for own in effects for name, null in catalogue.effects[own].null.items()}
-
-
-def _called(catalogue: Catalogue, name: str) -> str:
-    """A setting in the name of a step: by its effect where that has one coefficient."""
-    owner = catalogue.owner(name)
-    return owner if owner is not None and len(catalogue.effects[owner].parameters) == 1 else name

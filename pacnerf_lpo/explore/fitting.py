@@ -29,7 +29,7 @@ def check(stepper: Stepper, names: Sequence[str]) -> None:
         owner = catalogue.owner(name)
         if owner is not None and owner not in step.effects:
             raise UserInputError(f"explore: {name} belongs to {owner}, which the model has not; add it first")
-        if name not in catalogue.free:
+        if owner is None and name not in catalogue.free:
             raise UserInputError(f"explore: {name} is known in this run and is not identified; set it by hand")
     if len(set(names)) < len(names):
         raise UserInputError("explore: a setting is ticked twice")

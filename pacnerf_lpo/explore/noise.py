@@ -48,8 +48,7 @@ class Noise:
     @property
     def first(self) -> Known | None:
         """The model of the run as the stored diagnosis has fitted it."""
-        installed = tuple(self.catalogue.installed)
-        return next((one for one in self.known if one.effects == installed and one.intervals), None)
+        return next((one for one in self.known if one.effects == self.catalogue.installed and one.intervals), None)
 
     def floor(self, step: Step) -> tuple[float, float] | None:
         """Root mean square of the replicates in the fitted and the held-out data [the problem's unit]; None where none
@@ -94,27 +93,24 @@ class Noise:
     def _learnt(self, step: Step, progress: Progress) -> Comparison:
         problem, effects = self.problem, self.catalogue.chosen(step.effects)
         model = problem.model(effects, step.values)
-        free = model.start
         told = prefixed(progress, "noise: ")
-        errors = ModelErrors.learn(problem, effects, model, free, (REPLICATES, SEED), told)
-        residual = problem.residual(model.predict(free))
+        errors = ModelErrors.learn(problem, effects, model, model.start, (REPLICATES, SEED), told)
+        residual = problem.residual(model.predict(model.start))
         seen = residual, np.zeros((*residual.shape, 0))
-        return Comparison.at(model, free, priors(problem, model), seen, errors, problem.fitted_with(effects))
+        at = model, model.start, priors(problem, model), seen, errors
+        return Comparison.at(*at, problem.fitted_with(effects))
 
     def _stored(self) -> list[Known]:
         """Models that a diagnosis of the same data has fitted."""
-        store, found = self.source.store, []
+        problem, store, known, found = self.problem, self.source.store, self.catalogue.effects, []
         for path in sorted((store.folder / "steps").glob(f"{store.key}_*compare.npz")):
             with suppress(*DAMAGED):
-                found.append(self._as_known(read(path)["result"]))
-        return [known for known in found if known is not None]
-
-    def _as_known(self, comparison: Comparison) -> Known | None:
-        names = [name for name, e in self.catalogue.effects.items() if set(e.parameters) <= set(comparison.names)]
-        covered = {name for own in names for name in self.catalogue.effects[own].parameters}
-        own = set(self.problem.model((), self.problem.first_guess).names)
-        if set(comparison.names) - covered - own or comparison.residual.shape != self.problem.usable.shape:
-            return None  # it has an effect that this session does not know
-        found, _ = intervals(self.problem, self.catalogue.chosen(names), comparison)
-        ends = {one.name: (one.low, one.high) for one in found if one.identifiable}
-        return Known(tuple(names), ends, comparison)
+                comparison = read(path)["result"]
+                effects = {n: e for n, e in known.items() if set(e.parameters) <= set(comparison.names)}
+                names = problem.model(tuple(effects.values()), comparison.known).names
+                if set(comparison.names) - set(names) or comparison.residual.shape != problem.usable.shape:
+                    continue  # it has an effect that this session does not know
+                told, _ = intervals(problem, tuple(effects.values()), comparison)
+                ends = {one.name: (one.low, one.high) for one in told if one.identifiable}
+                found.append(Known(tuple(effects), ends, comparison))
+        return found

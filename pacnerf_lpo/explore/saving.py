@@ -25,7 +25,7 @@ def save(session: "Session", folder: Path) -> Path:
     where the folder cannot be written.
     """
     source = session.source
-    steps, current = session.history.snapshot()
+    current = session.current.number  # before the steps: it is among all later ones
     content = {
         "format": FORMAT,
         "source": [str(Path(run).resolve()) for run in source.runs],
@@ -35,11 +35,10 @@ def save(session: "Session", folder: Path) -> Path:
         "candidates": session.listed,
         "own_effects": session.catalogue.declared,
         "current": current,
-        "steps": [asdict(step) for step in steps],
+        "steps": [asdict(step) for step in session.steps],
         "tables": {str(n): plain(table) for n, table in session.history.tables.copy().items()},
     }
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / FILE, json.dumps(content).encode())
     except OSError as error:
         raise UserInputError(f"explore: {folder}: the session cannot be written there ({error})") from error
@@ -56,7 +55,7 @@ def reopen(kind: "type[Session]", folder: Path, jobs: int | None) -> "Session":
         if content["format"] != FORMAT:
             raise UserInputError(f"{path}: written by another version; open its source instead: {content['source']}")
         steps = [_step(entry) for entry in content["steps"]]
-        tables = {int(n): np.array(table, dtype=float) for n, table in content["tables"].items()}
+        tables = {int(n): np.array(table, np.float32) for n, table in content["tables"].items()}
         source = open_source(content["source"], content["phase"], Options(**content["options"]), content["out"])
         session = kind(source, content["candidates"], jobs)
         for entry in content["own_effects"]:

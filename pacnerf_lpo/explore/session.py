@@ -40,10 +40,10 @@ class Session(Views):
     def __init__(self, source: Source, listed: str | None = None, jobs: int | None = None):
         """Use :meth:`open`. Raises UserInputError, SimulationError."""
         super().__init__(source.problem)
-        self.source, self.problem, self.jobs = source, source.problem, jobs
+        self.source, self.problem = source, source.problem
         self.listed = listed or source.options.candidates
-        self.catalogue = Catalogue(self.problem, self.problem.first_guess, self.listed)
-        self.stepper = Stepper(self.catalogue)
+        self.catalogue = Catalogue(self.problem, self.listed)
+        self.stepper = Stepper(self.catalogue, jobs)
         self.history = self.stepper.history
         self.noise = Noise(source, self.catalogue)
 
@@ -82,9 +82,10 @@ class Session(Views):
     def of(cls, source: Source, candidates: str | None = None, jobs: int | None = None) -> "Session":
         """Begin with a source that was read; arguments and errors as of :meth:`open`."""
         session = cls(source, candidates, jobs)
-        installed = tuple(session.catalogue.installed)
-        first = Step(0, None, "as the run has it", "open", dict(session.catalogue.base), installed, source.intervals)
-        session.stepper.take(first, must=True)
+        base, installed = dict(session.catalogue.base), session.catalogue.installed
+        first = Step(0, None, "as the run has it", "open", base, installed, source.intervals)
+        session.stepper.rolled(first, "coarse")  # raises where the motion is unstable
+        session.stepper.take(first)
         stored = session.noise.first
         if stored is not None:
             title, known, notes = "as diagnose fitted it", dict(stored.comparison.known), stored.comparison.notes
@@ -111,7 +112,7 @@ class Session(Views):
     @property
     def steps(self) -> tuple[Step, ...]:
         """The history, in the order in which it was made."""
-        return self.history.steps
+        return tuple(self.history.steps)
 
     @property
     def current(self) -> Step:
@@ -243,7 +244,7 @@ class Session(Views):
         suggestions and intervals need, unless that is known for a model with these effects. The next question stops it.
         Raises as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs, yielding=True) as report:
+        with self.stepper.job(progress, stop, yielding=True) as report:
             self.noise.learn(self.current, report)
             suggesting.warm(self.stepper, report, workers())
 
@@ -264,7 +265,7 @@ class Session(Views):
             SimulationError: the current motion is unstable.
             UserInputError: another question is being answered.
         """
-        with self.stepper.job(progress, stop, self.jobs) as report:
+        with self.stepper.job(progress, stop) as report:
             return suggesting.suggest(self.stepper, self.noise, report)[:most]
 
     def fit(
@@ -282,7 +283,7 @@ class Session(Views):
             UserInputError: no such settings, or another question is being answered.
         """
         fitting.check(self.stepper, names)
-        with self.stepper.job(progress, stop, self.jobs) as report:
+        with self.stepper.job(progress, stop) as report:
             return fitting.fit(self.stepper, self.noise, list(names), report)
 
     def diagnose(
@@ -292,7 +293,7 @@ class Session(Views):
         writes them, and take its model over as a step; minutes, and it goes on where it was stopped. Returns the step,
         and the sentences of the verdict. Raises as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as report:
+        with self.stepper.job(progress, stop) as report:
             return asking.diagnose(self.stepper, self.noise, report)
 
     def plan(self, progress: Progress = lambda _: None, stop: Callable[[], bool] = lambda: False) -> list[Proposal]:
@@ -303,7 +304,7 @@ class Session(Views):
             UserInputError: the diagnosis names one cause or none, or only flights were measured.
             Stopped, SimulationError: as :meth:`suggest`.
         """
-        with self.stepper.job(progress, stop, self.jobs) as report:
+        with self.stepper.job(progress, stop) as report:
             return asking.plan(self.source, report)
 
     def stop(self) -> None:
@@ -346,7 +347,7 @@ class Session(Views):
         """
         step = self.history.step(number)
         self.stepper.simulated(step)
-        with self.stepper.job(progress, lambda: False, self.jobs) as report:
+        with self.stepper.job(progress, lambda: False) as report:
             return asking.report(self.stepper, self.noise, Path(folder), step, report)
 
     def close(self) -> None:

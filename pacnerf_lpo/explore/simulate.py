@@ -14,7 +14,7 @@ from pacnerf_lpo.mpm.effects.base import Effect
 from pacnerf_lpo.report.diagnosis_stages import root_mean_square
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Simulated:
     """A model of all recordings, rolled out.
 

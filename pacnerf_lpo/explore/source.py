@@ -47,14 +47,9 @@ class Source:
 def open_source(
     given: Sequence[str | Path], phase: str | None = None, options: Options | None = None, out: str | None = None
 ) -> Source:
-    """Read what is given. Raises UserInputError where it can be none of these, or a diagnosis could not use it.
-
-    Args:
-        given: a run, its scene, the folder of a study, or several runs or scenes of one object; scenes of measured
-            flights, or folders of such.
-        phase: stem of a finished phase of the runs.
-        options: of a diagnosis; None: those of the stored one, or the usual ones.
-        out: folder in which results of a diagnosis go; None: the run, or ``explored`` next to the first of several.
+    """Read what is given, arguments as of :meth:`Session.open`; results of a diagnosis go into the folder ``out``, when
+    not given into the run, or into ``explored`` next to the first of several. Raises UserInputError where it can be
+    none of these, or a diagnosis could not use it.
     """
     folders = [str(folder) for folder in given]
     for folder in folders:
@@ -63,13 +58,13 @@ def open_source(
     if not any(scenes_in(Path(folder)) for folder in folders):
         folders = [run_directory(folder) for folder in folders]
     home = Path(folders[0])
+    out = out or str(home if len(folders) == 1 else home.parent / "explored")
     stored = Settings.read(home / FOLDER) if len(folders) == 1 and (home / FOLDER / FILE).is_file() else None
     if stored is not None and not (home / FILE_NAME).is_file() and not scenes_in(home):
         folders = stored.runs
     if stored is not None and options is None and (phase is None or phase == stored.phase):
         phase, options = stored.phase, _readable(stored.options)
     options = options or Options()
-    out = out or (str(home) if stored is not None or len(folders) == 1 else str(home.parent / "explored"))
     problem, store = prepare(folders, phase, options, out)
     return Source(problem, store, tuple(folders), phase, options)
 

@@ -29,10 +29,13 @@ warnings.filterwarnings("ignore", ".*still being processed by the workers have b
 
 
 class Stepper:
-    """The steps of a session. Changes are made one after the other, each stops a refinement; looking waits for none."""
+    """The steps of a session. Changes are made one after the other, each stops a refinement; looking waits for none.
+    Questions are answered in ``jobs`` processes.
+    """
 
-    def __init__(self, catalogue: Catalogue):
+    def __init__(self, catalogue: Catalogue, jobs: int | None):
         self.catalogue, self.problem, self.history = catalogue, catalogue.problem, History()
+        self._jobs = jobs if self.problem.deforms else jobs or 1
         self._changing, self._looking, self._working = threading.RLock(), threading.RLock(), threading.Lock()
         self._generation, self._stop, self._yielding = 0, threading.Event(), False
         self._rolled: OrderedDict[tuple, Simulated] = OrderedDict()
@@ -45,12 +48,12 @@ class Stepper:
         with self._changing:
             yield
 
-    def take(self, step: Step, must: bool = False) -> Step:
+    def take(self, step: Step) -> Step:
         """Put a step into the history and simulate it on the coarse body; one that is unstable stays there with the
-        reason. Raises SimulationError for one that ``must`` be stable.
+        reason.
         """
         with self._changing:
-            return self._coarse(self.history.add(step), must)
+            return self._coarse(self.history.add(step))
 
     def drag(self, step: Step, keys: tuple[str, ...]) -> Step:
         """The same for a hand that moves these settings: in the place of the current step where it made that, too."""
@@ -81,7 +84,9 @@ class Stepper:
             return step
         except SimulationError as error:
             note = f"on the fine body the motion is unstable ({error}); a larger physics.substep_rate may mend that"
-            return self.history.update(replace(step, notes=(*step.notes, note)), self.history.tables.get(step.number))
+            with self._changing:
+                table = self.history.tables.get(step.number)
+                return self.history.update(replace(step, notes=(*step.notes, note)), table)
         with self._changing:
             return step if self._generation != begun else self._kept(step, found)
 
@@ -109,12 +114,10 @@ class Stepper:
         return found
 
     @contextmanager
-    def job(
-        self, progress: Progress, stop: Callable[[], bool], jobs: int | None, yielding: bool = False
-    ) -> Iterator[Progress]:
-        """The one question that is being answered, in so many processes, with a progress that raises ``Stopped`` when
-        the answer is not wanted any more; one that is ``yielding`` is stopped by the next one. Raises UserInputError
-        where there is one already.
+    def job(self, progress: Progress, stop: Callable[[], bool], yielding: bool = False) -> Iterator[Progress]:
+        """The one question that is being answered, with a progress that raises ``Stopped`` when the answer is not
+        wanted any more; one that is ``yielding`` is stopped by the next one. Raises UserInputError where there is one
+        already.
         """
         if not self._working.acquire(blocking=False):
             if not self._yielding:
@@ -133,7 +136,7 @@ class Stepper:
 
         try:
             self._stop.clear()
-            with stoppable(unwanted), processes(jobs if self.problem.deforms else jobs or 1, LINGER):
+            with stoppable(unwanted), processes(self._jobs, LINGER):
                 yield report
         finally:
             self._yielding = False
@@ -159,12 +162,10 @@ class Stepper:
         with self._looking:
             self._rolled.clear()
 
-    def _coarse(self, step: Step, must: bool = False) -> Step:
+    def _coarse(self, step: Step) -> Step:
         try:
             return self._kept(step, self.rolled(step, "coarse"))
         except SimulationError as error:
-            if must:
-                raise
             return self.history.update(replace(step, trouble=str(error)), None)
 
     def _kept(self, step: Step, found: Simulated) -> Step:
@@ -178,92 +179,74 @@ class Stepper:
 
 
 class History:
-    """Steps in the order in which they were made. All methods may be called from several threads.
+    """Steps in the order in which they were made. One thread at a time may change it, see :meth:`Stepper.change`; as
+    steps are added or replaced and never taken away, others may read it meanwhile.
 
+    steps: all of them.
     tables: errors of every row and frame of the steps that could be simulated, by number [(R, F), float32]
     """
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self._steps: list[Step] = []
+        self.steps: list[Step] = []
         self._undone: list[int] = []
         self._current = 0
         self.tables: dict[int, np.ndarray] = {}
 
     @property
-    def steps(self) -> tuple[Step, ...]:
-        """All of them."""
-        with self._lock:
-            return tuple(self._steps)
-
-    @property
     def current(self) -> Step:
         """The one that the model stands at."""
-        with self._lock:
-            return self._steps[self._current]
+        return self.steps[self._current]
 
     def step(self, number: int | None) -> Step:
         """By its number; the current one when None. Raises UserInputError."""
-        with self._lock:
-            if number is None:
-                return self._steps[self._current]
-            whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
-            if not whole or not 0 <= number < len(self._steps):
-                raise UserInputError(f"explore: there is no step {number}; give 0 to {len(self._steps) - 1}")
-            return self._steps[int(number)]
+        if number is None:
+            return self.current
+        whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        if not whole or not 0 <= number < len(self.steps):
+            raise UserInputError(f"explore: there is no step {number}; give 0 to {len(self.steps) - 1}")
+        return self.steps[int(number)]
 
     def add(self, step: Step) -> Step:
         """Take a step in, with the next number, and go to it."""
-        with self._lock:
-            step = replace(step, number=len(self._steps))
-            self._steps.append(step)
-            self._current, self._undone = step.number, []
-            return step
+        step = replace(step, number=len(self.steps))
+        self.steps.append(step)
+        self._current, self._undone = step.number, []
+        return step
 
     def update(self, step: Step, table: np.ndarray | None) -> Step:
         """Put a step in the place of the one with its number."""
-        with self._lock:
-            self._steps[step.number] = step
-            if table is None:
-                self.tables.pop(step.number, None)
-            else:
-                self.tables[step.number] = table.astype(np.float32)
-            return step
+        self.steps[step.number] = step
+        if table is None:
+            self.tables.pop(step.number, None)
+        else:
+            self.tables[step.number] = table.astype(np.float32)
+        return step
 
     def go(self, number: int) -> Step:
         """Make a step the current one."""
-        with self._lock:
-            step = self.step(number)
-            if step.number != self._current:
-                self._undone.clear()
-            self._current = step.number
-            return step
+        step = self.step(number)
+        if step.number != self._current:
+            self._undone.clear()
+        self._current = step.number
+        return step
 
     def undo(self) -> Step:
         """Go back to what the current step was made from. Raises UserInputError at the first."""
-        with self._lock:
-            step = self._steps[self._current]
-            if step.parent is None:
-                raise UserInputError("explore: nothing to undo: this is the first step")
-            self._undone.append(step.number)
-            self._current = step.parent
-            return self._steps[self._current]
+        step = self.current
+        if step.parent is None:
+            raise UserInputError("explore: nothing to undo: this is the first step")
+        self._undone.append(step.number)
+        self._current = step.parent
+        return self.current
 
     def redo(self) -> Step:
         """Go on to what was undone last. Raises UserInputError where nothing was."""
-        with self._lock:
-            if not self._undone:
-                raise UserInputError("explore: nothing to redo")
-            self._current = self._undone.pop()
-            return self._steps[self._current]
-
-    def snapshot(self) -> tuple[list[Step], int]:
-        """All steps and the number of the current one, of the same moment."""
-        with self._lock:
-            return list(self._steps), self._current
+        if not self._undone:
+            raise UserInputError("explore: nothing to redo")
+        self._current = self._undone.pop()
+        return self.current
 
     def restore(self, steps: list[Step], current: int, tables: dict[int, np.ndarray]) -> None:
         """Take over the steps of a saved session. Raises LookupError where its current step is none of them."""
-        with self._lock:
-            self._steps, self._current, self._undone = list(steps), steps[current].number, []
-            self.tables = {number: table.astype(np.float32) for number, table in tables.items()}
+        self.steps, self._current, self._undone = steps, steps[current].number, []
+        self.tables = tables

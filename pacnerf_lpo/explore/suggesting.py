@@ -55,8 +55,8 @@ def suggest(stepper: Stepper, noise: Noise, progress: Progress) -> list[Suggesti
     screening = judge(problem, null, probe(problem, effects, null, candidates, progress))
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
-    best = [score.name for score in scores if score.log_bayes_factor > 0][:MOST]
-    refits = _fitted(problem, effects, null, [by_name[name] for name in best], screening, progress)
+    best = [by_name[score.name] for score in scores if score.log_bayes_factor > 0][:MOST]
+    refits = _fitted(problem, effects, null, best, screening, progress)
     found = [_suggestion(by_name[one.name], one, screening, refits.get(one.name)) for one in scores]
     return sorted(found, key=lambda one: (not one.fitted, -one.log_bayes_factor))
 
@@ -74,8 +74,8 @@ def _fitted(
     while chosen:
         now, chosen = chosen[: workers()], chosen[workers() :]
         least = min((one.cost for one in found.values()), default=np.inf)
-        quickly = partial(refit, ahead=Ahead(least), how="quickly")
-        tried = each(quickly, ((problem, effects, null, one, screening, _quiet) for one in now))
+        quickly = partial(refit, progress=lambda _: None, ahead=Ahead(least), how="quickly")
+        tried = each(quickly, ((problem, effects, null, one, screening) for one in now))
         for candidate, again in zip(now, tried, strict=True):
             progress(f"fitted with {candidate.name}")
             if again is not None:
@@ -99,10 +99,6 @@ def _first_frame(model: Model) -> None:
         one.frames = 2
         with suppress(SimulationError):
             one.path(one.start)
-
-
-def _quiet(_: str) -> None:
-    """Progress of another process."""
 
 
 def _suggestion(candidate: Candidate, score: Score, screening: Screening, again: Refit | None) -> Suggestion:

@@ -1,8 +1,6 @@
 """What of a rollout a person looks at: the body in space, outlines in a camera, and where on the body they disagree."""
 
-import threading
-from collections.abc import Callable
-from typing import Any
+from functools import cache, lru_cache
 
 import numpy as np
 import torch
@@ -36,9 +34,9 @@ class Views:
 
     def __init__(self, problem: Problem):
         self._parts = problem.parts(problem.physics.effects, problem.first_guess)
-        self._lock = threading.RLock()
-        self._known: dict[tuple, Any] = {}
-        self._outlines: tuple[object, dict[tuple[int, int], np.ndarray]] = (None, {})
+        self._opacity = lru_cache(problem.views)(self._find_opacity)  # as many as one rollout has
+        self._appearance = cache(appearance_of)
+        self._hull = cache(lambda at, frame: hull_at(self._video(at), frame))
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -48,13 +46,12 @@ class Views:
     def cameras(self, recording: str | int = 0) -> list[Camera]:
         """Cameras of a recording; none where only points were measured."""
         at = self._number(recording)
-        video, name = self._video(at), self.recordings[at]
+        video, fitted = self._video(at), self._parts[at].recording.split.views.tolist()
+        poses, intrinsics = video.camera_to_world.numpy(), video.intrinsics.numpy()
         height, width = video.images.shape[2:4]
-        fitted = self._parts[at].recording.split.views.tolist()
-        seen = zip(video.view_ids, fitted, video.camera_to_world.numpy(), video.intrinsics.numpy(), strict=True)
         return [
-            Camera(view, f"view {view}", name, not known, pose, intrinsic, width, height)
-            for view, known, pose, intrinsic in seen
+            Camera(view, f"view {view}", self.recordings[at], not fitted[v], poses[v], intrinsics[v], width, height)
+            for v, view in enumerate(video.view_ids)
         ]
 
     def times(self, recording: str | int = 0) -> np.ndarray:
@@ -84,8 +81,7 @@ class Views:
         if not self._parts[at].recording.deforms or path.shape[1] <= NEIGHBOURS:
             return np.ones(path.shape[:2], np.float32)
         body = found.models[at].body.positions.numpy()
-        nearest = lambda: cKDTree(body).query(body, NEIGHBOURS + 1)[1][:, 1:]  # noqa: E731
-        near = torch.from_numpy(self._once(("neighbours", at, len(body)), nearest))
+        near = torch.from_numpy(cKDTree(body).query(body, NEIGHBOURS + 1)[1][:, 1:])
         before = path[0][near] - path[0][:, None]
         inverse = torch.linalg.pinv(before.transpose(1, 2) @ before)
         gradients = [((frame[near] - frame[:, None]).transpose(1, 2) @ before) @ inverse for frame in path]
@@ -119,15 +115,13 @@ class Views:
         if isinstance(seen, RigidProblem):
             centre = seen.flight.positions[frame]
         elif seen.points is not None:
-            time, times = seen.points.times[frame], seen.points.times
+            times, tracks, clouds = seen.points.times, seen.points.tracks, seen.points.clouds
             nearest = lambda when: np.abs(when[:, None] - times).argmin(1) == frame  # noqa: E731
-            tracks, clouds = seen.points.tracks, seen.points.clouds
             if tracks is not None:
                 points = tracks.positions[nearest(tracks.times)]
             if clouds is not None and nearest(clouds.times).any():
-                cloud = clouds.points[int(np.abs(clouds.times - time).argmin())]
-        hull, cell = self._once(("hull", at, frame), lambda: hull_at(self._video(at), frame))
-        return Measured(hull, cell, points, cloud, centre)
+                cloud = clouds.points[int(np.abs(clouds.times - times[frame]).argmin())]
+        return Measured(*self._hull(at, frame), points, cloud, centre)
 
     def particle_errors(self, number: int | None = None, recording: str | int = 0) -> np.ndarray:
         """Where on the body the outlines disagree [pixels, (F, N), float32]: the area on which matte and model differ,
@@ -142,8 +136,7 @@ class Views:
         found, at = self._rolled(number, recording)
         error, body = self._disagreement(found, at), found.models[at].body.positions.numpy()
         away = (body - body.mean(0)) / np.maximum(np.ptp(body, axis=0), 1e-9)
-        axis = np.abs(away).argmax(1)
-        side = 2 * axis + (np.take_along_axis(away, axis[:, None], 1)[:, 0] > 0)
+        side = np.stack((-away, away), axis=2).reshape(len(away), -1).argmax(1)
         return {name: error[:, side == number].sum(1) for number, name in enumerate(SIDES)}
 
     def _number(self, recording: str | int) -> int:
@@ -188,39 +181,26 @@ class Views:
                     np.add.at(total[frame], nearest, 1.0)
         return (total / max(model.shape[0], 1)).astype(np.float32)
 
-    def _opacity(self, found: Simulated, at: int, view: int) -> np.ndarray:
-        """Of the model in a view at all frames [0..1, (F, H, W)]; remembered for the last rollout."""
-        with self._lock:
-            if self._outlines[0] is not found:
-                self._outlines = found, {}
-            kept = self._outlines[1]
-            if (at, view) not in kept:
-                model = found.models[at]
-                seen = model.outlines(found.paths[at], model.start, [view])[0]
-                kept[at, view] = seen[:, MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
-            return kept[at, view]
-
-    def _once(self, key: tuple, find: Callable[[], Any]) -> Any:
-        """What is found only when it is asked for the first time."""
-        with self._lock:
-            if key not in self._known:
-                self._known[key] = find()
-            return self._known[key]
+    def _find_opacity(self, found: Simulated, at: int, view: int) -> np.ndarray:
+        """Of the model in a view at all frames [0..1, (F, H, W)]"""
+        model = found.models[at]
+        seen = model.outlines(found.paths[at], model.start, [view])[0]
+        return seen[:, MARGIN:-MARGIN, MARGIN:-MARGIN].numpy()
 
     def _colours(self, at: int, positions: Tensor) -> np.ndarray:
         """Appearance of particles at frame 0 [0..1, (N, 3)]: that of the nearest one of the reconstruction."""
         recording = self._parts[at].recording
         if not isinstance(recording, StateProblem):
             return np.full((len(positions), 3), 0.6)
-        state = recording.state
-
-        def appearance() -> tuple[cKDTree, np.ndarray]:
-            dense = state.density >= state.density.median()
-            colours = StateRenderer(state).particle_colours()[dense].numpy()
-            return cKDTree(state.positions[dense].numpy()), colours
-
-        tree, colours = self._once(("appearance", at), appearance)
+        tree, colours = self._appearance(recording)
         return colours[tree.query(positions.numpy())[1]]
+
+
+def appearance_of(recording: StateProblem) -> tuple[cKDTree, np.ndarray]:
+    """The denser half of the particles of a reconstruction, and their colours [0..1, (N, 3)]"""
+    state = recording.state
+    dense = state.density >= state.density.median()
+    return cKDTree(state.positions[dense].numpy()), StateRenderer(state).particle_colours()[dense].numpy()
 
 
 def hull_at(video: Video, frame: int) -> tuple[np.ndarray, float]:

@@ -41,7 +41,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def check_output(path: Path, own: re.Pattern[str] | None) -> None:
+def check_output(path: Path, own: str | None) -> None:
     """Raise UserInputError where a file cannot be written under this name, or a folder of files with ``own`` names
     would replace something else.
     """
@@ -52,6 +52,6 @@ def check_output(path: Path, own: re.Pattern[str] | None) -> None:
     above = next(parent for parent in path.absolute().parents if parent.exists())
     if not above.is_dir():
         raise UserInputError(f"--output {path}: {above} is a file, not a folder; give another name")
-    other = sorted(file.name for file in path.glob("*") if own is not None and not own.fullmatch(file.name))
+    other = sorted(file.name for file in path.glob("*") if own is not None and not re.fullmatch(own, file.name))
     if other:
         raise UserInputError(f"--output {path}: the folder holds other files, such as {other[0]}; give another name")

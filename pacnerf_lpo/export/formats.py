@@ -1,6 +1,5 @@
 """The formats that a run is exported to, and what can be said against a choice before any long work."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -11,8 +10,8 @@ from pacnerf_lpo.evaluation.run_directory import Stage
 from pacnerf_lpo.export.files import check_output
 from pacnerf_lpo.export.film import write_mp4
 from pacnerf_lpo.export.motion import Subject
-from pacnerf_lpo.export.points import PLY_FILES, VTU_FILES, write_csv, write_ply, write_usd, write_vtu
-from pacnerf_lpo.export.surface import GLB_FILES, OBJ_FILES, write_glb, write_obj
+from pacnerf_lpo.export.points import write_csv, write_ply, write_usd, write_vtu
+from pacnerf_lpo.export.surface import write_glb, write_obj
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class Format:
     """A kind of export.
 
     write: writes a subject to a path.
-    files: names of the files in its folder; None where it is one file.
+    files: pattern of the names of the files in its folder; None where it is one file.
     endings: of its file, the usual one first.
     moving: it is a motion, and has no meaning for the shape at frame 0 alone.
     points: it holds particles, of which some can be left out.
@@ -28,7 +27,7 @@ class Format:
     """
 
     write: Callable[[Subject, Path], None]
-    files: re.Pattern[str] | None = None
+    files: str | None = None
     endings: tuple[str, ...] = ()
     moving: bool = True
     points: bool = True
@@ -37,11 +36,11 @@ class Format:
 
 SURFACE = (("skimage", "scikit-image"), ("trimesh", "trimesh"))
 FORMATS = {
-    "ply": Format(write_ply, files=PLY_FILES, moving=False),
-    "vtu": Format(write_vtu, files=VTU_FILES, needs=(("meshio", "meshio"),)),
+    "ply": Format(write_ply, files=r"frame_\d+\.ply", moving=False),
+    "vtu": Format(write_vtu, files=r"frame_\d+\.vtu|motion\.pvd", needs=(("meshio", "meshio"),)),
     "usd": Format(write_usd, endings=(".usd", ".usda", ".usdc"), needs=(("pxr", "usd-core"),)),
-    "obj": Format(write_obj, files=OBJ_FILES, moving=False, points=False, needs=SURFACE),
-    "glb": Format(write_glb, files=GLB_FILES, moving=False, points=False, needs=SURFACE),
+    "obj": Format(write_obj, files=r"frame_\d+\.obj", moving=False, points=False, needs=SURFACE),
+    "glb": Format(write_glb, files=r"frame_\d+\.glb", moving=False, points=False, needs=SURFACE),
     "csv": Format(write_csv, endings=(".csv",)),
     "mp4": Format(write_mp4, endings=(".mp4",), points=False),
 }

@@ -1,6 +1,5 @@
 """Particles as PLY, VTU with a PVD, CSV, and as USD points that move."""
 
-import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,8 +11,6 @@ from tqdm import tqdm
 from pacnerf_lpo.export.files import whole_file, whole_folder
 from pacnerf_lpo.export.motion import Subject, linear_light
 
-PLY_FILES = re.compile(r"frame_\d+\.ply")
-VTU_FILES = re.compile(r"frame_\d+\.vtu|motion\.pvd")
 SERIES = "motion.pvd"
 VERTEX = np.dtype(
     [(name, "f4") for name in ("x", "y", "z", "vx", "vy", "vz")]

@@ -3,7 +3,6 @@
 It encloses as much space at frame 0 as the particles fill; the same level then shows how the body is squeezed.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from pacnerf_lpo.export.points import frames_of
 from pacnerf_lpo.scene.activation import solid_fraction
 from pacnerf_lpo.scene.trilinear import scatter, stencil
 
-OBJ_FILES, GLB_FILES = (re.compile(rf"frame_\d+\.{ending}") for ending in ("obj", "glb"))
 SMOOTHING = 1.0
 """Standard deviation of the filter of the particles' volume, in distances between particles."""
 LAYER = 4

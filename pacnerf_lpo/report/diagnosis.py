@@ -61,31 +61,29 @@ def build_images(pictures: Mapping[str, np.ndarray]) -> dict[str, Any]:
     return {"width": width, "height": height, "columns": atlas_columns(frames), "stages": stages, **found}
 
 
-def payload(result: Mapping[str, Any], images: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page's scripts read."""
-    shown = ("unit", "views", "frames", "times", "held_views", "held_frames", "stages", "residual_force")
-    return {
-        **{name: result.get(name) for name in shown},
-        "phases": result["rounds"][0]["phases"],
-        "images": images,
-        "errors": _errors(result),
-        "flights": result.get("flights") or [],
-    }
-
-
 def render_page(result: Mapping[str, Any], images: Mapping[str, Any]) -> str:
     """The page as text."""
+    shown = ("unit", "views", "frames", "times", "held_views", "held_frames", "stages", "residual_force")
+    rounds, labels = result["rounds"], [stage["readable"] for stage in result["stages"]]
+    errors = [done["error"] for done in [*rounds, words.accepted(rounds[-1])] if done]  # beyond the model's own
+    data = {
+        **{name: result.get(name) for name in shown},
+        "phases": rounds[0]["phases"],
+        "images": images,
+        "errors": [{"label": label, **error} for label, error in zip(labels, errors, strict=True)],
+        "flights": result.get("flights") or [],
+    }
     return page(
         "diagnosis",
         f"{result['scene']}: {result['verdict']['sentence']}",
         STYLES,
         SCRIPTS,
-        payload(result, images),
+        data,
         result=result,
         unit=words.unit_of(result),
         light=words.light(result["verdict"]),
         cards=sections.first_screen(result),
-        rounds=[_round(done, number) for number, done in enumerate(result["rounds"])],
+        rounds=[_round(done, number) for number, done in enumerate(rounds)],
         flights=flights_section(result),
         points="" if result.get("flights") else sections.points_table(result),
         recordings=sections.recordings_section(result),
@@ -105,10 +103,3 @@ def _round(done: Mapping[str, Any], number: int) -> str:
     title = "The model as it was fitted" if not number else f"The model with {effects}"
     tables = sections.ranking(done), sections.confounding(done["screen"]), sections.refit_table(done)
     return parts("diagnosis").round(not number, title, words.checked(done), done, *tables)
-
-
-def _errors(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Error beyond the model's own, of fitted and held-out data, after every added effect [the unit of the result]."""
-    rounds = result["rounds"]
-    found = [done["error"] for done in [*rounds, words.accepted(rounds[-1])] if done]
-    return [{"label": stage["readable"], **error} for stage, error in zip(result["stages"], found, strict=True)]

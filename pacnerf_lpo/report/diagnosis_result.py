@@ -38,13 +38,10 @@ def write(problem: Problem, folder: Path, rounds: list[Round], finished: bool = 
     """Write diagnosis.json and, where effects were found that explain the recording, the overlay effects.yaml;
     ``finished``: whether these are all rounds.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / RESULT, json.dumps(summary(problem, rounds, finished), indent=1).encode())
     if verdict(rounds).kind in ("missing", "camera"):
-        last = rounds[-1]
-        more = [] if last.accepted is None else [last.candidate(last.accepted.name).effect]
-        values = last.best.known if last.accepted is None else last.accepted.known
-        for part in problem.parts([*last.effects, *more], values):
+        values = (rounds[-1].accepted or rounds[-1].best).known
+        for part in problem.parts(stages_of(rounds)[-1].effects, values):
             name = OVERLAY if part.recording is problem else OVERLAY_OF.format(part.name)
             write_atomically(folder / name, overlay(part.recording, part.effects, part.known).encode())
     else:
@@ -155,15 +152,14 @@ def _screen(screening: Screening, candidates: list[Candidate]) -> dict[str, Any]
     by_name = {candidate.name: candidate for candidate in candidates}
     scores = [score for score in screening.scores if score.name in by_name]
     kept = [k for k, score in enumerate(screening.scores) if score.name in by_name][:MOST_CORRELATIONS]
-    others = {name: screening.score(name) for name in (FORCE, SHAPE)}
     return {
         "threshold": screening.threshold,
         "level": LEVEL,
         "correlations": np.round(screening.correlations[np.ix_(kept, kept)], 3).tolist(),
         "discrepancies": {
             name: {"log_bayes_factor": one.log_bayes_factor, "p_value": screening.p_value(one.log_bayes_factor)}
-            for name, one in others.items()
-            if one is not None
+            for name in (FORCE, SHAPE)
+            if (one := screening.score(name)) is not None
         },
         "candidates": [
             {

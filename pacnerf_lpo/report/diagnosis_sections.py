@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from pacnerf_lpo.inference.decision import DECISIVE
 from pacnerf_lpo.quantities import published
 from pacnerf_lpo.report import diagnosis_words as words
@@ -79,17 +81,12 @@ def interval_places(
     solver as it is, and with its errors.
     """
     lines = [(kind, y, p) for kind, y, p in (("before", 11, before), ("after", 24, after)) if p is not None]
-    places = [(p["value"], p["low"], p["high"], *published(p)) for _, _, p in lines]
-    finite = [place for row in places for place in row if math.isfinite(place)]
-    values = [p["value"] for _, _, p in lines]
-    reach = max(abs(v) for v in values)
-    low, high = max(min(finite), min(values) - 2 * reach), min(max(finite), max(values) + 2 * reach)
-    span = max(high - low, 1e-9 * max(reach, 1e-9))
-
-    def place(value: float) -> float:
-        return 6 + 208 * min(max((value - low) / span, 0.0), 1.0)
-
-    return [(kind, y, *map(place, row)) for (kind, y, _), row in zip(lines, places, strict=True)]
+    places = np.array([(p["value"], p["low"], p["high"], *published(p)) for _, _, p in lines])
+    values, finite = places[:, 0], places[np.isfinite(places)]
+    reach = np.abs(values).max()
+    low, high = max(finite.min(), values.min() - 2 * reach), min(finite.max(), values.max() + 2 * reach)
+    shares = np.clip((places - low) / max(high - low, 1e-9 * max(reach, 1e-9)), 0.0, 1.0)
+    return [(kind, y, *row) for (kind, y, _), row in zip(lines, (6 + 208 * shares).tolist(), strict=True)]
 
 
 def bounds_table(result: Result) -> str:

@@ -74,16 +74,16 @@ def errors_of(problem: Problem, stage: Stage) -> dict[str, Any]:
     unit = problem.unit[1]
     error = unit * (stage.residual - bias)[..., : len(KINDS)]
     alone = unit * (others - bias)[..., : len(KINDS)] * count / (count - 1)  # each relative to the mean of the others
-    replicate_errors = np.where(np.isfinite(error), alone, np.nan)
+    alone = np.where(np.isfinite(error), alone, np.nan)
     parts = {"fitted": problem.split.fitted, "held": problem.split.held}
-    band = np.quantile(root_mean_square(replicate_errors, (1, 3)), BAND, axis=0)
-    by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(replicate_errors, (2, 3)), axis=0)
+    band = np.quantile(root_mean_square(alone, (1, 3)), BAND, axis=0)
+    by_row, row_floor = root_mean_square(error, (1, 2)), np.median(root_mean_square(alone, (2, 3)), axis=0)
     views, millimetres = problem.views, 1000 * problem.pixel / unit
     return {
         "added": stage.added,
         "readable": _readable(stage),
-        "error": {name: _of_part(error, part) for name, part in parts.items()},
-        "floor": {n: float(np.median([_of_part(one, part) for one in replicate_errors])) for n, part in parts.items()},
+        "error": {n: float(root_mean_square(error[part], (0, 1))) for n, part in parts.items()},
+        "floor": {n: float(np.median(root_mean_square(alone[:, part], (1, 2)))) for n, part in parts.items()},
         "by_frame": plain(root_mean_square(error, (0, 2))),
         "band": plain(band),
         "by_view": plain(by_row[:views]),
@@ -104,10 +104,6 @@ def _readable(stage: Stage) -> str:
 def root_mean_square(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
     """Over some axes, of the values that are there; NaN where there is none."""
     return np.asarray(np.ma.filled(np.sqrt(np.ma.masked_invalid(values**2).mean(axes)), np.nan))
-
-
-def _of_part(error: np.ndarray, part: np.ndarray) -> float:
-    return float(root_mean_square(error[part], (0, 1)))
 
 
 def write_pictures(problem: Problem, rounds: Sequence[Round], folder: Path) -> None:

@@ -94,6 +94,14 @@ def length(value: float, result: Result) -> str:
 
 def compared(result: Result) -> str:
     """Which data were fitted, and which were held out."""
+    if flights := result.get("flights"):
+        samples = sum(len(one["times"]) for one in flights)
+        return (
+            f"The positions that were measured in {samples} samples of {_count(len(flights), 'flight')}, with those "
+            "that the model predicts. The last samples of each were held out: no model that competes was fitted to "
+            "them, so they check whether a model predicts what it has not seen. Then values and intervals come from "
+            "all samples."
+        )
     frames, last = len(result["frames"]), _count(len(result["held_frames"]), "frame")
     if result["unit"] == "px":
         what = f"The outline of the object in {len(result['views'])} cameras and {frames} frames, with the outline"
@@ -101,8 +109,6 @@ def compared(result: Result) -> str:
         named = f"Camera{'s' * (len(views) > 1)} {listed([*map(str, views)], 'and')}" if views else "No camera"
         held = f"{named} and the"
     else:
-        if result.get("flights"):
-            return _compared_flights(result)
         tracked = sum(name.startswith("point ") for name in result["points"])
         points = [f"{tracked} tracked points"] * (tracked > 0) + ["point clouds"] * (tracked < len(result["points"]))
         what = f"The positions of {' and '.join(points)} in {frames} frames, with those"
@@ -111,17 +117,6 @@ def compared(result: Result) -> str:
         f"{what} that the model predicts. {held} last {last} were held out: no model that competes was fitted to them, "
         "so they count for whether a model predicts what it has not seen. Once it is decided what is missing, values "
         "and intervals come from all data."
-    )
-
-
-def _compared_flights(result: Result) -> str:
-    """The same of measured flights."""
-    found = result["flights"]
-    samples = sum(len(one["times"]) for one in found)
-    return (
-        f"The positions that were measured in {samples} samples of {_count(len(found), 'flight')}, with those that the "
-        "model predicts. The last samples of each were held out: no model that competes was fitted to them, so they "
-        "check whether a model predicts what it has not seen. Then values and intervals come from all samples."
     )
 
 

@@ -32,22 +32,15 @@ def write_report(run_dir: str | Path) -> Path:
     """
     run = Run(run_dir)
     results = json.loads((run.run_dir / RESULTS_FILE).read_text()) if is_evaluated(run) else evaluate_run(run_dir)
-    path = run.run_dir / REPORT_FILE
-    write_atomically(path, render_page(run, results, build_payload(run, results)).encode())
-    return path
-
-
-def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]) -> str:
-    """The page as text."""
     shown = [phase for phase in tables.phases_to_result(results) if "images" in phase]
     moving = [phase for phase in shown if phase["phase"] != "static"]
     found = found_values(results)
-    return page(
+    text = page(
         "report",
         f"{results['scene']}: {', '.join(f'{symbol(name)} = {value}' for name, value, _ in found)}",
         ("report.css",),
         SCRIPTS,
-        payload,
+        build_payload(run, results),
         results=results,
         status=run.manifest.status,
         found=found,
@@ -59,6 +52,9 @@ def render_page(run: Run, results: Mapping[str, Any], payload: Mapping[str, Any]
         longest=max((phase["seconds"] for phase in results["phases"]), default=0) or 1,
         config=(run.run_dir / CONFIG_FILE).read_text(),
     )
+    path = run.run_dir / REPORT_FILE
+    write_atomically(path, text.encode())
+    return path
 
 
 def is_evaluated(run: Run) -> bool:
@@ -140,8 +136,7 @@ class Verdict:
 
 def explained(phase: Mapping[str, Any], rows: Sequence[int]) -> float:
     """Share of the image the model accounts for: 1 - sum of squared residuals / that of an empty scene."""
-    residual = np.square(np.array(phase["images"]["rms"])[list(rows)]).sum()
-    blank = np.square(np.array(phase["images"]["blank_rms"])[list(rows)]).sum()
+    residual, blank = (np.square(np.array(phase["images"][name])[list(rows)]).sum() for name in ("rms", "blank_rms"))
     return float(1 - residual / max(blank, 1e-12))
 
 

@@ -90,10 +90,8 @@ def axes(origin: np.ndarray, length: float, view: View) -> Iterator[tuple[str, s
 
 
 def outline(mask: np.ndarray, corner: np.ndarray, scale: float) -> str:
-    """The border of a mask (h, w) as the data of an SVG path.
-
-    Args:
-        corner: of the mask in the image [pixels, (2,)]. scale: pixels of the mask for one of the image.
+    """The border of a mask (h, w) as the data of an SVG path, from its ``corner`` in the image [pixels, (2,)] and its
+    ``scale``, pixels of the mask for one of the image.
     """
     if min(mask.shape) < LEAST_PICTURE:
         return ""

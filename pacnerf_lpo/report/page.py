@@ -110,11 +110,11 @@ def asset(name: str) -> str:
     return (files("pacnerf_lpo.report") / "assets" / name).read_text()
 
 
-def plain(values: np.ndarray, digits: int = 5) -> list[Any]:
+def plain(values: np.ndarray) -> list[Any]:
     """Numbers as JSON has them, nested as the array is; None where there is none."""
     if values.ndim > 1:
-        return [plain(row, digits) for row in values]
-    return [round(float(value), digits) if np.isfinite(value) else None for value in values]
+        return [plain(row) for row in values]
+    return [round(float(value), 5) if np.isfinite(value) else None for value in values]
 
 
 def webp_uri(picture: Image.Image, quality: int) -> str:
@@ -148,9 +148,7 @@ def atlas(frames: np.ndarray, size: tuple[int, int], quality: int) -> str:
     rows = math.ceil(len(frames) / columns)
     sheet = Image.new("RGB", (columns * size[0], rows * size[1]), "white")
     for index, frame in enumerate(frames):
-        image = Image.fromarray(np.ascontiguousarray(frame))
-        if image.size != size:
-            image = image.resize(size, Image.Resampling.BOX)
+        image = Image.fromarray(np.ascontiguousarray(frame)).resize(size, Image.Resampling.BOX)
         sheet.paste(image, (index % columns * size[0], index // columns * size[1]))
     return webp_uri(sheet, quality)
 

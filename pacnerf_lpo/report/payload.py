@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -20,28 +19,23 @@ from pacnerf_lpo.report.residual_colours import residual_colours, residual_scale
 
 IMAGE_BUDGET = 6_500_000
 LADDER = ((256, 85), (192, 80), (128, 75), (96, 60))
-MAX_STAGES = 3
+LATER_STAGES = 2
+"""Phases whose images go into the page in addition to the first one that moves: the last ones."""
 RADIUS = 0.31
 """Of a particle, in voxels: neighbours touch and small gaps stay visible."""
 MAX_PARTICLES = 10_000
 MAX_POINTS = 400
 
 
-def shown_stages(run: Run, results: Mapping[str, Any]) -> list[Stage]:
-    """The moving phases whose images go into the page: the first and the last ones, at most three."""
-    measured = {phase["stem"] for phase in results["phases"] if "images" in phase}
-    until = run.stages[: run.stages.index(run.last) + 1]
-    moving = [stage for stage in until if stage.moves and stage.stem in measured]
-    return moving if len(moving) <= MAX_STAGES else [moving[0], *moving[-(MAX_STAGES - 1) :]]
-
-
 def build_payload(run: Run, results: Mapping[str, Any]) -> dict[str, Any]:
     """Everything the page's scripts read, of a run and its ``results.json``; true parameters are drawn as lines."""
-    stages = shown_stages(run, results)
     video = run.data.video
+    rms = {phase["stem"]: phase["images"]["rms"] for phase in results["phases"] if "images" in phase}
+    until = run.stages[: run.stages.index(run.last) + 1]
+    moving = [stage for stage in until if stage.moves and stage.stem in rms]
+    stages = [*moving[:1], *moving[1:][-LATER_STAGES:]]
     last = stages[-1] if stages else run.last
     prediction = read_prediction(run, last)
-    rms = {phase["stem"]: phase["images"]["rms"] for phase in results["phases"] if "images" in phase}
     return {
         "views": [
             {"id": number, "set": "train" if i in run.data.train else "test"} for i, number in enumerate(video.view_ids)
@@ -139,18 +133,16 @@ def read_curves(run_dir: Path, stages: list[Stage]) -> dict[str, Curve]:
     if (run_dir / FOLDER).is_dir():
         events.Reload()
     curves: dict[str, Curve] = {}
-    ends = list(accumulate(stage.record.steps for stage in stages))
-    for tag in events.Tags().get(SCALARS, []):
-        role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
-        points = [(event.step, event.value) for event in events.Scalars(tag)]
-        curve = curves.setdefault(name, Curve(unit))
-        for stage, last in zip(stages, ends, strict=True):
-            first = last - stage.record.steps
-            mine = _thinned([(step - first, value) for step, value in points if first <= step <= last])
-            if mine and stage.record.phase == role:
-                curve.parts.append((stage.label, [p[0] for p in mine], [p[1] for p in mine]))
-    for curve in curves.values():
-        curve.parts.sort(key=lambda part: [stage.label for stage in stages].index(part[0]))
+    first = 0
+    for stage in stages:
+        last = first + stage.record.steps
+        for tag in events.Tags().get(SCALARS, []):
+            role, (name, unit) = tag.split("/")[0], split_unit(tag.split("/")[-1])
+            curve = curves.setdefault(name, Curve(unit))
+            points = _thinned([(e.step - first, e.value) for e in events.Scalars(tag) if first <= e.step <= last])
+            if points and stage.record.phase == role:
+                curve.parts.append((stage.label, [p[0] for p in points], [p[1] for p in points]))
+        first = last
     return curves
 
 
@@ -174,14 +166,13 @@ def with_weighted_fits(curves: Mapping[str, Curve], phases: Sequence[Mapping[str
         if "before" in phase:
             velocity = zip(("v_x", "v_y", "v_z"), phase["velocity"], strict=True)
             ends[phase["label"]] = {**dict(velocity), **{n: one["value"] for n, one in phase["parameters"].items()}}
-    found = {}
+    found: dict[str, Curve] = {}
     for name, curve in curves.items():
-        parts = []
+        found[name] = Curve(curve.unit)
         for label, steps, points in curve.parts:
-            parts.append((label, steps, points))
+            found[name].parts.append((label, steps, points))
             if name in ends.get(label, {}):
-                parts.append(("weighted fit", [0, max(1, steps[-1] // 10)], [ends[label][name]] * 2))
-        found[name] = Curve(curve.unit, parts)
+                found[name].parts.append(("weighted fit", [0, max(1, steps[-1] // 10)], [ends[label][name]] * 2))
     return found
 
 

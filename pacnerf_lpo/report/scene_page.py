@@ -29,16 +29,9 @@ FRUSTUM = 0.18
 
 def write_scene_page(look: Look, warnings: Sequence[SceneWarning]) -> Path:
     """Write ``scene.html`` next to scene.yaml; returns its path."""
-    path = look.scene.folder / PAGE_FILE
-    write_atomically(path, render_page(look, warnings).encode())
-    return path
-
-
-def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
-    """The page as text."""
     scene = look.scene
     name = scene.folder.resolve().name
-    return page(
+    text = page(
         "scene",
         f"{name}: is the scene right?",
         STYLES,
@@ -54,6 +47,9 @@ def render_page(look: Look, warnings: Sequence[SceneWarning]) -> str:
         fall=fall_sentence(look),
         all_values=scene.values,
     )
+    path = scene.folder / PAGE_FILE
+    write_atomically(path, text.encode())
+    return path
 
 
 def found_sentence(look: Look) -> str:
@@ -127,15 +123,13 @@ def height_data(look: Look) -> dict[str, Any]:
 
 def fall_sentence(look: Look) -> str:
     """What the parabola says, and how well it fits."""
-    speed = float(np.linalg.norm(look.motion.acceleration))
-    error = float(np.linalg.norm(look.motion.error))
     if look.scene.hit_frame < look.flight:
         return (
             f"The body touches the ground at frame {look.scene.hit_frame}, before three frames of free flight are "
             "seen: gravity cannot be measured, and no parabola is drawn."
         )
     rest = f"{1e3 * look.residual:.2g} mm rms" if look.flight > 3 else "not measurable from three frames"
-    gravity = float(np.linalg.norm(look.scene.gravity))
+    speed, error, gravity = map(np.linalg.norm, (look.motion.acceleration, look.motion.error, look.scene.gravity))
     return (
         f"Dashed: free fall fitted to frames 0-{look.flight - 1}. The acceleration is {speed:.3g} m/s² (to "
         f"{error:.1g}; gravity in scene.yaml is {gravity:.3g}), the distance of the body from the parabola {rest}. "

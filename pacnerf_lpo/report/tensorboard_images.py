@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -88,11 +89,8 @@ def log_diagnosis(run_dir: Path) -> None:
 
 def excess_picture(result: Mapping[str, Any]) -> Tensor:
     """Excess error of the first and of the last stage as shades of orange [0..1, (H, W, 3)], on a common scale."""
-    shown = result["stages"][:1] if len(result["stages"]) == 1 else [result["stages"][0], result["stages"][-1]]
-    roots = [
-        torch.tensor([[max(value or 0.0, 0.0) ** 0.5 for value in row] for row in stage["excess"]]) for stage in shown
-    ]
-    most = max(float(root.max()) for root in roots) or 1.0
-    gap = torch.zeros(GAP, roots[0].shape[1] * CELL)
-    parts = [part for root in roots for part in (gap, root.repeat_interleave(CELL, 0).repeat_interleave(CELL, 1))]
-    return residual_colours(-torch.cat(parts[1:]), most)
+    shown = result["stages"][:1] + result["stages"][1:][-1:]
+    excess = np.nan_to_num(np.array([stage["excess"] for stage in shown], float))
+    cells = np.sqrt(excess.clip(0.0)).astype(np.float32).repeat(CELL, 1).repeat(CELL, 2)
+    rows = np.pad(cells, ((0, 0), (GAP, 0), (0, 0))).reshape(-1, cells.shape[2])[GAP:]
+    return residual_colours(-torch.from_numpy(rows), float(cells.max()) or 1.0)

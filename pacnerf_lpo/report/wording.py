@@ -82,6 +82,11 @@ def probability(p: float) -> str:
     return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
 
 
+def between(interval: tuple[float, float], unit: str) -> str:
+    """An interval with its unit."""
+    return f"[{quantity(interval[0], unit)}, {quantity(interval[1], unit)}]"
+
+
 def capitalised(sentence: str) -> str:
     """With a capital letter at its beginning, and the others as they are."""
     return sentence[:1].upper() + sentence[1:]
@@ -106,7 +111,7 @@ def verdict(
     if last.force is not None:
         determined = force_is_determined(last, said)
         found += force(last.force.explained, last.force.law) if determined else [NO_FORCE]
-    return [*found, *(last.best.notes if last.accepted is None else last.accepted.notes)]
+    return [*found, *(last.accepted or last.best).notes]
 
 
 def doubt(last: Round) -> str | None:
@@ -149,10 +154,9 @@ def _named(
         removes = "" if after is None else f"; adding it removes {_share(removed_share(done, after), done)}"
         found.append(f"{capitalised(what)} ({probability(again.p_value)}{removes}).")
         sizes = [
-            f"{one.label} {quantity(i.value, one.unit)} [{quantity(low, one.unit)}, {quantity(high, one.unit)}]"
+            f"{one.label} {quantity(i.value, one.unit)} {between(intervals[i.name], one.unit)}"
             for i in rounds[-1].parameters
-            if i.name in candidate.effect.parameters
-            for one, (low, high) in [(candidate.effect.parameters[i.name], intervals[i.name])]
+            if (one := candidate.effect.parameters.get(i.name))
         ]
         given = signature(type(candidate.effect)).parameters.keys() & candidate.effect.constants.keys()
         known = "".join(f", {name} {candidate.effect.constants[name]:g} as given" for name in sorted(given))
@@ -160,11 +164,11 @@ def _named(
         values = again.known if after is None else {i.name: i.value for i in after.parameters}
         moves = []
         for i in (i for i in done.parameters if i.name in material.free_names):
-            label, unit = material.parameters[i.name].label, material.parameters[i.name].unit
-            ends = intervals[i.name] if after is rounds[-1] else ()
-            old, new, *between = (quantity(value, unit) for value in (i.value, values[i.name], *ends))
+            one = material.parameters[i.name]
+            old, new = quantity(i.value, one.unit), quantity(values[i.name], one.unit)
+            ends = f" {between(intervals[i.name], one.unit)}" if after is rounds[-1] else ""
             if old != new:
-                moves.append(f"{label} moves from {old} to {new}" + (f" [{', '.join(between)}]" if between else ""))
+                moves.append(f"{one.label} moves from {old} to {new}{ends}")
         found += [f"{capitalised('; '.join(moves))}."] if moves else []
         others = [name for name in done.indistinguishable if name != again.name]
         advice = done.proposals[0].words if done.proposals else candidate.effect.separating_experiment

@@ -27,7 +27,7 @@ class Ask:
     def __init__(self, page: "Page", tabs: viser.GuiTabGroupHandle):
         self.page, self.gui = page, page.server.gui
         self._offered: list[tuple[Suggestion, viser.GuiCheckboxHandle, viser.GuiHtmlHandle]] = []
-        groups = dict.fromkeys(s.group for s in page.session.settings if s.active and s.fitted)
+        groups = dict.fromkeys(s.group for s in page.session.settings if s.fitted and s.null is None)
         with tabs.add_tab("Ask", viser.Icon.BULB):
             self.doing = self.gui.add_html("")
             self.halt = self.gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP, visible=False)
@@ -35,8 +35,7 @@ class Ask:
             help_ = self.gui.add_button("What would help?", icon=viser.Icon.BULB)
             self.offers = self.gui.add_folder("Suggestions", visible=False)
             with self.gui.add_folder("Fit"):
-                known = [group for group in groups if group in ("material", "motion", "ground")]
-                self.groups = {group: self.gui.add_checkbox(group, True) for group in known}
+                self.groups = {group: self.gui.add_checkbox(group, True) for group in groups}
                 self.added = self.gui.add_checkbox("effects of the model", True)
                 fit = self.gui.add_button("Fit", icon=viser.Icon.TARGET)
             diagnose = self.gui.add_button("Diagnose", icon=viser.Icon.STETHOSCOPE, hint="all rounds: minutes")

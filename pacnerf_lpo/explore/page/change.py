@@ -29,7 +29,6 @@ class Change:
         self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._wanted: dict[str, float] = {}
-        self._drawn: tuple[str, ...] | None = None
         with tabs.add_tab("Change", viser.Icon.ADJUSTMENTS):
             self.space = self.gui.add_folder("Model", order=0)
             with self.gui.add_folder("Add an effect", order=1):
@@ -46,10 +45,7 @@ class Change:
         """All values of the current step; sliders come and go with the effects."""
         session = self.page.session
         settings = [setting for setting in session.settings if setting.active]
-        names = tuple(setting.name for setting in settings)
-        if names != self._drawn:
-            self._build(settings)
-            self._drawn = names
+        self._build(settings)
         for setting in settings:
             if setting.name in self._wanted:  # the hand is further on
                 continue
@@ -65,23 +61,17 @@ class Change:
 
     def _build(self, settings: list[Setting]) -> None:
         groups = dict.fromkeys(setting.group for setting in settings)
-        for name in [name for name in self._folders if name not in groups]:
+        for name in self._folders.keys() - groups.keys():
             self._folders.pop(name).remove()
-        kept = {setting.name for setting in settings}
-        self._sliders = {name: slider for name, slider in self._sliders.items() if name in kept}
-        effects = {info.name for info in self.page.session.effects}
-        with self.space:
-            for group in groups:
-                if group not in self._folders:
-                    self._folders[group] = self.gui.add_folder(capitalised(readable(group)))
-                    if group in effects:
-                        with self._folders[group]:
-                            button = self.gui.add_button("Take out", order=99, color="gray")
-                        button.on_click(self.page.by_hand(partial(self._remove, group)))
-        for setting in settings:
-            if setting.name not in self._sliders:
-                with self._folders[setting.group]:
-                    self._sliders[setting.name] = self._slider(setting)
+        for group in [name for name in groups if name not in self._folders]:
+            own = [setting for setting in settings if setting.group == group]
+            with self.space:
+                self._folders[group] = self.gui.add_folder(capitalised(readable(group)))
+            with self._folders[group]:
+                self._sliders |= {setting.name: self._slider(setting) for setting in own}
+                if own[0].null is not None:  # of an effect
+                    button = self.gui.add_button("Take out", order=99, color="gray")
+                    button.on_click(self.page.by_hand(partial(self._remove, group)))
 
     def _slider(self, setting: Setting) -> viser.GuiSliderHandle[float]:
         low, high, value = _places(setting)
@@ -122,18 +112,20 @@ class Change:
 
 
 def _places(setting: Setting) -> tuple[float, float, float]:
-    """Ends of a slider, and its place: of a setting that spans decades, logarithms."""
-    low, high = setting.slider
-    place = np.log10 if setting.logarithmic else float
-    ends = sorted((float(place(low)), float(place(high))))
-    value = float(place(max(setting.value, 1e-300) if setting.logarithmic else setting.value))
-    return ends[0], max(ends[1], ends[0] + 1e-9), min(max(value, ends[0]), ends[1])
+    """Ends of a slider, and its place."""
+    low, high = sorted(_place(setting, end) for end in setting.slider)
+    return low, max(high, low + 1e-9), min(max(_place(setting, setting.value), low), high)
 
 
 def _marks(setting: Setting) -> tuple[tuple[float, str], ...]:
     """The ends of a slider, and the interval of the last fit."""
-    place, (low, high) = np.log10 if setting.logarithmic else float, setting.slider
+    low, high = setting.slider
     unit = setting.unit if setting.logarithmic else "1"
     marks = [(value, quantity(value, unit, 2)) for value in setting.slider]
     marks += [(value, text) for value, text in zip(setting.interval or (), "[]", strict=False) if low < value < high]
-    return tuple((float(place(value)), text) for value, text in marks)
+    return tuple((_place(setting, value), text) for value, text in marks)
+
+
+def _place(setting: Setting, value: float) -> float:
+    """Of a value on a slider: of a setting that spans decades, the logarithm."""
+    return float(np.log10(max(value, 1e-300))) if setting.logarithmic else float(value)

@@ -13,7 +13,7 @@ from pacnerf_lpo.explore.session import Session
 from pacnerf_lpo.mpm.parameters import OF
 from pacnerf_lpo.quantities import figure, quantity, symbol
 from pacnerf_lpo.report.page import parts
-from pacnerf_lpo.report.wording import capitalised, listed, probability, readable
+from pacnerf_lpo.report.wording import between, capitalised, listed, probability, readable
 
 FITTED, HELD = parts("step_charts").fitted, parts("step_charts").held
 """Colours of what is fitted and of what is held out; apart for every common colour deficiency, on light and on dark."""
@@ -60,9 +60,8 @@ def over_time(errors: Errors, selected: int) -> str:
     x = 38 + 300 * (times - times[0]) / (float(times[-1] - times[0]) or 1.0)
     pieces = []
     for out, values in ((False, fitted), (True, held)):
-        points, known = np.column_stack((x, 110 - 100 * values / (most or 1.0))), np.isfinite(values)
-        breaks = np.flatnonzero(np.diff(known)) + 1
-        pieces += [(out, piece) for piece in np.split(points, breaks) if np.isfinite(piece[0, 1])]
+        points = np.column_stack((x, 110 - 100 * values / (most or 1.0)))
+        pieces += [(out, points[known]) for known in np.ma.clump_unmasked(np.ma.masked_invalid(values))]
     return chart("over_time", pieces, x[min(selected, len(x) - 1)], times, most, errors.unit)
 
 
@@ -115,11 +114,6 @@ def long(setting: Setting) -> str:
     if setting.interval is not None:
         text += f"; 90 % interval of the last fit {between(setting.interval, setting.unit)}"
     return text + ("" if setting.fitted else "; cannot be fitted")
-
-
-def between(interval: tuple[float, float], unit: str) -> str:
-    """An interval with its unit."""
-    return f"[{quantity(interval[0], unit)}, {quantity(interval[1], unit)}]"
 
 
 def evidence(found: Suggestion) -> str:

@@ -37,9 +37,7 @@ class Keep:
         self.page.changes.ask(save.__name__, save)
 
     def _path(self) -> Path:
-        path = Path(self.folder.value.strip() or ".")
-        path.mkdir(parents=True, exist_ok=True)
-        return path
+        return Path(self.folder.value.strip() or ".")
 
     def _overlay(self) -> None:
         path = self.page.session.save_overlay(self._path() / OVERLAY, recording=self.page.recording)

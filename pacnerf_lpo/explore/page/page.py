@@ -31,7 +31,7 @@ NOTICE, ERROR = 8.0, 40.0
 """Seconds that a remark and an error stay on the page: long enough to be read twice, and no pile is left."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shown:
     """The step that the pages show, simulated: all that drawing needs, so that it does not wait for a change."""
 
@@ -74,7 +74,7 @@ class Page:
         self.server.gui.main_panel.set_width(380)
         self.choose_recording(self.recording)
         self.changes.ask("redraw", self.redraw, refined_later=True)
-        jobs = (("play", self._play), ("prepare", self._prepare))
+        jobs = (("play", self._play), ("prepare", partial(guarded, self._prepare, self.complain)))
         self._threads = [threading.Thread(target=job, name=name, daemon=True) for name, job in jobs]
         for thread in self._threads:
             thread.start()
@@ -167,12 +167,8 @@ class Page:
 
     def _prepare(self) -> None:
         """Make the first answers quick, until a question comes; runs in a thread of its own."""
-
-        def prepare() -> None:
-            with suppress(Stopped, UserInputError):  # a person was quicker
-                self.session.prepare(stop=self._ended.is_set)
-
-        guarded(prepare, self.complain)
+        with suppress(Stopped, UserInputError):  # a person was quicker
+            self.session.prepare(stop=self._ended.is_set)
 
     def _play(self) -> None:
         """Show frame after frame while playing; runs in a thread of its own."""

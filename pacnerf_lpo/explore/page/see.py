@@ -1,5 +1,6 @@
 """The body in space, and a camera's picture of it: which frame, which camera, which colours."""
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,8 +44,8 @@ class See:
 
     def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
-        self._pictures: dict[tuple[int, int], np.ndarray] = {}
-        self._placed, self._size = False, 0.0
+        self._picture = lru_cache(KEPT)(self._drawn)
+        self._size = 0.0
         several = len(page.session.recordings) > 1
         self.panel = gui.add_panel()
         self.panel.dock_left()
@@ -76,7 +77,7 @@ class See:
         self.paint.on_update(page.by_hand(lambda _: page.changes.ask("paint", self.take)))
         self.measured.on_update(page.by_hand(lambda _: page.changes.ask("measured", self._measure)))
         self.dark.on_update(page.by_hand(lambda _: page.colours(self.dark.value)))
-        self.close.on_update(page.by_hand(lambda _: page.changes.ask("close", self._zoom)))
+        self.close.on_update(page.by_hand(lambda _: page.look()))
         self.buttons.on_click(page.by_hand(self._pressed))
 
     def _pressed(self, event: viser.GuiEvent) -> None:
@@ -97,15 +98,10 @@ class See:
         self.camera.max = max(len(cameras) - 1, 1)
         self.camera.visible = self.picture.visible = bool(cameras)
         self.camera.value = page.camera
-        self._pictures.clear()
+        self._picture.cache_clear()
         eyes = np.array([camera.camera_to_world[:3, 3] for camera in cameras]).reshape(-1, 3)
         scale = 0.06 * float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean() or 1.0) if cameras else 1.0
         page.stage.cameras(cameras, self._offset(page.recording), scale)
-
-    def _zoom(self) -> None:
-        with self.page.drawing():
-            self._pictures.clear()
-            self.draw()
 
     def next_frame(self) -> None:
         """Show the next frame, the first after the last: the body and the picture; words follow more slowly, and the
@@ -120,16 +116,16 @@ class See:
             else:
                 page.stage.show(page.frame)
                 if page.cameras and page.shown.motions:
-                    self.picture.image = self._picture(page.frame)
+                    self.picture.image = self._picture(page.camera, page.frame, self.close.value)
 
     def take(self) -> None:
         """Take over the step that is shown: bodies and their colours."""
         with self.page.drawing():
-            self._pictures.clear()
+            self._picture.cache_clear()
             motions = self.page.shown.motions
             if not motions:
                 return
-            if not self._placed:
+            if not self._size:
                 self._place()
             for name, motion in motions.items():
                 colours, frames = self._colours(name, motion), list(motion.positions)
@@ -174,7 +170,7 @@ class See:
             where = f"{camera.name}, {where}"
             held = held or camera.held_out
             if page.shown.motions:
-                self.picture.image = self._picture(frame)
+                self.picture.image = self._picture(page.camera, frame, self.close.value)
                 seen = page.session.outlines(camera.view, frame, page.shown.step.number, page.recording)
                 page.stage.mark(page.camera, np.dstack((seen.image, GHOST * seen.measured)))
         centres = self._centres(page.recording) if page.shown.motions else None
@@ -184,27 +180,21 @@ class See:
             self.path.content = path(times, centres, model, page.session.held_frames(page.recording), frame)
         self.caption.content = chart("caption", where, held, bool(cameras))
 
-    def _picture(self, frame: int) -> np.ndarray:
-        page = self.page
-        key = page.camera, frame
-        if key not in self._pictures:
-            camera, shown = page.cameras[page.camera], page.shown
-            seen = page.session.outlines(camera.view, frame, shown.step.number, page.recording)
-            motion = shown.motions[page.recording]
-            drawn = pictures.drawing(motion.positions[frame], motion.colours, motion.size, seen.model, camera)
-            if len(self._pictures) >= KEPT:
-                self._pictures.clear()
-            self._pictures[key] = pictures.triptych(seen, drawn, SIDE, self.close.value)
-        return self._pictures[key]
+    def _drawn(self, camera: int, frame: int, close: bool) -> np.ndarray:
+        page, eye = self.page, self.page.cameras[camera]
+        seen = page.session.outlines(eye.view, frame, page.shown.step.number, page.recording)
+        motion = page.shown.motions[page.recording]
+        drawn = pictures.drawing(motion.positions[frame], motion.colours, motion.size, seen.model, eye)
+        return pictures.triptych(seen, drawn, SIDE, close)
 
     def _place(self) -> None:
         centre, size = centre_and_size(self.page.shown.motions)
-        grounds = [s.value for s in self.page.session.settings if s.group == "ground"]
-        floor = grounds[0] if grounds else float(centre[1] - size / 2)
+        grounds = (setting.value for setting in self.page.session.settings if setting.group == "ground")
+        floor = next(grounds, float(centre[1] - size / 2))
         count = len(self.page.session.recordings)
         self.page.stage.ground(floor, centre, size * count)
         self.page.stage.look(centre + np.array([APART * size * (count - 1) / 2, 0, 0]), 0.55 * size * (1 + count))
-        self._size, self._placed = size, True
+        self._size = size
         if self.measured.value:
             self.page.changes.ask("measured", self._measure)
         errors = self.page.shown.errors
@@ -224,9 +214,8 @@ class See:
             self.legend.content = ""
             return np.rint(255 * np.clip(motion.colours, 0, 1)).astype(np.uint8)
         least = 1.0 if kind == "stretch" else 0.0
-        values = motion.speed
-        if kind != "speed":
-            values = (session.stretch if kind == "stretch" else session.particle_errors)(step.number, name) - least
+        look = {"stretch": session.stretch, "error": session.particle_errors}.get(kind)
+        values = motion.speed if look is None else look(step.number, name) - least
         known = values[np.isfinite(values)]
         most = float(np.percentile(known, SHARE)) if len(known) else 1.0
         stops = ["#" + bytes(colour).hex() for colour in pictures.painted(np.linspace(0.0, 1.0, 9), 1.0)]

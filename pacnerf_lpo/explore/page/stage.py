@@ -36,15 +36,6 @@ class Moving:
     size: float
     offset: np.ndarray
 
-    def at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Finite positions [m, (N, 3)] and their colours at a frame."""
-        frame = min(frame, len(self.frames) - 1)
-        points = self.frames[frame]
-        colours = self.colours[frame] if self.colours.ndim == 3 else self.colours
-        finite = np.isfinite(points).all(-1)
-        colours = np.broadcast_to(colours, points.shape)[finite]
-        return points[finite].astype(np.float32), np.ascontiguousarray(colours)
-
 
 class Stage:
     """What stands in the scene of a server; ``choose`` is called with the number of a camera that was clicked."""
@@ -95,7 +86,11 @@ class Stage:
 
     def _draw(self, name: str) -> None:
         moving = self._moving[name]
-        points, colours = moving.at(self.frame)
+        frame = min(self.frame, len(moving.frames) - 1)
+        points, colours = moving.frames[frame], moving.colours
+        colours = np.broadcast_to(colours[frame] if colours.ndim == 3 else colours, points.shape)
+        finite = np.isfinite(points).all(-1)
+        points, colours = points[finite].astype(np.float32), np.ascontiguousarray(colours[finite])
         cloud = self._clouds.get(name)
         if cloud is None or len(cloud.points) != len(points):  # a cloud of another size is a new one
             self._clouds[name] = self.server.scene.add_point_cloud(
@@ -108,12 +103,8 @@ class Stage:
             cloud.colors = colours
 
     def cameras(self, cameras: Sequence[Camera], offset: np.ndarray, scale: float) -> None:
-        """A frustum for every camera; a click looks through it.
-
-        Args:
-            cameras: of the recording that is looked at.
-            offset: of where its body is drawn from where it is [m, (3,)].
-            scale: length of a frustum [m].
+        """A frustum of a length, ``scale`` [m], for every camera of the recording that is looked at, and whose body is
+        drawn at an ``offset`` from where it is [m, (3,)]; a click looks through it.
         """
         for frustum, _ in self._frusta:
             frustum.remove()

@@ -1,6 +1,7 @@
 """The history of steps and where the current one fails: by camera and frame, over time, by side of the body."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ class Story:
 
     def __init__(self, page: "Page"):
         self.page, gui = page, page.server.gui
-        self._regions: tuple[object, dict[str, np.ndarray]] = (None, {})
+        self._regions = lru_cache(1)(lambda shown, recording: page.session.regions(shown.step.number, recording))
         panel = gui.add_panel()
         panel.dock_below(page.see.panel)
         with panel.add_tab("Steps", viser.Icon.STAIRS_DOWN):
@@ -62,15 +63,8 @@ class Story:
         self.map.content = charts.heat_map(shown, selected, sliders)
         self.time.content = charts.over_time(errors, selected[1])
         if page.cameras:
-            self.body.content = charts.by_name(self._sides(selected[1]), "px²")
-
-    def _sides(self, frame: int) -> dict[str, float]:
-        """Area of disagreement on each side of the body at a frame [pixels²]."""
-        page, step = self.page, self.page.shown.step
-        key = step, page.recording
-        if self._regions[0] != key:
-            self._regions = key, page.session.regions(step.number, page.recording)
-        return {name: float(values[frame]) for name, values in self._regions[1].items()}
+            areas = self._regions(page.shown, page.recording)
+            self.body.content = charts.by_name({side: float(area[selected[1]]) for side, area in areas.items()}, "px²")
 
 
 def errors_of(errors: Errors, recording: str) -> Errors:

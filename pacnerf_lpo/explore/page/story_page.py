@@ -28,12 +28,6 @@ SIDE = 420
 
 def write_story(session: Session, path: Path) -> Path:
     """Write the page of a session's first recording; returns its path. Raises UserInputError where no step moves."""
-    write_atomically(path, story_page(session).encode())
-    return path
-
-
-def story_page(session: Session) -> str:
-    """The page as text."""
     steps, current = session.steps, session.current
     kept = chosen_steps(steps, current.number)
     errors = {step.number: session.error(step.number) for step in kept}
@@ -49,7 +43,7 @@ def story_page(session: Session) -> str:
         "times": motion.times.tolist(),
         "frames": [f"frame {frame}" for frame in range(len(motion.times))],
     }
-    return page(
+    text = page(
         "story",
         f"{session.name}: {headline(session)}",
         STYLES,
@@ -59,6 +53,8 @@ def story_page(session: Session) -> str:
         headline=headline(session),
         steps=Markup(charts.history(steps, shown.number, session.unit, "step")),
     )
+    write_atomically(path, text.encode())
+    return path
 
 
 def headline(session: Session) -> str:
@@ -82,8 +78,7 @@ def worst(errors: Errors, cameras: int) -> tuple[int, int] | None:
     seen = errors.table[:cameras]
     if not np.isfinite(seen).any():
         return None
-    camera, frame = np.unravel_index(int(np.nanargmax(seen)), seen.shape)
-    return int(camera), int(frame)
+    return divmod(int(np.nanargmax(seen)), seen.shape[1])
 
 
 def step_payload(session: Session, step: Step, errors: Errors, at: tuple[int, int] | None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from functools import partial
 from time import monotonic
 
 from pacnerf_lpo.errors import Interrupted, RunError, SimulationError, UserInputError
@@ -33,7 +34,7 @@ class Worker:
 
     def __init__(self, complain: Callable[[str], None], rested: Callable[[], None], rest: float):
         self.complain, self.rested, self.rest = complain, rested, rest
-        self._jobs: dict[str, tuple[Callable[[], None], bool]] = {}
+        self._jobs: dict[str, Callable[[], None]] = {}
         self._condition = threading.Condition()
         self._refine_at: float | None = None
         self._ended = False
@@ -47,7 +48,7 @@ class Worker:
         """
         with self._condition:
             self._jobs.pop(kind, None)
-            self._jobs[kind] = job, refined_later
+            self._jobs[kind] = partial(self._and_rest, job) if refined_later else job
             self._condition.notify_all()
 
     @property
@@ -80,15 +81,12 @@ class Worker:
                 return self.rested
             if self._ended:
                 return None
-            job, refined_later = self._jobs.pop(next(iter(self._jobs)))
             self.busy = True
+            return self._jobs.pop(next(iter(self._jobs)))
 
-            def done() -> None:
-                job()
-                if refined_later:
-                    self._refine_at = monotonic() + self.rest
-
-            return done
+    def _and_rest(self, job: Callable[[], None]) -> None:
+        job()
+        self._refine_at = monotonic() + self.rest
 
     def _run(self) -> None:
         while (job := self._next()) is not None:
