@@ -25,7 +25,8 @@ def test_silence_is_broken_with_the_task_at_hand(capsys: pytest.CaptureFixture[s
     most = (time.monotonic() - began) / heartbeat.QUIET
     time.sleep(0.4)  # it is over
     said = [line.split(" (")[0] for line in capsys.readouterr().err.splitlines()]
-    assert said == sorted(said, key=["still reading", "still fitting"].index)
+    # a task that has just begun is not "still" done, which a busy machine can show, too
+    assert said == sorted(said, key=["still reading", "fitting ...", "still fitting"].index)
     assert 1 <= said.count("still reading") < len(said) <= most
     assert (sys.stdout, sys.stderr) == before
     assert "write" not in vars(sys.stdout) and "write" not in vars(sys.stderr)

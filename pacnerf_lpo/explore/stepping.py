@@ -85,6 +85,8 @@ class Stepper:
         except SimulationError as error:
             note = f"on the fine body the motion is unstable ({error}); a larger physics.substep_rate may mend that"
             with self._changing:
+                if self._generation != begun:
+                    return step
                 table = self.history.tables.get(step.number)
                 return self.history.update(replace(step, notes=(*step.notes, note)), table)
         with self._changing:
