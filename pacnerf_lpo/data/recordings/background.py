@@ -76,12 +76,6 @@ class Background:
         """The same at all pixels of the frames."""
         return _composed(footage.full_size(), self.shows, self.colours)
 
-    def log_odds(self, image: np.ndarray) -> np.ndarray:
-        """Log odds of the object in each pixel of an image [0..1, (H, W, 3)], by its colour alone [(H, W)]."""
-        image = smoothed(image[..., :3])
-        odds = self.colours.log_of(image) - log_of_background(image, smoothed(self.plate), self.noise, self.brightest)
-        return np.clip(odds, -STRONGEST, STRONGEST)
-
     def denoised_odds(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
         """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
 
@@ -89,7 +83,9 @@ class Background:
         (Chan, Esedoglu, Nikolova 2006), as the total variation is what is held down (Chambolle 2004). ``expected`` are
         log odds before the colours are looked at [(H, W)].
         """
-        odds = self.log_odds(image) + expected
+        even, plate = smoothed(image), smoothed(self.plate)
+        odds = self.colours.log_of(even) - log_of_background(even, plate, self.noise, self.brightest)
+        odds = np.clip(odds, -STRONGEST, STRONGEST) + expected
         around = smoothed(odds, SMOOTH)
         rows, columns = (np.flatnonzero((around > 0.0).any(axis=axis)) for axis in (1, 0))
         if len(rows):
@@ -170,9 +166,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
     """Where each frame is far from everything that moves then [(F, H, W), bool]; None where nothing moves.
 
     Frames are compared with the next ones before and after in which enough has moved, so that a slow body counts.
-
-    Args:
-        seen: log density of each frame, if another one shows the background (F, F, H, W). noise: (H, W).
+    ``seen`` is the log density of each frame, if another one shows the background (F, F, H, W).
     """
     half_square = -np.maximum(seen, seen.swapaxes(0, 1)) - 1.5 * np.log(2.0 * np.pi * noise**2)
     count, width = len(seen), noise.shape[1]
@@ -212,10 +206,8 @@ def _outside(solid: np.ndarray) -> np.ndarray:
 
 
 def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:
-    """The background from the frames in which each pixel shows it; around pixels that never do, it is continued.
-
-    Args:
-        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W), or reduced. colours: of the object.
+    """The background from the frames [0..1 or bytes, (F, H, W, 3)] in which each pixel ``shows`` it [(F, H, W), or
+    reduced]; around pixels that never do, it is continued. The colours are the object's.
     """
     factor, (height, width), reduced = factor_of(frames.shape[1:]), frames.shape[1:3], shows
     shows = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, :height, :width]

@@ -207,10 +207,8 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
 
 
 def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, float, str]:
-    """Height of the ground and its error, in the recording's unit, and where it comes from: where the lowest point
-    comes to rest.
-
-    heights: of that point in every frame [(F,)]. flight: frames of free flight. size: of the body.
+    """Height of the ground and its error, in the recording's unit, and where it comes from: where the lowest point, of
+    these heights in every frame [(F,)], comes to rest after a flight of so many frames. ``size`` is the body's.
     """
     after = heights[flight - 1 :]
     least = float(np.nanmin(after))

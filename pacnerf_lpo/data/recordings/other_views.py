@@ -135,11 +135,8 @@ def _rays(
     view: View, shape: tuple[int, ...], centre: np.ndarray, half: float, others: Sequence[Silhouettes], wrong: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Points along the rays of a camera's pixels that more than half of the other views see, without those that are
-    off the motion in more than ``wrong`` of them.
-
-    Returns:
-        For each point its pixel [(N,)], and in each other view its pixel in a flat image, or the end of that where it
-        does not see it [(N,) each].
+    off the motion in more than ``wrong`` of them: for each its pixel [(N,)], and in each other view its pixel in a flat
+    image, or the end of that where it does not see it [(N,) each].
     """
     distance = float(-(centre - view.pose[:, 3]) @ view.pose[:, 2])
     depths = distance + half * np.linspace(-1.0, 1.0, DEPTHS)

@@ -48,12 +48,8 @@ def outline_points(
     """Points of an outline [x / z right and y / z up, (K, 2)], and which of them are away from what the image cuts off
     [(K,), bool]; none where nothing is seen.
 
-    The outline is the level 0.5 of the opacity, to a fraction of a pixel.
-
-    Args:
-        silhouette: opacity [0..1, (H, W)].
-        intrinsic: [pixels, (3, 3)].
-        valid: False where the image shows nothing [(H, W), bool]; None: it shows something everywhere.
+    The outline is the level 0.5 of the opacity ``silhouette`` [0..1, (H, W)], to a fraction of a pixel; intrinsics are
+    [pixels, (3, 3)]. ``valid`` is False where the image shows nothing [(H, W), bool]; None: it is nowhere so.
     """
     if np.count_nonzero(silhouette > 0.5) < SMALLEST:
         return np.empty((0, 2)), np.empty(0, bool)

@@ -49,12 +49,9 @@ class Direction:
 
 
 def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str | None) -> Direction:
-    """Of all recordings of a source together. Raises UserInputError where gravity shows no direction, another one than
-    the stated, or another unit.
-
-    Args:
-        up: axis that points up; None: as it is measured, or the second one where that is a height.
-        unit: of the lengths; None: as the file says, else metres.
+    """Of all recordings of a source together, with the axis that points up (None: as it is measured, or the second one
+    where that is a height) and the unit of lengths (None: as the file says, else metres). Raises UserInputError where
+    gravity shows no direction, another one than the stated, or another unit.
     """
     first = recordings[0]
     for option, value, known in (("--up", up, AXES), ("--unit", unit, UNITS)):
