@@ -139,9 +139,7 @@ def still_background(footage: Footage) -> Background | None:
 
 
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
-    """The colours of the object where the other views see it, too, and this camera by its masks [(F, h, w), bool,
-    reduced].
-    """
+    """The object's colours where other views see it, too, and this camera by its masks [(F, h, w), bool, reduced]."""
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])
     return Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in inside])])

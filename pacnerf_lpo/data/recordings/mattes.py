@@ -126,8 +126,8 @@ class Mattes:
         """Find the background and ``masks`` again with what the other views say about all frames, at reduced size."""
         self.masks = self.masks.copy()
         self.expected, self._corrected = expected, background_by_views(self.footage, expected, self.masks, colours)
-        for number, (image, prior) in enumerate(zip(self.footage, expected, strict=True)):
-            self.masks[number] = self._cut(image, number, self._corrected, prior)[1] > 0.5
+        for number, image in enumerate(self.footage):
+            self.masks[number] = self._cut(image, number, self._corrected, expected.log_odds(number))[1] > 0.5
 
     def take_correction(self) -> None:
         """Matte with the corrected background from now on."""

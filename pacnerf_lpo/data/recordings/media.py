@@ -29,11 +29,7 @@ def library(name: str, what_for: str, extra: str = "recordings") -> ModuleType:
 
 def in_order(paths: list[Path]) -> list[Path]:
     """Sorted by name, numbers by their value: 2 before 10."""
-
-    def parts(path: Path) -> list[int | str]:
-        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
-
-    return sorted(paths, key=parts)
+    return sorted(paths, key=lambda path: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", path.name)])
 
 
 def images_in(folder: Path, endings: Sequence[str] = IMAGES) -> list[Path]:

@@ -5,7 +5,7 @@ hull is looked for along the ray of each pixel, as what every other view sees on
 Matusik et al. 2000), so that it is as exact as the outlines are.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,10 +82,6 @@ class Expectation:
     def free(self, frame: int) -> np.ndarray:
         """Where the others are sure that a frame shows background [(H, W), bool]."""
         return (self.loose[frame] < -UNSURE) | (self.log_odds(frame) < FREE)
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        """The log odds of every frame [(H, W) each]."""
-        return map(self.log_odds, range(len(self.depth)))
 
 
 def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
