@@ -19,7 +19,7 @@ NOISE_FACTOR = 8.0
 """The threshold in multiples of the image's own median residual, at least THRESHOLD_FLOOR."""
 THRESHOLD_FLOOR = 0.05
 RIM = 2
-"""Half-width of the band in which opacity is estimated [pixels]."""
+"""Half-width of the band around an outline where pixels are mixed and opacity is estimated [pixels]."""
 RIM_SMOOTHING = 1.0
 """Standard deviation of the filter of opacity where the background comes from noisy frames [pixels]: an outline is
 smoother than that, and moves by a hundredth of a pixel where it is as round as fifty pixels."""

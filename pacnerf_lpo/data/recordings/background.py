@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 from pacnerf_lpo.data.images import large_pieces
-from pacnerf_lpo.data.matting import SHADE_RANGE
+from pacnerf_lpo.data.matting import RIM, SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
 from pacnerf_lpo.data.recordings.footage import Footage, factor_of
 from pacnerf_lpo.data.recordings.media import library
@@ -37,8 +37,6 @@ DARKENED = 1.0 / SHADE_RANGE[0]
 """How much lighter a pixel may become, where the frame that stands for its background shows it in a shadow."""
 BRIGHT = 3.0
 """Frames that are darker than the brightest by more than so many standard deviations are in a shadow."""
-RIM = 2
-"""Pixels around an object that are mixed with it."""
 STRONGEST = 6.0
 """Log odds up to which one pixel counts, so that a wrong one is outvoted by its neighbours."""
 SMOOTH = 3.0

@@ -31,7 +31,7 @@ STEPS = 8
 EXACT = 1e-6
 """Times this near to a stamp, relative to a frame, are the stamp."""
 ENOUGH = 4
-"""Views from which on one that left out a frame can be distinguished from the others."""
+"""Views from which on one that is wrong, or left out a frame, can be distinguished from the others."""
 MISSING = 3
 """Frames in a row that a camera leaves out at most."""
 JUMP = 8.0

@@ -50,7 +50,7 @@ def refined(
             break
         doing("matting the videos")
         for view in corrected:
-            mattes[view].take_correction()
+            mattes[view].enlarge_background()
             shots[view] = look(folder, view, mattes[view], stamps[view], size)
         shots, clocks = synchronised(shots)
         now = _times(mattes, shots, clocks)

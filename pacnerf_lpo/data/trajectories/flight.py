@@ -242,7 +242,7 @@ def investigate(one: Trajectory, direction: Direction, start: str | None) -> Fin
     hidden = ~np.isfinite(one.positions).astype(bool) @ (np.abs(turn) > 1e-9).T
     positions = np.where(hidden, np.nan, known)
     times = one.times - one.times[0]
-    rises = contact_of(times, positions[:, 1]) if np.isfinite(positions[:, 1]).any() else len(times) - 1
+    rises = contact_of(times, positions[:, 1])
     last = min(rises, hit_of(times, positions))
     if last + 1 < LEAST_SAMPLES:
         raise UserInputError(

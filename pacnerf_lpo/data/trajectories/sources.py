@@ -95,11 +95,9 @@ def make_scenes(
     left_out += [f"left out: {one.one.name} is no smooth path, unlike the others" for one in compress(found, odd)]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
     noise = list(noises(found))
-    unknown = recordings[0].spin is None
-    why = "not measured; give it with --spins" if unknown else "measured, in the axes of this scene"
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
     for path, flight in zip(folders, found, strict=True):
-        write_scene(path, flight, solid, noise, direction, why)
+        write_scene(path, flight, solid, noise, direction)
     return folders, left_out
 
 
