@@ -205,11 +205,7 @@ def _ask(recording: Recording, gap: Unmeasured) -> Recording:
             "m",
             recording.with_unit,
         ),
-        "fps": (
-            "How many frames per second have the videos?",
-            "30",
-            lambda answer: recording.with_frame_rate(float(answer)),
-        ),
+        "fps": ("How many frames per second have the videos?", "30", lambda fps: recording.with_frame_rate(float(fps))),
     }[gap.option]
     print(f"{gap}", file=sys.stderr)
     while True:

@@ -88,17 +88,14 @@ def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarr
     return tangent_planes(outline_tangents(*outline_points(silhouette, intrinsic)), pose)
 
 
-def extent(planes: Planes, direction: np.ndarray) -> float:
-    """The largest d . x that the planes allow, for a direction d (3,), by linear programming; NaN if there is none."""
-    found = linprog(-direction, A_ub=planes.normals, b_ub=planes.offsets, bounds=(None, None), method="highs")
-    return -float(found.fun) if found.status == 0 else float("nan")
-
-
 def bounds(planes: Planes) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the axis-aligned box around everything that the planes allow [(3,) each]; NaN where nothing is."""
-    upper = np.array([extent(planes, axis) for axis in np.eye(3)])
-    lower = np.array([-extent(planes, -axis) for axis in np.eye(3)])
-    return lower, upper
+    found = [
+        linprog(direction, A_ub=planes.normals, b_ub=planes.offsets, bounds=(None, None), method="highs")
+        for direction in (*np.eye(3), *-np.eye(3))
+    ]
+    least = np.array([one.fun if one.status == 0 else np.nan for one in found], float)
+    return least[:3], -least[3:]
 
 
 def ball(planes: Planes) -> tuple[np.ndarray, float]:
