@@ -41,9 +41,8 @@ HOLE_FRACTION = 0.002
 
 
 def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)].
-
-    solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.
+    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)]. ``solid`` is where it is, within RIM
+    [(H, W), bool]; None: found from the difference to the background.
     """
     ratio = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)  # explains each pixel best
     shade = np.clip(ratio, *SHADE_RANGE)
