@@ -87,8 +87,8 @@ def convert(recording: Recording, folder: Path) -> Scene:
                 _write_camera(images, view, matted, size, shots[view], timeline.places[view])
             now = timeline.start + timeline.times
             views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
-            recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
-        Path(work, NAME).write_text(json.dumps(list(_entries(recording, timeline, findings))))
+            recording, found = asked(recording, lambda known: investigate(views, timeline.times, known))
+        Path(work, NAME).write_text(json.dumps(list(_entries(recording, timeline, found))))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
             shutil.move(Path(work, name), folder / name)
@@ -100,9 +100,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
                 f"camera {name}: object and background are hard to tell apart (expected overlap with the truth "
                 f"{overlap:.2f}); give masks, or an image of the empty background as backgrounds/{name}.png"
             )
-    return Scene(
-        folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended
-    )
+    return Scene(folder, recording, timeline.times, found, ways, overlaps, timeline.offsets, clocks.said(names), mended)
 
 
 def _mattes_beside(folder: Path) -> Path:

@@ -79,6 +79,4 @@ def _toml_name(key: str, values: dict[str, Any]) -> str:
 
 
 OPENCV = _layout("opencv", "calibration.yml or .json, or one such file per camera", _opencv_files, _opencv)
-TOML = _layout(
-    "toml", "a calibration in TOML (Anipose, caliscope)", lambda folder: sorted(folder.glob("*.toml")), _toml
-)
+TOML = _layout("toml", "a calibration in TOML (Anipose, caliscope)", lambda path: sorted(path.glob("*.toml")), _toml)
