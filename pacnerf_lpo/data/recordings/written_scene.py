@@ -170,9 +170,7 @@ def header(text: str) -> dict[str, str]:
 
 
 def annotated(text: str) -> list[Value]:
-    """Every value in the order of the file; one without a comment has that of the value before it in its section, else
-    that of the section.
-    """
+    """Every value in order; one without a comment has that of the one before it in its section, else the section's."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     return [] if root is None else list(_walk(root, text, text.splitlines(), "", ""))
 

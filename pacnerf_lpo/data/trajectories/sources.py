@@ -83,8 +83,7 @@ def make_scenes(
 ) -> tuple[list[Path], list[str]]:
     """Write a scene for every recording: into the folder itself, or into one of its own for each of several. Of
     several, those that cannot be used are left out. Returns the folders, and a sentence for each that was left out.
-    Raises UserInputError where the body cannot be, or what the recordings say of direction, unit and flight contradicts
-    it.
+    Raises UserInputError where the body cannot be, or direction, unit or flight are not those of the recordings.
     """
     check_solid(solid, "init")
     usable, left_out = _each(check_trajectory, recordings)
