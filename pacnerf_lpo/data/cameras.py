@@ -11,10 +11,8 @@ NEAR = 0.1
 
 
 def pixel_rays(intrinsic: Tensor, camera_to_world: Tensor, height: int, width: int) -> Rays:
-    """One ray through the centre of every pixel, row by row.
-
-    intrinsic: [pixels, (3, 3)] without skew; camera_to_world: [rotation and metres, (3, 4)].
-    Returns ``height * width`` rays; all origins are one point, stored once.
+    """One ray through the centre of every pixel, row by row, of intrinsics without skew [pixels, (3, 3)] and a pose
+    [rotation and metres, (3, 4)]. All origins are one point, stored once.
     """
     return rays_through(pixel_centres(intrinsic, height, width), camera_to_world)
 
@@ -39,9 +37,8 @@ def rays_through(image_coordinates: Tensor, camera_to_world: Tensor) -> Rays:
 
 
 def poses_around(target: np.ndarray, distance: float, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-    """Poses [rotation and metres, (..., 3, 4)] of cameras that look at a point [m, (3,)] from a distance [m].
-
-    azimuth: [rad, (...)], 0 looks along -z, a quarter turn along -x. elevation: over the horizon [rad, (...)].
+    """Poses [rotation and metres, (..., 3, 4)] of cameras that look at a point [m, (3,)] from a distance [m], at an
+    azimuth [rad, (...)], 0 looks along -z, a quarter turn along -x, and an elevation over the horizon [rad, (...)].
     """
     across, none = np.cos(elevation), np.zeros_like(azimuth)
     back = np.stack((across * np.sin(azimuth), np.sin(elevation), across * np.cos(azimuth)), axis=-1)

@@ -199,14 +199,12 @@ def check_intrinsics_fit(index: Index, views: Sequence[int], size: tuple[int, in
             )
 
 
-def check_occluder(path: Path, pixels: np.ndarray, size: tuple[int, int]) -> None:
+def check_occluder(path: Path, image: np.ndarray, size: tuple[int, int]) -> None:
     """The occluder has transparency and the size (height, width) of the images."""
-    if pixels.shape[-1] != 4:
+    if image.shape[-1] != 4:
         raise UserInputError(f"{path}: an occluder (frame -2) needs an alpha channel; save it as RGBA or remove it")
-    if pixels.shape[:2] != size:
-        raise UserInputError(
-            f"{path}: {_pixels(pixels.shape)}, but the images have {_pixels(size)}; make them one size"
-        )
+    if image.shape[:2] != size:
+        raise UserInputError(f"{path}: {_pixels(image.shape)}, but the images have {_pixels(size)}; make them one size")
 
 
 def _pixels(size: Sequence[int]) -> str:

@@ -32,9 +32,8 @@ def hull_volume(video: Video, box: Box, views: Sequence[int]) -> float:
 
 
 def _hull(video: Video, box: Box, views: Sequence[int]) -> tuple[Tensor, float]:
-    """Points of a regular lattice in the hull [m, (N, 3)], and its spacing [m].
-
-    A point belongs to the hull if it lies on the object in every view that sees it, and more than half of them see it.
+    """Points of a regular lattice that lie on the object in every view that sees them, and are seen by more than half
+    of the views [m, (N, 3)], and its spacing [m].
     """
     lower, upper = torch.tensor(box.lower), torch.tensor(box.upper)
     cell = float((upper - lower).max()) / CELLS

@@ -19,7 +19,7 @@ NOISE_FACTOR = 8.0
 """The threshold in multiples of the image's own median residual, at least THRESHOLD_FLOOR."""
 THRESHOLD_FLOOR = 0.05
 RIM = 2
-"""Half-width of the band in which opacity is estimated [pixels]."""
+"""Half-width of the band around an outline where pixels are mixed and opacity is estimated [pixels]."""
 RIM_SMOOTHING = 1.0
 """Standard deviation of the filter of opacity where the background comes from noisy frames [pixels]: an outline is
 smoother than that, and moves by a hundredth of a pixel where it is as round as fifty pixels."""
@@ -41,9 +41,8 @@ HOLE_FRACTION = 0.002
 
 
 def matte(image: np.ndarray, background: np.ndarray, solid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)].
-
-    solid: where it is, within RIM [(H, W), bool]; from the difference to the background where that is not known.
+    """The object on white [0..1, (H, W, 3)] and its opacity [0..1, (H, W)]. ``solid`` is where it is, within RIM
+    [(H, W), bool]; None: found from the difference to the background.
     """
     ratio = (image * background).sum(-1) / np.maximum((background**2).sum(-1), 1e-6)  # explains each pixel best
     shade = np.clip(ratio, *SHADE_RANGE)

@@ -75,12 +75,10 @@ class PointClouds:
 
 
 def read_tracked_points(path: str | Path, video_times: Sequence[float]) -> TrackedPoints:
-    """Read a CSV with the columns time_s, id, x_m, y_m, z_m and, if known, sigma_m.
+    """Read a CSV with the columns time_s, id, x_m, y_m, z_m and, if known, sigma_m, at any times between those of the
+    frames that the model is simulated for, ``video_times`` [s, (F,)].
 
     Without sigma_m, the noise is estimated from the roughness of the tracks.
-
-    Args:
-        video_times: of the frames that the model is simulated for [s, (F,)]; the file may use any times between.
     """
     table = read_cells(Path(path), ",".join(COLUMNS))
     header = table.header[-1] if table.header else []

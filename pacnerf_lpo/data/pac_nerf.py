@@ -5,7 +5,7 @@ Frame -2 of a camera is an optional occluder: rays where its alpha exceeds 50 of
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -40,20 +40,13 @@ class Files:
     matted: bool
 
     def image(self, view: int, frame: int) -> Path:
-        return self.folder / f"{'m' if self.matted else 'r'}_{view}_{frame}.png"
+        """A frame of the video, or PLATE or OCCLUDER, which are never matted."""
+        return self.folder / f"{'m' if self.matted and frame >= 0 else 'r'}_{view}_{frame}.png"
 
-    def plate(self, view: int) -> Path:
-        return self.folder / f"r_{view}_{PLATE}.png"
-
-    def occluder(self, view: int) -> Path:
-        return self.folder / f"r_{view}_{OCCLUDER}.png"
-
-    def needed(self) -> Iterable[Path]:
+    def needed(self) -> list[Path]:
         """Every file that has to be there."""
-        for view in self.views:
-            yield from (self.image(view, frame) for frame in self.frames)
-            if not self.matted:
-                yield self.plate(view)
+        frames = self.frames if self.matted else (*self.frames, PLATE)
+        return [self.image(view, frame) for view in self.views for frame in frames]
 
 
 def read_pac_nerf(
@@ -89,7 +82,7 @@ def read_pac_nerf(
     return Video(
         images=images,
         silhouettes=silhouettes,
-        valid=torch.stack([load_valid(files.occluder(view), (height, width), scaled) for view in files.views]),
+        valid=torch.stack([load_valid(files, view, (height, width), scaled) for view in files.views]),
         camera_to_world=poses,
         intrinsics=intrinsics * factors[:, None],
         times=torch.tensor(times, dtype=torch.float32),
@@ -116,7 +109,7 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """Images on white (V, F, h, w, 3) and silhouettes (V, F, h, w), decoded by all cores."""
     shape = (len(files.views), len(files.frames), *scaled)
     images, silhouettes = torch.empty(*shape, 3), torch.empty(shape)
-    plates = {} if files.matted else {view: read_png(files.plate(view))[..., :3] for view in files.views}
+    plates = {} if files.matted else {view: read_png(files.image(view, PLATE))[..., :3] for view in files.views}
 
     def load(place: tuple[int, int]) -> None:
         view, frame = files.views[place[0]], files.frames[place[1]]
@@ -132,8 +125,9 @@ def load_images(files: Files, scaled: tuple[int, int]) -> tuple[Tensor, Tensor]:
     return images, silhouettes
 
 
-def load_valid(occluder: Path, size: tuple[int, int], scaled: tuple[int, int]) -> Tensor:
-    """True where no part of the pixel lies behind the occluder (h, w); all True where there is none."""
+def load_valid(files: Files, view: int, size: tuple[int, int], scaled: tuple[int, int]) -> Tensor:
+    """True where no part of the pixel lies behind the occluder of a view (h, w); all True where there is none."""
+    occluder = files.image(view, OCCLUDER)
     if not occluder.exists():
         return torch.ones(scaled, dtype=torch.bool)
     pixels = read_png(occluder)
@@ -149,7 +143,7 @@ def data_digest(section: Mapping[str, Any]) -> str:
     if section["train_views"] is not None and section["test_views"] is not None:
         views = sorted({*section["train_views"], *section["test_views"]})
     chosen = choose_files(index, views, section["frames"], section["background"])
-    occluders = [path for view in views if (path := chosen.occluder(view)).exists()]
+    occluders = [path for view in views if (path := chosen.image(view, OCCLUDER)).exists()]
     digest = hashlib.sha256(file_digest(index.path))
     for path in (*chosen.needed(), *occluders):
         digest.update(path.name.encode())

@@ -62,12 +62,9 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
     starts away from the body.
 
     The weights are those of moving least squares of first order (Lancaster and Salkauskas 1981), so that the point
-    follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body.
-
-    Args:
-        trajectory: particles at every frame [m, (F, N, 3)]
-        times: of the frames [s, (F,)]
-        farthest: how far outside the body a point may start [median distances of a particle to its nearest neighbour]
+    follows every affine motion of its surroundings exactly, rotation included, also from slightly outside the body. The
+    particles are given at every frame [m, (F, N, 3)] with its time [s, (F,)]; ``farthest`` is how far outside a point
+    may start [median distances of a particle to its nearest neighbour].
     """
     names, rows = np.unique(tracks.ids, return_index=True)
     points, first = tracks.positions[rows], tracks.times[rows]
@@ -91,9 +88,7 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
 def track_residuals(
     tracks: TrackedPoints, attachment: Attachment, trajectory: np.ndarray, times: np.ndarray
 ) -> TrackResiduals:
-    """Compare tracked points with the material they are attached to, cubic in time between frames. Arguments as of
-    :func:`attach`.
-    """
+    """Compare tracked points with the material they are attached to. Arguments as of :func:`attach`."""
     point = np.searchsorted(attachment.names, tracks.ids)
     later = tracks.times > attachment.first[point]
     point, when = point[later], tracks.times[later]
@@ -162,11 +157,8 @@ def at_times(trajectory: np.ndarray, times: np.ndarray, when: np.ndarray) -> np.
 
 
 def _affine_weights(offsets: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """w = f (1, o) a with sum w = 1 and sum w o = 0, f falling with the distance, for K points [(K, n)].
-
-    Args:
-        offsets: o of the neighbours from each point [m, (K, n, 3)]
-        reach: distance of the farthest [m, (K,)]
+    """w = f (1, o) a with sum w = 1 and sum w o = 0 [(K, n)], from the offsets o of the neighbours of each point
+    [m, (K, n, 3)]; f falls with the distance relative to that of the farthest, ``reach`` [m, (K,)].
     """
     scaled = offsets / np.maximum(reach, 1e-12)[:, None, None]
     fall = np.exp(-2 * (scaled**2).sum(-1))

@@ -14,9 +14,8 @@ TINY = 1e-6
 
 
 def carried(points: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Where particles on a path [m, (F, N, 3)] carry the points of the body between them [m, (P, 3)]: by the affine
-    motion of each point's neighbours at frame 0, the nearer the more (moving least squares, Lancaster and Salkauskas
-    1981) [m, (F, P, 3)].
+    """Where particles on a path [m, (F, N, 3)] carry points of the body [m, (P, 3)]: by the affine motion of each one's
+    neighbours at frame 0, the nearer the more (moving least squares, Lancaster and Salkauskas 1981) [m, (F, P, 3)].
     """
     distances, near = cKDTree(path[0]).query(points, k=min(NEIGHBOURS, path.shape[1]))
     weights = np.exp(-((distances / distances.mean(1, keepdims=True).clip(TINY)) ** 2))

@@ -78,15 +78,9 @@ def write_scene(
     frame_rate: float = 24.0,
     truth: dict[str, Any] | None = None,
 ) -> Path:
-    """Render and write a scene; the same arguments give the same files. Raises UserInputError where ``root`` holds
-    something already.
-
-    Args:
-        trajectories: particle positions [m, (F, N, 3)]
-        colours: of the particles [0..1, (N, 3)]
-        rig: cameras for images of the size of the drawing.
-        frame_rate: [1/s]
-        truth: written as ``truth.json``, for an evaluation.
+    """Render and write a scene of particles on trajectories [m, (F, N, 3)], of colours [0..1, (N, 3)], seen at a frame
+    rate [1/s] by cameras for images of the size of the drawing; ``truth`` becomes ``truth.json``, for an evaluation.
+    The same arguments give the same files. Raises UserInputError where ``root`` holds something already.
     """
     root = Path(root)
     check_unused(root)

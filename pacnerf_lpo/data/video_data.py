@@ -114,12 +114,9 @@ class VideoData:
 
     def first_rays(self, view: int) -> Rays:
         """The rays of a view at frame 0, from where it would see the body at time 0, see :func:`at_start`."""
-        offsets = self.video.offsets
-        if not (offsets and offsets[view]):
-            return self.rays(view)
-        moved = at_start(self.video, self.velocity).camera_to_world[view, :, 3].float()
         directions = self.rays(view).directions
-        return Rays(moved.expand_as(directions), directions)
+        place = at_start(self.video, self.velocity).camera_to_world[view, :, 3].float()
+        return Rays(place.expand_as(directions), directions)
 
 
 def at_start(video: Video, velocity: Sequence[float]) -> Video:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
-from pacnerf_lpo.data.recordings.clocks import Sighting, nearest_point
+from pacnerf_lpo.data.recordings.clocks import ENOUGH, Sighting, nearest_point
 from pacnerf_lpo.data.recordings.recording import Recording
 from pacnerf_lpo.data.recordings.tangents import Planes, ball, bounds
 from pacnerf_lpo.errors import UserInputError
@@ -20,8 +20,6 @@ GAP = 0.03
 
 Right recordings of 96 to 256 pixels have 0.001 to 0.007, those with a matte that keeps half a ghost 0.035 to 0.08.
 """
-ENOUGH = 4
-"""Views from which on one that is wrong can be distinguished from the others."""
 Views = Sequence[Sequence[Planes]]
 """Tangent planes of every frame, by camera."""
 

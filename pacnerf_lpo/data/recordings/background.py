@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 from pacnerf_lpo.data.images import large_pieces
-from pacnerf_lpo.data.matting import SHADE_RANGE
+from pacnerf_lpo.data.matting import RIM, SHADE_RANGE
 from pacnerf_lpo.data.recordings.colours import FINEST, Colours, log_of_background, noise_of, smoothed
 from pacnerf_lpo.data.recordings.footage import Footage, factor_of
 from pacnerf_lpo.data.recordings.media import library
@@ -37,8 +37,6 @@ DARKENED = 1.0 / SHADE_RANGE[0]
 """How much lighter a pixel may become, where the frame that stands for its background shows it in a shadow."""
 BRIGHT = 3.0
 """Frames that are darker than the brightest by more than so many standard deviations are in a shadow."""
-RIM = 2
-"""Pixels around an object that are mixed with it."""
 STRONGEST = 6.0
 """Log odds up to which one pixel counts, so that a wrong one is outvoted by its neighbours."""
 SMOOTH = 3.0
@@ -76,12 +74,6 @@ class Background:
         """The same at all pixels of the frames."""
         return _composed(footage.full_size(), self.shows, self.colours)
 
-    def log_odds(self, image: np.ndarray) -> np.ndarray:
-        """Log odds of the object in each pixel of an image [0..1, (H, W, 3)], by its colour alone [(H, W)]."""
-        image = smoothed(image[..., :3])
-        odds = self.colours.log_of(image) - log_of_background(image, smoothed(self.plate), self.noise, self.brightest)
-        return np.clip(odds, -STRONGEST, STRONGEST)
-
     def denoised_odds(self, image: np.ndarray, expected: np.ndarray | float = 0.0) -> np.ndarray:
         """Log odds of the object in an image [0..1, (H, W, 3)] with those of the neighbourhood [(H, W)].
 
@@ -89,7 +81,9 @@ class Background:
         (Chan, Esedoglu, Nikolova 2006), as the total variation is what is held down (Chambolle 2004). ``expected`` are
         log odds before the colours are looked at [(H, W)].
         """
-        odds = self.log_odds(image) + expected
+        even, plate = smoothed(image), smoothed(self.plate)
+        odds = self.colours.log_of(even) - log_of_background(even, plate, self.noise, self.brightest)
+        odds = np.clip(odds, -STRONGEST, STRONGEST) + expected
         around = smoothed(odds, SMOOTH)
         rows, columns = (np.flatnonzero((around > 0.0).any(axis=axis)) for axis in (1, 0))
         if len(rows):
@@ -143,9 +137,7 @@ def still_background(footage: Footage) -> Background | None:
 
 
 def colours_by_views(footage: Footage, expected: Expectation, masks: np.ndarray) -> Colours:
-    """The colours of the object where the other views see it, too, and this camera by its masks [(F, h, w), bool,
-    reduced].
-    """
+    """The object's colours where other views see it, too, and this camera by its masks [(F, h, w), bool, reduced]."""
     inside = masks[footage.chosen] & (expected.depth[footage.chosen] > 1.0)
     views = np.stack([smoothed(frame) for frame in footage.decisive()])
     return Colours.of(views[np.stack([ndimage.binary_erosion(one) for one in inside])])
@@ -170,9 +162,7 @@ def _far_from_motion(seen: np.ndarray, noise: np.ndarray) -> np.ndarray | None:
     """Where each frame is far from everything that moves then [(F, H, W), bool]; None where nothing moves.
 
     Frames are compared with the next ones before and after in which enough has moved, so that a slow body counts.
-
-    Args:
-        seen: log density of each frame, if another one shows the background (F, F, H, W). noise: (H, W).
+    ``seen`` is the log density of each frame, if another one shows the background (F, F, H, W).
     """
     half_square = -np.maximum(seen, seen.swapaxes(0, 1)) - 1.5 * np.log(2.0 * np.pi * noise**2)
     count, width = len(seen), noise.shape[1]
@@ -212,10 +202,8 @@ def _outside(solid: np.ndarray) -> np.ndarray:
 
 
 def _composed(frames: np.ndarray, shows: np.ndarray, colours: Colours) -> Background:
-    """The background from the frames in which each pixel shows it; around pixels that never do, it is continued.
-
-    Args:
-        frames: [(F, H, W, 3)], 0..1 or bytes. shows: (F, H, W), or reduced. colours: of the object.
+    """The background from the frames [0..1 or bytes, (F, H, W, 3)] in which each pixel ``shows`` it [(F, H, W), or
+    reduced]; around pixels that never do, it is continued. The colours are the object's.
     """
     factor, (height, width), reduced = factor_of(frames.shape[1:]), frames.shape[1:3], shows
     shows = shows.repeat(factor, axis=1).repeat(factor, axis=2)[:, :height, :width]

@@ -31,7 +31,7 @@ STEPS = 8
 EXACT = 1e-6
 """Times this near to a stamp, relative to a frame, are the stamp."""
 ENOUGH = 4
-"""Views from which on one that left out a frame can be distinguished from the others."""
+"""Views from which on one that is wrong, or left out a frame, can be distinguished from the others."""
 MISSING = 3
 """Frames in a row that a camera leaves out at most."""
 JUMP = 8.0
@@ -165,12 +165,10 @@ def _frame_costs(camera: int, pairs: Sequence[_Pair], clocks: Clocks, times: np.
 
 
 def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Values at other times, by cubic Hermite interpolation with the slopes of parabolas through three frames.
+    """Values [(F, ...)] of frames with stamps [s, (F,)], F at least 3, at other times [s, (T,)], by cubic Hermite
+    interpolation with the slopes of parabolas through three frames.
 
     NaN spreads to what needs it; outside, the parabola at the end goes on for one frame.
-
-    Args:
-        values: [(F, ...)], F at least 3. stamps: of these frames [s, (F,)]. times: [s, (T,)].
     """
     shape = (-1, *(1,) * (values.ndim - 1))
     h = np.diff(stamps).reshape(shape)
@@ -242,14 +240,14 @@ def _cost(pair: _Pair, offsets: np.ndarray, step: float) -> tuple[float, float]:
     Frames that only one of the two has count as a match that is just not one: little overlap proves little.
     """
     match = 2.0 * NOISE + MATCH * pair.width
-    difference = _sides(pair, offsets, step, (0.0,))
-    difference = (difference[0][0] - difference[1][0]) / match
-    squares = np.minimum(difference**2, (CAP * pair.width / match) ** 2)
+    (one,), (other,) = _sides(pair, offsets, step, (0.0,))
+    most = float((CAP * pair.width / match) ** 2)
+    squares = np.minimum(((one - other) / match) ** 2, most)
     known = squares[np.isfinite(squares)]
-    missing = 2 * max(len(a[0]) for a in pair.angles) - len(known)
     if len(known) < LEAST_FRAMES:
-        return float((CAP * pair.width / match) ** 2), np.inf
-    return float((known.sum() + max(missing, 0)) / (len(known) + max(missing, 0))), float(np.median(known))
+        return most, np.inf
+    missing = max(2 * max(len(a[0]) for a in pair.angles) - len(known), 0)
+    return float((known.sum() + missing) / (len(known) + missing)), float(np.median(known))
 
 
 def _sides(pair: _Pair, offsets: np.ndarray, step: float, shifts: Sequence[float]) -> list[list[np.ndarray]]:

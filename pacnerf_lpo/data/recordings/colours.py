@@ -52,11 +52,9 @@ def log_of_background(
 ) -> np.ndarray:
     """Log density of colours where the background is seen, lit as on the plate or in a shadow of the object [(H, W)].
 
-    Every shade from black to the brightest is as probable as any other: next to what touches it, a ground is black.
-
-    Args:
-        image, plate: smoothed [0..1, (H, W, 3)]. noise: standard deviation of both together (H, W).
-        brightest: how much lighter than the plate the background may be; more where the plate may show a shadow.
+    Every shade from black to the brightest, relative to the plate, is as probable as any other: next to what touches
+    it, a ground is black. Image and plate are smoothed [0..1, (H, W, 3)], noise is the standard deviation of both
+    together (H, W); ``brightest`` is more where the plate may show a shadow.
     """
     variance, square = noise**2, _dot(plate, plate)
     length = np.sqrt(square) + FINEST

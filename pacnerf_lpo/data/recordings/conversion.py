@@ -64,6 +64,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
     check_unused(folder)
     check_recording(recording)
     recording, stamps = asked(recording, stated_times)
+    names = [camera.name for camera in recording.cameras]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         beside = tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-")
@@ -72,7 +73,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
     with beside as work:
         images = Path(work, "data")
         images.mkdir()
-        with _kept_to_look_at(images, [camera.name for camera in recording.cameras], folder):
+        with _kept_to_look_at(images, names, folder):
             mattes = [Mattes(camera) for camera in recording.cameras]
             size = max(m.size[0] for m in mattes), max(m.size[1] for m in mattes)
             shots = [look(images, view, *pair, size) for view, pair in enumerate(zip(mattes, stamps, strict=True))]
@@ -86,12 +87,11 @@ def convert(recording: Recording, folder: Path) -> Scene:
                 _write_camera(images, view, matted, size, shots[view], timeline.places[view])
             now = timeline.start + timeline.times
             views = [shot.planes(offset, now) for shot, offset in zip(shots, clocks.offsets, strict=True)]
-            recording, findings = asked(recording, lambda known: investigate(views, timeline.times, known))
-        Path(work, NAME).write_text(json.dumps(list(_entries(recording, timeline, findings))))
+            recording, found = asked(recording, lambda known: investigate(views, timeline.times, known))
+        Path(work, NAME).write_text(json.dumps(list(_entries(recording, timeline, found))))
         folder.mkdir(exist_ok=True)
         for name in ("data", NAME):
             shutil.move(Path(work, name), folder / name)
-    names = [camera.name for camera in recording.cameras]
     mended = tuple(_mended(names, shots, timeline))
     ways, overlaps = tuple(m.described for m in mattes), tuple(float(m.overlaps.mean()) for m in mattes)
     for name, overlap in zip(names, overlaps, strict=True):
@@ -100,9 +100,7 @@ def convert(recording: Recording, folder: Path) -> Scene:
                 f"camera {name}: object and background are hard to tell apart (expected overlap with the truth "
                 f"{overlap:.2f}); give masks, or an image of the empty background as backgrounds/{name}.png"
             )
-    return Scene(
-        folder, recording, timeline.times, findings, ways, overlaps, timeline.offsets, clocks.said(names), mended
-    )
+    return Scene(folder, recording, timeline.times, found, ways, overlaps, timeline.offsets, clocks.said(names), mended)
 
 
 def _mattes_beside(folder: Path) -> Path:
@@ -193,8 +191,20 @@ def asked(recording: Recording, work: Callable[[Recording], T]) -> tuple[Recordi
 
 
 def _ask(recording: Recording, gap: Unmeasured) -> Recording:
-    words, usual, answered = QUESTIONS[gap.option]
-    default = usual(recording)
+    above = np.sum([camera.pose[:, 1] for camera in recording.cameras], axis=0)  # what all of them have on top
+    words, default, answered = {
+        "up": (
+            f"Which axis of the calibration points up: {', '.join(AXES)}?",
+            max(AXES, key=lambda name: float(np.dot(AXES[name], above))),
+            recording.with_up,
+        ),
+        "unit": (
+            f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
+            "m",
+            recording.with_unit,
+        ),
+        "fps": ("How many frames per second have the videos?", "30", lambda fps: recording.with_frame_rate(float(fps))),
+    }[gap.option]
     print(f"{gap}", file=sys.stderr)
     while True:
         print(f"{words} [{default}]: ", end="", file=sys.stderr, flush=True)
@@ -202,28 +212,6 @@ def _ask(recording: Recording, gap: Unmeasured) -> Recording:
         if not answer:
             raise gap
         try:
-            return answered(recording, answer.strip() or default)
+            return answered(answer.strip() or default)
         except (UserInputError, ValueError):
             print(f"'{answer.strip()}' is no answer to that", file=sys.stderr)
-
-
-def _usual_up(recording: Recording) -> str:
-    """The axis that is nearest to what the cameras have on top."""
-    above = np.sum([camera.pose[:, 1] for camera in recording.cameras], axis=0)
-    return max(AXES, key=lambda name: float(np.dot(AXES[name], above)))
-
-
-QUESTIONS: dict[str, tuple[str, Callable[[Recording], str], Callable[[Recording, str], Recording]]] = {
-    "up": (f"Which axis of the calibration points up: {', '.join(AXES)}?", _usual_up, Recording.with_up),
-    "unit": (
-        f"Which unit has the calibration: {', '.join(UNITS)}, or how many metres is one unit?",
-        lambda recording: "m",
-        Recording.with_unit,
-    ),
-    "fps": (
-        "How many frames per second have the videos?",
-        lambda recording: "30",
-        lambda recording, answer: recording.with_frame_rate(float(answer)),
-    ),
-}
-"""By the option that is missing: what is asked, the answer to Enter, and the recording with an answer."""

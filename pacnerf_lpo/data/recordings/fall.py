@@ -58,9 +58,7 @@ def harmonics(normals: np.ndarray) -> np.ndarray:
 
 
 def fit_ballistic(frames: Sequence[Planes], times: np.ndarray) -> Ballistic:
-    """The parabola and the one shape that explain the planes of three or more frames, at their times [s, (F,)], best
-    (least squares).
-    """
+    """The parabola and the shape that fit the planes of three or more frames, at times [s, (F,)], by least squares."""
     pairs = [(planes.normals, time) for planes, time in zip(frames, times, strict=True)]
     rows = [np.hstack((n, n * time, 0.5 * n * time**2, harmonics(n))) for n, time in pairs]
     matrix, target = np.vstack(rows), np.concatenate([planes.offsets for planes in frames])

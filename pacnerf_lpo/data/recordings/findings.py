@@ -207,10 +207,8 @@ def _doubt(ratio: float, error: float, gravity: float) -> None:
 
 
 def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, float, str]:
-    """Height of the ground and its error, in the recording's unit, and where it comes from: where the lowest point
-    comes to rest.
-
-    heights: of that point in every frame [(F,)]. flight: frames of free flight. size: of the body.
+    """Height of the ground and its error, in the recording's unit, and where it comes from: where the lowest point, of
+    these heights in every frame [(F,)], comes to rest after a flight of so many frames. ``size`` is the body's.
     """
     after = heights[flight - 1 :]
     least = float(np.nanmin(after))
@@ -223,10 +221,7 @@ def find_ground(heights: np.ndarray, flight: int, size: float) -> tuple[float, f
 
 def find_contact(heights: np.ndarray, ground: float, path: np.ndarray, flight: int) -> int | None:
     """The first frame at or after the moment at which the lowest point, on its parabola, reaches the ground; None where
-    it does not within the video.
-
-    heights: of that point in every frame [(F,)], and of the ground. path: heights along the parabola [(F,)].
-    flight: frames of free flight.
+    it does not within the video. Its heights in every frame [(F,)] follow those of ``path`` [(F,)] during the flight.
     """
     before = slice(max(flight - 3, 0), max(flight - 1, 2))  # the last frames in the air, seen from similar angles
     lowest = path + np.nanmean((heights - path)[before])

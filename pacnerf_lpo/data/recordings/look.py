@@ -170,14 +170,10 @@ def examine(folder: Path) -> Look:
     away = (place - motion.at(scene.times))[:flight]
     lower, upper = bounds(frames[0])
     views = {frame: tuple(_at_common_time(scene, place, frame)) for frame in (0, scene.hit_frame)}
-    hulls = {frame: _hull(views[frame], frames[frame], _mattes(scene, frame)) for frame in views}
+    hulls = {frame: _hull(scene, frame, views[frame], frames[frame]) for frame in views}
     lowest = np.array([lowest_point(planes, UP) for planes in frames])
     residual, centre = float(np.sqrt(np.nanmean((away**2).sum(axis=1)))), place[:, 1]
     return Look(scene, appearances, planes, views, lower, upper, motion, flight, centre, lowest, residual, hulls)
-
-
-def _mattes(scene: WrittenScene, frame: int) -> tuple[np.ndarray, ...]:
-    return tuple((scene.pixels(view, frame)[..., 3] > 0.5) & view.valid for view in scene.views)
 
 
 def _planes(scene: WrittenScene, view: View, seen: Sequence[Appearance]) -> tuple[Planes, ...]:
@@ -194,7 +190,8 @@ def _at_common_time(scene: WrittenScene, place: np.ndarray, frame: int) -> Itera
         yield view.after(later) if view.offset and np.isfinite(later).all() else view
 
 
-def _hull(views: Sequence[View], planes: Planes, mattes: tuple[np.ndarray, ...]) -> Hull:
+def _hull(scene: WrittenScene, frame: int, views: Sequence[View], planes: Planes) -> Hull:
+    mattes = tuple((scene.pixels(view, frame)[..., 3] > 0.5) & view.valid for view in views)
     lower, upper = bounds(planes)
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         return Hull(np.empty((0, 3)), 1.0, mattes, (float("nan"),) * len(mattes))

@@ -76,7 +76,6 @@ class Mattes:
         self.lens = Lens(camera, self.size)
         self.plate: np.ndarray | None = None
         self.still: Background | None = None
-        self._corrected: Background | None = None
         self.expected: Expectation | None = None
         self.compared, self.overlaps = False, np.ones(len(camera.frames))
         self.masks = np.zeros((len(camera.frames), *reduced(self.lens.valid).shape), bool)
@@ -112,27 +111,26 @@ class Mattes:
         camera = self.camera
         doing(f"finding the background of camera {camera.name}")
         self.footage = Footage(lambda: (self.lens.undistorted(pixels[..., :3]) for _, pixels in self._frames()))
-        found = still_background(self.footage)
-        if found is None:
+        self.still = still_background(self.footage)
+        if self.still is None:
             raise UserInputError(
                 f"{camera.frames[0].file}: nothing moves in camera {camera.name}; give masks, or an image of the empty "
                 f"background as backgrounds/{camera.name}.png"
             )
-        self.still = found.at_full_size(self.footage)
-        self.plate = self.still.plate
+        self.enlarge_background()
         doing("matting the videos")
 
     def correct(self, expected: Expectation, colours: Colours) -> None:
         """Find the background and ``masks`` again with what the other views say about all frames, at reduced size."""
         self.masks = self.masks.copy()
-        self.expected, self._corrected = expected, background_by_views(self.footage, expected, self.masks, colours)
-        for number, (image, prior) in enumerate(zip(self.footage, expected, strict=True)):
-            self.masks[number] = self._cut(image, number, self._corrected, prior)[1] > 0.5
+        self.expected, self.still = expected, background_by_views(self.footage, expected, self.masks, colours)
+        for number, image in enumerate(self.footage):
+            self.masks[number] = self._cut(image, number)[1] > 0.5
 
-    def take_correction(self) -> None:
-        """Matte with the corrected background from now on."""
-        if self._corrected is not None:
-            self.still, self._corrected = self._corrected.at_full_size(self.footage), None
+    def enlarge_background(self) -> None:
+        """Bring the background that was found at reduced size to all pixels, as frames are matted by it."""
+        if self.still is not None:
+            self.still = self.still.at_full_size(self.footage)
             self.plate = self.still.plate
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -168,18 +166,16 @@ class Mattes:
         return self.lens.undistorted(np.dstack((pixels[..., :3], opacity)).astype(np.float32))
 
     def _by_video(self, pixels: np.ndarray, _: np.ndarray | None, number: int) -> np.ndarray:
-        assert self.still is not None
-        image = self.lens.undistorted(pixels[..., :3])
-        expected = 0.0 if self.expected is None else self.expected.log_odds(number, image.shape)
-        return _unmixed(*self._cut(image, number, self.still, expected))
+        return _unmixed(*self._cut(self.lens.undistorted(pixels[..., :3]), number))
 
-    def _cut(
-        self, image: np.ndarray, number: int, background: Background, expected: np.ndarray | float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        odds = background.denoised_odds(image, expected)
+    def _cut(self, image: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Matte a frame, or a reduced one where the background is reduced."""
+        assert self.still is not None
+        expected = 0.0 if self.expected is None else self.expected.log_odds(number, image.shape)
+        odds = self.still.denoised_odds(image, expected)
         solid = solid_part(odds)
         self.overlaps[number] = expected_overlap(odds, solid)
-        return matte(image, background.plate, solid)
+        return matte(image, self.still.plate, solid)
 
 
 def _unmixed(colour: np.ndarray, opacity: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 
@@ -28,11 +29,7 @@ def library(name: str, what_for: str, extra: str = "recordings") -> ModuleType:
 
 def in_order(paths: list[Path]) -> list[Path]:
     """Sorted by name, numbers by their value: 2 before 10."""
-
-    def parts(path: Path) -> list[int | str]:
-        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
-
-    return sorted(paths, key=parts)
+    return sorted(paths, key=lambda path: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", path.name)])
 
 
 def images_in(folder: Path, endings: Sequence[str] = IMAGES) -> list[Path]:
@@ -72,29 +69,25 @@ def read_frames(frames: tuple[Frame, ...]) -> Iterator[np.ndarray]:
     UserInputError where a file is missing or damaged.
     """
     playing: Iterator[tuple[int, np.ndarray]] = iter(())
-    now: tuple[Path, int] | None = None
+    now = Path(), 0
     for frame in frames:
         if frame.place is None:
             yield read_png(frame.file)
             continue
-        if now is None or now[0] != frame.file or now[1] >= frame.place:
+        if now[0] != frame.file or now[1] >= frame.place:
             playing = _play(frame.file)
-        for place, pixels in playing:
-            now = (frame.file, place)
-            if place == frame.place:
-                yield pixels
-                break
-        else:
+        now = frame.file, frame.place
+        pixels = next((pixels for place, pixels in playing if place == frame.place), None)
+        if pixels is None:
             raise UserInputError(f"{frame.file}: frame {frame.place} cannot be read; copy the video again")
+        yield pixels
 
 
 def _play(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    cv2 = library("cv2", f"{path}: reading a video")
-    video, place = cv2.VideoCapture(str(path)), 0
-    while True:
+    video = library("cv2", f"{path}: reading a video").VideoCapture(str(path))
+    for place in count():
         found, pixels = video.read()
         if not found:
-            video.release()
-            return
+            break
         yield place, pixels[..., ::-1].astype(np.float32) / 255.0
-        place += 1
+    video.release()

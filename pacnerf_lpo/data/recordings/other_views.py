@@ -5,7 +5,7 @@ hull is looked for along the ray of each pixel, as what every other view sees on
 Matusik et al. 2000), so that it is as exact as the outlines are.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,10 +83,6 @@ class Expectation:
         """Where the others are sure that a frame shows background [(H, W), bool]."""
         return (self.loose[frame] < -UNSURE) | (self.log_odds(frame) < FREE)
 
-    def __iter__(self) -> Iterator[np.ndarray]:
-        """The log odds of every frame [(H, W) each]."""
-        return map(self.log_odds, range(len(self.depth)))
-
 
 def expectations(cameras: Sequence[Silhouettes], centre: np.ndarray) -> list[Expectation | None]:
     """For each camera of a recording what the others say; None where they are too few or contradict it. ``centre`` is a
@@ -135,11 +131,8 @@ def _rays(
     view: View, shape: tuple[int, ...], centre: np.ndarray, half: float, others: Sequence[Silhouettes], wrong: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Points along the rays of a camera's pixels that more than half of the other views see, without those that are
-    off the motion in more than ``wrong`` of them.
-
-    Returns:
-        For each point its pixel [(N,)], and in each other view its pixel in a flat image, or the end of that where it
-        does not see it [(N,) each].
+    off the motion in more than ``wrong`` of them: for each its pixel [(N,)], and in each other view its pixel in a flat
+    image, or the end of that where it does not see it [(N,) each].
     """
     distance = float(-(centre - view.pose[:, 3]) @ view.pose[:, 2])
     depths = distance + half * np.linspace(-1.0, 1.0, DEPTHS)

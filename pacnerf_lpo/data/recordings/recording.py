@@ -24,8 +24,6 @@ AXES: dict[str, tuple[float, float, float]] = {
     "-y": (0, -1, 0),
     "-z": (0, 0, -1),
 }
-RADIAL = ((0, 1, 4), (5, 6, 7))
-"""Places of the radial coefficients k1 k2 k3 and k4 k5 k6 of OpenCV's rational model."""
 REACH = 10.0
 """Undistorted directions are tried up to so many times the corner of the image."""
 OFF_CENTRE = 0.25
@@ -258,7 +256,8 @@ def check_images(camera: Camera, size: tuple[int, int]) -> None:
         reached = angle * (1.0 + np.polyval([*k[3::-1], 0.0], angle**2))
     else:
         r = np.linspace(0.0, REACH * farthest, 2000)
-        above, below = (1.0 + np.polyval([k[third], k[second], k[first], 0.0], r**2) for first, second, third in RADIAL)
+        # k3 k2 k1 over k6 k5 k4 of OpenCV's rational model
+        above, below = (1.0 + np.polyval([*k[places], 0.0], r**2) for places in ([4, 1, 0], [7, 6, 5]))
         reached = r * above / below
     folds = np.flatnonzero(np.diff(reached) <= 0.0)
     if camera.lens.distorts and reached[: folds[0] + 1 if len(folds) else None].max() < farthest:

@@ -35,11 +35,7 @@ def refined(
     clocks: Clocks,
 ) -> tuple[list[Shots], Clocks]:
     """The shots and clocks with better mattes, where these come from the videos alone and views agree in the main.
-
-    Args:
-        folder: of the matted images. mattes: of each camera. stamps: times of its frames [s, (F,)].
-        size: width and height to which images are extended [pixels].
-        shots, clocks: as they are with mattes of single views.
+    ``folder``, ``stamps`` [s, (F,)] and ``size`` are those of :func:`~pacnerf_lpo.data.recordings.shots.look`.
     """
     if all(matted.still is None for matted in mattes):
         return shots, clocks
@@ -54,7 +50,7 @@ def refined(
             break
         doing("matting the videos")
         for view in corrected:
-            mattes[view].take_correction()
+            mattes[view].enlarge_background()
             shots[view] = look(folder, view, mattes[view], stamps[view], size)
         shots, clocks = synchronised(shots)
         now = _times(mattes, shots, clocks)

@@ -9,6 +9,7 @@ import numpy as np
 
 from pacnerf_lpo.data.recordings.conversion import Scene
 from pacnerf_lpo.data.recordings.recording import WATER
+from pacnerf_lpo.data.recordings.written_scene import NEXT
 from pacnerf_lpo.quantities import yaml_list
 from pacnerf_lpo.scene_folder import SCENE_FILE
 
@@ -16,7 +17,6 @@ MARGIN = 0.06
 """Free room around the outlines' box, relative to its longest edge."""
 SPACING = 0.25
 """Coarsest voxel relative to the longest edge of the body: two halvings leave sixteen voxels along it."""
-NEXT = "\n#   "
 RATE = 300.0
 """Substeps per second times the coarsest voxel [m/s]: bodies of up to 1 MPa stay stable after two halvings."""
 
@@ -48,7 +48,7 @@ def write_scene_file(scene: Scene) -> Path:
 # Every value can be changed; the images and poses next to this file are in metres, y up, the ground at y = 0.
 # cameras: {_cameras(scene)}
 # mattes: {_mattes(scene)}
-# clocks: {"".join(line + NEXT for line in (scene.clocks, *scene.mended)).removesuffix(NEXT)}
+# clocks: {NEXT.join((scene.clocks, *scene.mended))}
 # up: {found.up_why}
 # scale: 1 unit of the calibration = {found.scale:.6g} m: {found.scale_why}
 # ground: {found.ground.why}

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from pacnerf_lpo.data.recordings.agreement import ENOUGH, GAP, largest_gap, odd_one_out
+from pacnerf_lpo.data.recordings.agreement import GAP, largest_gap, odd_one_out
+from pacnerf_lpo.data.recordings.clocks import ENOUGH
 from pacnerf_lpo.data.recordings.conversion import frame_ranges
 from pacnerf_lpo.data.recordings.findings import SCALE_ERROR
 from pacnerf_lpo.data.recordings.look import Appearance, Look
@@ -246,12 +247,8 @@ def _mattes(look: Look) -> Iterator[SceneWarning]:
 
 def _jumps(row: Sequence[Appearance]) -> np.ndarray:
     """Logarithm of the outline's area less the mean of the frames before and after; 0 where it is not wholly seen."""
-    found = np.zeros(len(row))
-    for number, around in enumerate(zip(row, row[1:], row[2:], strict=False), 1):
-        if all(one.seen and not one.cut for one in around):
-            before, now, after = (np.log(one.pixels) for one in around)
-            found[number] = now - 0.5 * (before + after)
-    return found
+    areas = np.log([one.pixels if one.seen and not one.cut else np.nan for one in row])
+    return np.nan_to_num(np.pad(areas[1:-1] - 0.5 * (areas[:-2] + areas[2:]), 1))
 
 
 def _blur(look: Look) -> Iterator[SceneWarning]:

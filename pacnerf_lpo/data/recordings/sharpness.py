@@ -25,14 +25,11 @@ SMOOTHING = 1.5
 
 
 def edge_widths(picture: np.ndarray, opacity: np.ndarray, reach: float) -> np.ndarray:
-    """Width of the edge on each side [pixels, (SIDES,)], NaN where it cannot be measured.
+    """Width of the edge on each side [pixels, (SIDES,)], NaN where it cannot be measured, in a picture with background
+    [0..1, (h, w, 3)], by the opacity of the object [0..1, (h, w)]; ``reach`` is how far from the outline is looked
+    [pixels].
 
     Side k has an outward normal at the angle 2 pi k / SIDES from x (right) towards y (down).
-
-    Args:
-        picture: with the background [0..1, (h, w, 3)].
-        opacity: of the object [0..1, (h, w)].
-        reach: how far from the outline is looked [pixels].
     """
     smooth = ndimage.gaussian_filter(np.pad(opacity, 1), SMOOTHING)
     lines = contourpy.contour_generator(z=smooth, line_type="Separate").lines(0.5)

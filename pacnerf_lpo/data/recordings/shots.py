@@ -60,12 +60,8 @@ class Shots:
 
 
 def look(folder: Path, view: int, mattes: Mattes, times: np.ndarray, size: tuple[int, int]) -> Shots:
-    """Matte all frames of a camera, keep the images, and find repeated and missing ones. Raises UserInputError where
-    there is no object in any frame.
-
-    Args:
-        folder: for the images. view: number of the camera. mattes: its images. times: as stamped [s, (F,)].
-        size: width and height to which images are extended [pixels].
+    """Matte all frames of a camera, stamped with times [s, (F,)], keep the images in a folder, extended to a size
+    (width, height), and find repeated ones. Raises UserInputError where there is no object in any frame.
     """
     camera, outlines, centres, areas, changes = mattes.camera, [], [], [], [0.0]
     images: list[Path] = []
@@ -145,18 +141,12 @@ def save(path: Path, pixels: np.ndarray, size: tuple[int, int]) -> None:
 def mend_dropouts(
     centres: np.ndarray, changes: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Leave repeated frames out, and move the times after an inserted frame.
+    """Numbers of the frames that show something new, their mended times [s], and what was found, in words.
 
     A frame that repeats the one before is a missing one that was filled up where the next motion is twice as long, and
-    an inserted one where it is not: then all later frames are late.
-
-    Args:
-        centres: the object's centre in each frame, NaN where it is not whole [pixels, (F, 2)].
-        changes: mean change of its pixels since the frame before [0..1, (F,)].
-        times: as stamped [s, (F,)].
-
-    Returns:
-        Numbers of the frames that show something new, their times [s], and what was found, in words.
+    an inserted one where it is not: then all later frames are late. Of each frame: the object's ``centres``, NaN where
+    it is not whole [pixels, (F, 2)], mean ``changes`` of its pixels since the frame before [0..1, (F,)], and ``times``
+    as stamped [s, (F,)].
     """
     step, said = float(np.median(np.diff(times))), []
     kept, times = list(range(len(times))), times.astype(float).copy()

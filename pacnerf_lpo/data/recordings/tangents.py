@@ -48,12 +48,8 @@ def outline_points(
     """Points of an outline [x / z right and y / z up, (K, 2)], and which of them are away from what the image cuts off
     [(K,), bool]; none where nothing is seen.
 
-    The outline is the level 0.5 of the opacity, to a fraction of a pixel.
-
-    Args:
-        silhouette: opacity [0..1, (H, W)].
-        intrinsic: [pixels, (3, 3)].
-        valid: False where the image shows nothing [(H, W), bool]; None: it shows something everywhere.
+    The outline is the level 0.5 of the opacity ``silhouette`` [0..1, (H, W)], to a fraction of a pixel; intrinsics are
+    [pixels, (3, 3)]. ``valid`` is False where the image shows nothing [(H, W), bool]; None: it is nowhere so.
     """
     if np.count_nonzero(silhouette > 0.5) < SMALLEST:
         return np.empty((0, 2)), np.empty(0, bool)
@@ -92,17 +88,14 @@ def outline_planes(silhouette: np.ndarray, intrinsic: np.ndarray, pose: np.ndarr
     return tangent_planes(outline_tangents(*outline_points(silhouette, intrinsic)), pose)
 
 
-def extent(planes: Planes, direction: np.ndarray) -> float:
-    """The largest d . x that the planes allow, for a direction d (3,), by linear programming; NaN if there is none."""
-    found = linprog(-direction, A_ub=planes.normals, b_ub=planes.offsets, bounds=(None, None), method="highs")
-    return -float(found.fun) if found.status == 0 else float("nan")
-
-
 def bounds(planes: Planes) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the axis-aligned box around everything that the planes allow [(3,) each]; NaN where nothing is."""
-    upper = np.array([extent(planes, axis) for axis in np.eye(3)])
-    lower = np.array([-extent(planes, -axis) for axis in np.eye(3)])
-    return lower, upper
+    found = [
+        linprog(direction, A_ub=planes.normals, b_ub=planes.offsets, bounds=(None, None), method="highs")
+        for direction in (*np.eye(3), *-np.eye(3))
+    ]
+    least = np.array([one.fun if one.status == 0 else np.nan for one in found], float)
+    return least[:3], -least[3:]
 
 
 def ball(planes: Planes) -> tuple[np.ndarray, float]:

@@ -43,12 +43,8 @@ def visual_hull(
 
 
 def hull_picture(points: np.ndarray, cell: float, view: View) -> tuple[np.ndarray, np.ndarray, float]:
-    """The hull as a camera sees it.
-
-    Returns:
-        mask: [(h, w), bool], padded by empty pixels; empty where nothing of it is in front of the camera.
-        corner: of the mask in the image [pixels, (2,)].
-        scale: pixels of the mask for one of the image.
+    """The hull as a camera sees it: a mask [(h, w), bool], padded by empty pixels, of size 0 where nothing of the hull
+    is in front of the camera; its corner in the image [pixels, (2,)]; and how many of its pixels are one of the image.
     """
     pixels, depth = projected(points, view)
     pixels, depth = pixels[depth > 0], depth[depth > 0]

@@ -16,7 +16,7 @@ from pacnerf_lpo.data.images import image_size, on_white, read_png
 from pacnerf_lpo.data.index import NAME as INDEX_NAME
 from pacnerf_lpo.data.index import read_index
 from pacnerf_lpo.data.matting import matte
-from pacnerf_lpo.data.pac_nerf import Files, choose_files, load_valid
+from pacnerf_lpo.data.pac_nerf import PLATE, Files, choose_files, load_valid
 from pacnerf_lpo.data.recordings.files import entry, number_at, numbers
 from pacnerf_lpo.errors import UserInputError
 from pacnerf_lpo.scene_folder import find_scene_file
@@ -27,10 +27,10 @@ HIDDEN = 0.1
 """Where an image is transparent and fewer pixels than this part differ from the others, they are filling."""
 DIFFER = 3.0 / 255.0
 """Difference of colours that rounding cannot make."""
-HEADER = re.compile(r"# ([a-z]+): (.+)")
-"""A line at the top of the file about something that is no value, such as the cameras."""
-MORE = "#   "
-"""A line that goes on with the one before."""
+NEXT = "\n#   "
+"""Between two lines of a comment about one thing."""
+HEADER = re.compile(rf"^# ([a-z]+): (.+(?:{NEXT}.*)*)", re.MULTILINE)
+"""Lines at the top of the file about something that is no value, such as the cameras."""
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,8 @@ def read_written_scene(folder: Path) -> WrittenScene:
     views = []
     for number in files.views:
         shot, size = index.camera(number), image_size(files.image(number, files.frames[0]))
-        valid = load_valid(files.occluder(number), size, size).numpy()
-        plate = read_png(files.plate(number))[..., :3] if files.plate(number).exists() else None
+        valid, behind = load_valid(files, number, size, size).numpy(), files.image(number, PLATE)
+        plate = read_png(behind)[..., :3] if behind.exists() else None
         name = names.get(number, str(number))
         views.append(View(number, name, shot.intrinsic, shot.camera_to_world, valid, plate, shot.offset))
     lower, upper = (_corner(path, config, f"data.box_{side}") for side in ("lower", "upper"))
@@ -165,20 +165,12 @@ def _corner(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
 
 def header(text: str) -> dict[str, str]:
     """What the comments at the top of the file say, by their first words."""
-    found: dict[str, str] = {}
-    for line in takewhile(lambda line: line.startswith("#"), text.splitlines()):
-        if match := HEADER.fullmatch(line):
-            found[match[1]] = match[2]
-        elif line.startswith(MORE) and found:
-            found[list(found)[-1]] += f"; {line.removeprefix(MORE)}"
-    return found
+    top = "".join(takewhile(lambda line: line.startswith("#"), text.splitlines(keepends=True)))
+    return {word: said.replace(NEXT, "; ") for word, said in HEADER.findall(top)}
 
 
 def annotated(text: str) -> list[Value]:
-    """Every value in the order of the file.
-
-    A value without a comment has that of the value before it in its section, else that of the section.
-    """
+    """Every value in order; one without a comment has that of the one before it in its section, else the section's."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     return [] if root is None else list(_walk(root, text, text.splitlines(), "", ""))
 

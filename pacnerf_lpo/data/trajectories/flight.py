@@ -49,12 +49,9 @@ class Direction:
 
 
 def find_direction(recordings: Sequence[Trajectory], up: str | None, unit: str | None) -> Direction:
-    """Of all recordings of a source together. Raises UserInputError where gravity shows no direction, another one than
-    the stated, or another unit.
-
-    Args:
-        up: axis that points up; None: as it is measured, or the second one where that is a height.
-        unit: of the lengths; None: as the file says, else metres.
+    """Of all recordings of a source together, with the axis that points up (None: as it is measured, or the second one
+    where that is a height) and the unit of lengths (None: as the file says, else metres). Raises UserInputError where
+    gravity shows no direction, another one than the stated, or another unit.
     """
     first = recordings[0]
     for option, value, known in (("--up", up, AXES), ("--unit", unit, UNITS)):
@@ -236,16 +233,15 @@ class Findings:
 
 
 def investigate(one: Trajectory, direction: Direction, start: str | None) -> Findings:
-    """Turn a recording to metres and y up, and find out where its flight begins and ends. ``start`` is ``held`` or
-    ``flying``; None: whichever describes its first half better. Raises UserInputError where too few samples are in
-    flight.
+    """Turn a recording to metres and y up, and find where its flight begins and ends. ``start`` is ``held`` or
+    ``flying``; None: as it begins. Raises UserInputError where too few samples are in flight.
     """
     turn = np.round(rotation_onto(direction.up, np.array([0.0, 1.0, 0.0])), 12)
     known = np.nan_to_num(one.positions) @ turn.T * direction.scale
     hidden = ~np.isfinite(one.positions).astype(bool) @ (np.abs(turn) > 1e-9).T
     positions = np.where(hidden, np.nan, known)
     times = one.times - one.times[0]
-    rises = contact_of(times, positions[:, 1]) if np.isfinite(positions[:, 1]).any() else len(times) - 1
+    rises = contact_of(times, positions[:, 1])
     last = min(rises, hit_of(times, positions))
     if last + 1 < LEAST_SAMPLES:
         raise UserInputError(

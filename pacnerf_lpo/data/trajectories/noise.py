@@ -103,10 +103,8 @@ def noise_of(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Noise:
     places = np.linspace(0.0, 1.0, PLACES)
     settings: Any = {"bounds": (0.0, MOST_SHARE), "method": "bounded", "options": {"xatol": 3e-3}}
     tried = [minimize_scalar(cost, args=(place,), **settings) for place in places]
-    least = min(found.fun for found in tried)
-    place, share = max(
-        (place, found.x) for place, found in zip(places, tried, strict=True) if found.fun <= least + OPEN
-    )
+    least = min(one.fun for one in tried)
+    place, share = max((place, one.x) for place, one in zip(places, tried, strict=True) if one.fun <= least + OPEN)
     total = float(np.sqrt(square(share, place)[0] / free))
     white, slow = (math.sqrt(part) * total for part in (1 - share, share))
     return Noise(max(white, LEAST_SIGMA), slow, float(lasting(place)))

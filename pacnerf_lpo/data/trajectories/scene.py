@@ -81,9 +81,9 @@ def scenes_in(folder: Path) -> list[Path]:
 
 
 def write_scene(
-    folder: Path, found: Findings, solid: Solid, noise: Sequence[Noise | None], direction: Direction, spin_why: str
-) -> Path:
-    """Write ``scene.yaml`` and ``track.csv``; returns the path of the first."""
+    folder: Path, found: Findings, solid: Solid, noise: Sequence[Noise | None], direction: Direction
+) -> None:
+    """Write ``scene.yaml`` and ``track.csv``."""
     folder.mkdir(parents=True, exist_ok=True)
     one = found.one
     with (folder / TRACK).open("w", newline="") as file:
@@ -91,7 +91,9 @@ def write_scene(
         writer.writerow(["time_s", *(f"{axis}_m" for axis in AXES)])
         for time, position in zip(one.times, one.positions, strict=True):
             writer.writerow([f"{time:.6f}", *("" if math.isnan(x) else f"{x:.6f}" for x in position)])
-    spin = "null" if one.spin is None else yaml_list(one.spin.tolist())
+    spin, spin_why = "null", "not measured; give it with --spins"
+    if one.spin is not None:
+        spin, spin_why = yaml_list(one.spin.tolist()), "measured, in the axes of this scene"
     errors = {axis: one for axis, one in zip(AXES, noise, strict=True) if one is not None}
     written = {axis: map(yaml_number, (one.white, one.slow, one.lasting)) for axis, one in errors.items()}
     noises = "\n".join(
@@ -99,8 +101,7 @@ def write_scene(
         for axis, (white, slow, lasting) in written.items()
     )
     guess = "\n".join(f"    {name}: {yaml_number(value)}" for name, value in found.guess.items())
-    path = folder / NAME
-    path.write_text(
+    (folder / NAME).write_text(
         f"""\
 # Written by pacnerf-lpo init from {one.source}, recording {one.name}.
 # Every value can be changed. Positions in {TRACK} are in metres and seconds, y up: {one.how}.
@@ -122,7 +123,6 @@ physics:
   effects: [] # forces that the model has from the beginning, such as {{class_path: QuadraticDrag}}
 """
     )
-    return path
 
 
 def read_scene(folder: Path) -> Scene:

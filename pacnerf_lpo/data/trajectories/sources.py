@@ -34,13 +34,9 @@ def holds_positions(source: Path) -> bool:
 
 
 def read_source(source: Path, fps: float | None, spins: Path | None) -> list[Trajectory]:
-    """All recordings of a file, or of all files in a folder. Raises UserInputError where a file cannot be read, or its
-    positions cannot be used.
-
-    Args:
-        source: a CSV or C3D file, a folder of such files, or a folder of PLY clouds.
-        fps: samples a second where files count frames.
-        spins: CSV with the measured spin of recordings; None: there is none.
+    """All recordings of a CSV or C3D file, of all such files in a folder, or of a folder of PLY clouds, of ``fps``
+    samples a second where they count frames, with the measured ``spins`` of a CSV. Raises UserInputError where a file
+    cannot be read, or its positions cannot be used.
     """
     if not source.exists():
         raise UserInputError(f"{source}: there is no such file or folder; give the one with the positions")
@@ -86,11 +82,8 @@ def make_scenes(
     recordings: Sequence[Trajectory], folder: Path, solid: Solid, up: str | None, unit: str | None, start: str | None
 ) -> tuple[list[Path], list[str]]:
     """Write a scene for every recording: into the folder itself, or into one of its own for each of several. Of
-    several, those that cannot be used are left out. Raises UserInputError where the body cannot be, or what the
-    recordings say of direction, unit and flight contradicts it.
-
-    Returns:
-        The folders, and a sentence for each recording that was left out.
+    several, those that cannot be used are left out. Returns the folders, and a sentence for each that was left out.
+    Raises UserInputError where the body cannot be, or direction, unit or flight are not those of the recordings.
     """
     check_solid(solid, "init")
     usable, left_out = _each(check_trajectory, recordings)
@@ -101,11 +94,9 @@ def make_scenes(
     left_out += [f"left out: {one.one.name} is no smooth path, unlike the others" for one in compress(found, odd)]
     found = [flight for flight, is_odd in zip(found, odd, strict=True) if not is_odd]
     noise = list(noises(found))
-    unknown = recordings[0].spin is None
-    why = "not measured; give it with --spins" if unknown else "measured, in the axes of this scene"
     folders = [folder / flight.one.name if len(recordings) > 1 else folder for flight in found]
     for path, flight in zip(folders, found, strict=True):
-        write_scene(path, flight, solid, noise, direction, why)
+        write_scene(path, flight, solid, noise, direction)
     return folders, left_out
 
 

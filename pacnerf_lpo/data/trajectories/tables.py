@@ -139,9 +139,7 @@ def _long(table: Table, names: Sequence[str], fps: float | None) -> Iterator[Tra
     none = np.full(len(table.rows), np.nan)
     positions = np.stack([none if p is None else table.numbers(p, names[p]) for p in places], axis=1)
     times = _times(table, names, fps)
-    several, points = (
-        [""] * len(times) if place is None else table.words(place) for place in (at["recording"], at["id"])
-    )
+    several, points = ([""] * len(times) if p is None else table.words(p) for p in (at["recording"], at["id"]))
     for name in dict.fromkeys(several):
         rows = np.array([other == name for other in several])
         called = f"{table.path.stem}_{name}" if name else table.path.stem

@@ -60,10 +60,6 @@ def _mapping(path: Path) -> dict[str, Any]:
     return values
 
 
-def _toml_files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix == ".toml")
-
-
 def _toml(folder: Path, files: list[Path]) -> Calibrations:
     """Of the tables that describe a camera, and are not ignored: ``[cam_0]``, ``[cameras.0]`` or ``[0]``."""
     if len(files) != 1:
@@ -83,4 +79,4 @@ def _toml_name(key: str, values: dict[str, Any]) -> str:
 
 
 OPENCV = _layout("opencv", "calibration.yml or .json, or one such file per camera", _opencv_files, _opencv)
-TOML = _layout("toml", "a calibration in TOML (Anipose, caliscope)", _toml_files, _toml)
+TOML = _layout("toml", "a calibration in TOML (Anipose, caliscope)", lambda path: sorted(path.glob("*.toml")), _toml)

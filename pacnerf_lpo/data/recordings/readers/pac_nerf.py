@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pacnerf_lpo.data.checks import check_cameras
 from pacnerf_lpo.data.index import NAME, read_index
-from pacnerf_lpo.data.pac_nerf import choose_files
+from pacnerf_lpo.data.pac_nerf import PLATE, choose_files
 from pacnerf_lpo.data.recordings.readers.layout import Layout, has
 from pacnerf_lpo.data.recordings.recording import Camera, Frame, Recording
 
@@ -21,8 +21,8 @@ def read(folder: Path) -> Recording:
     for view in files.views:
         shot, stamps = index.camera(view), [(frame, index.shots[view, frame]) for frame in files.frames]
         frames = tuple(Frame(files.image(view, frame), own.time + own.offset) for frame, own in stamps)
-        plate = files.plate(view) if not files.matted and files.plate(view).exists() else None
-        pose = shot.camera_to_world
+        behind, pose = files.image(view, PLATE), shot.camera_to_world
+        plate = behind if not files.matted and behind.exists() else None
         cameras.append(Camera(str(view), shot.intrinsic, pose, frames, plate=plate, on_white=files.matted))
     return Recording(LAYOUT.name, folder, tuple(cameras), unit=1.0, up=(0.0, 1.0, 0.0), ground=0.0)
 
