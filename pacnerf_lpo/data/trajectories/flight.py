@@ -233,8 +233,9 @@ class Findings:
 
 
 def investigate(one: Trajectory, direction: Direction, start: str | None) -> Findings:
-    """Turn a recording to metres and y up, and find where its flight begins and ends. ``start`` is ``held`` or
-    ``flying``; None: as it begins. Raises UserInputError where too few samples are in flight.
+    """Turn a recording to metres and y up, and find out where its flight begins and ends. ``start`` is ``held`` or
+    ``flying``; None: whichever describes its first half better. Raises UserInputError where too few samples are in
+    flight.
     """
     turn = np.round(rotation_onto(direction.up, np.array([0.0, 1.0, 0.0])), 12)
     known = np.nan_to_num(one.positions) @ turn.T * direction.scale

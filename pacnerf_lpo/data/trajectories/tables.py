@@ -188,8 +188,13 @@ def _unknown(path: Path, names: Sequence[str], what: str, example: str) -> str:
 
 
 def _deeplabcut(table: Table, fps: float | None) -> Trajectory:
-    """Three rows of header: scorer, bodyparts, coords; the first column counts frames."""
+    """Three rows of header: scorer, bodyparts, coords, or four: with individuals; the first column counts frames."""
     parts, coords = table.header[-2], table.header[-1]
+    bodies = list(dict.fromkeys(table.header[1][1:])) if len(table.header) == 4 else []
+    if len(bodies) > 1:
+        raise UserInputError(
+            f"{table.path}: follows {len(bodies)} bodies ({', '.join(bodies)}), and a scene has one; give a file for each"
+        )
     wanted = {(part, axis) for part in parts[1:] for axis in AXES}
     columns = {key: k for k, key in enumerate(zip(parts, coords, strict=False)) if key in wanted}
     names = list(dict.fromkeys(part for part, _ in columns))

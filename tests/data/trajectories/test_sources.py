@@ -9,6 +9,8 @@ from plyfile import PlyData, PlyElement
 
 from pacnerf_lpo.__main__ import main
 from pacnerf_lpo.data.trajectories.scene import read_scene, scenes_in
+from pacnerf_lpo.data.trajectories.tables import read_table
+from pacnerf_lpo.errors import UserInputError
 from tests.data.trajectories.throws import BALL, flight, write, write_drops, write_throws
 
 pytestmark = pytest.mark.slow
@@ -158,3 +160,19 @@ def test_the_scene_file_says_where_values_come_from_and_what_is_wrong_in_it(tmp_
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(ValueError, match=r"scene\.yaml: flight cannot be read \('mass'\)"):
         read_scene(tmp_path / "scene")
+
+
+@pytest.mark.parametrize("names", [["ball"], ["ball", "bat"]])
+def test_a_file_that_follows_several_bodies_is_refused(tmp_path: Path, names: list[str]):
+    """DeepLabCut's header of four rows; columns of the last body would take the place of the others."""
+    path, wide = tmp_path / "wide.csv", 3 * len(names)
+    rows = [["scorer", *["net"] * wide], ["individuals", *(name for name in names for _ in range(3))]]
+    rows += [["bodyparts", *["centre"] * wide], ["coords", *["x", "y", "z"] * len(names)]]
+    rows += [[str(k), *(f"{value:.5f}" for value in [*p] * len(names))] for k, p in enumerate(PATH)]
+    path.write_text("\n".join(",".join(row) for row in rows))
+    if len(names) == 1:
+        (found,) = read_table(path, fps=100.0)
+        assert found.positions.shape[0] == len(PATH)
+        return
+    with pytest.raises(UserInputError, match=r"follows 2 bodies \(ball, bat\)"):
+        read_table(path, fps=100.0)
