@@ -65,21 +65,12 @@ class ModelErrors:
         settings: tuple[int, int],
         progress: Progress,
     ) -> ModelErrors:
-        """By simulations around a model.
-
-        Args:
-            problem: the run.
-            effects, model, free: of the model, it, and its free coordinates [(K,)]
-            settings: number of replicates, and their seed.
-            progress: receives a line about each step.
+        """By simulations around a model at free coordinates [(K,)]; ``settings``: number of replicates, and their seed.
 
         Raises:
             SimulationError: the motion is unstable on finer grids, or on the coarse one.
         """
-        count, seed = settings
-        found, sensor, bias = replicates(
-            problem, model, free, count, seed, lambda number: progress(f"replicate {number} of {count}")
-        )
+        found, sensor, bias = replicates(problem, model, free, *settings, progress)
         shape, solver = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
         at = problem, effects, model.physical(free)
         force = force_changes(*at, progress), contact_accelerations(*at)
@@ -119,7 +110,6 @@ class ModelErrors:
         """The same with errors of the shape, where there are any, as large as the fitted entries show them.
 
         Args:
-            problem: the run.
             residual: where all unknowns have the means of their priors [(R, F, 11)]
             changes: of it by one prior standard deviation of each unknown [(R, F, 11, K)]
         """
