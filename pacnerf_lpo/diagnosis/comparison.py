@@ -147,8 +147,6 @@ def compare(
     the standardised fit moves far from where errors were simulated, they are simulated again.
 
     Args:
-        problem: the run.
-        effects: of the model.
         known: values to start from [SI].
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``, and it is
