@@ -78,7 +78,7 @@ def _of_recording(
         for attempt, random in zip(attempts, draws, strict=True):
             body = problem.sample(problem.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
             true = problem.model(part.effects, part.known, shaken(distorted(body, sigma, random), random))
-            true.physics = with_effects(true.physics, true.effects, 1 / random.uniform(*STEPS), 1.0)
+            true.physics = with_effects(true.physics, true.physics.effects, 1 / random.uniform(*STEPS), 1.0)
             # one way and then the opposite one, so that the mean is what is of second order
             alike, sign = np.random.default_rng((seed, count, attempt // 2)), (-1) ** attempt
             wrong = distorted(problem.body, sign * sigma, alike)

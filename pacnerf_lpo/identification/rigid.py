@@ -18,7 +18,7 @@ from pacnerf_lpo.data.shapes import Shape, fill
 from pacnerf_lpo.data.trajectories.noise import Noise
 from pacnerf_lpo.data.trajectories.trajectory import AXES
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import VELOCITY, Model, RecordingModel, with_effects
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
 from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS, Points
 from pacnerf_lpo.identification.problem import Problem, independent
 from pacnerf_lpo.identification.silhouette_moments import KINDS
@@ -134,7 +134,7 @@ class Centre:
         return _row(centre - self.flight.positions) / UNIT
 
 
-class RigidModel(RecordingModel):
+class RigidModel(Model):
     """The flight of a rigid body.
 
     Args:

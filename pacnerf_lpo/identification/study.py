@@ -229,8 +229,9 @@ class StudyModel(Model):
         effects: Sequence[Effect],
         stack: Stack,
     ):
-        self.models, self.stack, self._effects = list(models), stack, tuple(effects)
+        self.models, self.stack, self.effects = list(models), stack, tuple(effects)
         self.body, self.physics = models[0].body, models[0].physics
+        self.shape = sum(stack.views), max(stack.frames)
         unknowns: dict[str, Parameter] = {}
         low, high, start = (dict[str, float]() for _ in range(3))
         self.known, called = {}, []
@@ -249,14 +250,6 @@ class StudyModel(Model):
         self.start = np.array([start[name] for name in self.names])
         self.bounds = np.array([low[name] for name in self.names]), np.array([high[name] for name in self.names])
         self._places = [[self.names.index(name) for name in own] for own in called]
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        return self._effects
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return sum(self.stack.views), max(self.stack.frames)
 
     def restart(self) -> None:
         for model in self.models:
