@@ -201,7 +201,7 @@ class _Noise:
         mask = fitted_of_each(problem)[0]
         full = comparison.noise(problem, mask)
         times = recording.video.times.numpy() - float(recording.video.times[0])
-        simple = _Noise(sensor, numerical, times, full.correlation, 1.0)
+        simple = _Noise(sensor, numerical, times, full.learnt.correlation, 1.0)
         own = problem.part_of(mask, 0)[..., None]
         changes = np.nan_to_num(np.where(own, problem.part_of(comparison.jacobian, 0), 0.0))
         ours, theirs = simple.whiten(changes[views, :, kinds]), full.whiten(comparison.jacobian[mask])

@@ -212,16 +212,6 @@ class NoiseModel:
         return cls(learnt, rows, mean[rows], directions, series, whitener, *_principal(low_rank))
 
     @property
-    def shrinkage(self) -> float:
-        """Weight a of the structured target."""
-        return self.learnt.shrinkage
-
-    @property
-    def correlation(self) -> float:
-        """rho of neighbouring frames."""
-        return self.learnt.correlation
-
-    @property
     def replicates(self) -> np.ndarray:
         """What it was learnt from (T, D)."""
         return self.learnt.replicates[:, self.rows]
