@@ -88,13 +88,9 @@ class Candidate:
 
 
 def whole_catalogue(material: Material, views: Sequence[int], installed: Sequence[Effect]) -> list[Candidate]:
-    """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view.
-    Of a rigid body in flight those of the medium around it: its gravity is known, and it touches nothing.
-
-    Args:
-        material: constitutive law of the model.
-        views: file ids of the cameras.
-        installed: effects that the model has.
+    """Every effect of the package that applies to the material of a model and is not ``installed`` in it yet; camera
+    faults view by view, by the file ids of the cameras. Of a rigid body in flight those of the medium around it: its
+    gravity is known, and it touches nothing.
     """
     kinds = [kind for kind in known_classes() if material.deforms or kind.of_medium]
     made: list[Effect] = []

@@ -60,10 +60,8 @@ class ShapeModes:
         return replace(body, positions=moved, fraction=body.fraction * density.clamp_min(0.1))
 
     def bodies(self, sampled: Callable[[Callable[[Tensor], Tensor]], Body]) -> list[Body]:
-        """The body with one more error each, of one standard deviation; itself where an error leaves nothing of it.
-
-        Args:
-            sampled: a sampling whose surface was moved inwards by so much [m, (N,)] at places [m, (N, 3)].
+        """The body with one more error each, of one standard deviation, by a sampling whose surface was moved inwards
+        by so much [m, (N,)] at places [m, (N, 3)]; itself where an error leaves nothing of it.
         """
         found = [self.moved(sampled(partial(self.depth, numbers=one)), one) for one in np.eye(self.count)]
         return [body if len(body.positions) else self.body for body in found]
