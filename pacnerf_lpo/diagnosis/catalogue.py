@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,13 +88,9 @@ class Candidate:
 
 
 def whole_catalogue(material: Material, views: Sequence[int], installed: Sequence[Effect]) -> list[Candidate]:
-    """Every effect of the package that applies to a material and is not in the model yet; camera faults view by view.
-    Of a rigid body in flight those of the medium around it: its gravity is known, and it touches nothing.
-
-    Args:
-        material: constitutive law of the model.
-        views: file ids of the cameras.
-        installed: effects that the model has.
+    """Every effect of the package that applies to the material of a model and is not ``installed`` in it yet; camera
+    faults view by view, by the file ids of the cameras. Of a rigid body in flight those of the medium around it: its
+    gravity is known, and it touches nothing.
     """
     kinds = [kind for kind in known_classes() if material.deforms or kind.of_medium]
     made: list[Effect] = []
@@ -149,13 +144,9 @@ def candidates(effects: Sequence[Effect], material: Material, installed: Sequenc
     """Those of the effects that may be added to a model."""
     taken = {own_name(name) for effect in installed for name in effect.parameters}
     grounded = any(isinstance(effect, GroundEffect) for effect in installed)
-    found = []
-    for effect in effects:
-        suits = not taken & set(effect.parameters) and not (grounded and isinstance(effect, GroundEffect))
-        with suppress(UserInputError):  # which says that it does not apply to the material
-            effect.check_material(material)
-            found += [Candidate(name_of(effect), effect)] if suits else []
-    return found
+    free = [effect for effect in effects if not (grounded and isinstance(effect, GroundEffect))]
+    suited = [effect for effect in free if not taken & set(effect.parameters) and effect.suits(material)]
+    return [Candidate(name_of(effect), effect) for effect in suited]
 
 
 def name_of(effect: Effect) -> str:

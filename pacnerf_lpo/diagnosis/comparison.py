@@ -146,8 +146,6 @@ def compare(
     an earlier model, the first fit has noise of its own motion beside them, and the others are simulated where it ends.
 
     Args:
-        problem: the run.
-        effects: of the model.
         known: values to start from [SI].
         settings: number of replicates, and their seed.
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``, and it is
@@ -273,11 +271,8 @@ def solver_errors(
 
     An interval alone is of the solver as it is: where data show that the recording has not all that another grid
     changes, its stiffness may still be that of another grid. The change of an estimate with the discretisation is the
-    usual measure of that error, and independent errors add by their squares (ASME V&V 20, 2009).
-
-    Args:
-        problem, effects, comparison: the fitted model.
-        found: interval of each unknown [SI], from :func:`intervals`.
+    usual measure of that error, and independent errors add by their squares (ASME V&V 20, 2009). ``found`` are the
+    intervals from :func:`intervals`.
     """
     mask, model = comparison.fitted, problem.model(effects, comparison.known)
     noise = comparison.errors.but_of_solver.noise(problem, mask)

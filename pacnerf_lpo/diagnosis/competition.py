@@ -133,14 +133,9 @@ def against_the_best(refits: Sequence[Refit], screening: Screening) -> list[Refi
 
 
 def more_than_noise(found: Round, refits: Sequence[Refit], size: int) -> bool:
-    """Whether the best model so far leaves more than noise, so that another hypothesis could be better: a mean square
-    above 1 of the fitted data, where these or those that were held out contradict the model without any. How little a
-    model leaves below that is no evidence.
-
-    Args:
-        found: the round.
-        refits: of it so far.
-        size: number of fitted data.
+    """Whether the best model of a round so far leaves more than noise, so that another hypothesis could be better: a
+    mean square above 1 of the fitted data, whose number is ``size``, where these or those that were held out contradict
+    the model without any. How little a model leaves below that is no evidence.
     """
     least = min((again.cost for again in refits), default=found.comparison.cost)
     return min(found.check.p_value, found.held.p_value) < LEVEL and least > size

@@ -29,7 +29,7 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
     for part, mask, phases in zip(parts, fitted_of_each(problem), first.phases, strict=True):
         noise = comparison.noise(problem, mask)
         information.append((noise.whiten(comparison.changes(mask))[:, shared] ** 2).sum(0))
-        again = {r.name: _cost(noise.whiten_residual(np.nan_to_num(r.residual[mask]))) for r in first.refits}
+        again = {r.name: noise.square(np.nan_to_num(r.residual[mask])) for r in first.refits}
         video = part.recording.video
         found.append(
             {
@@ -39,7 +39,7 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
                 "times": video.times.tolist(),
                 "phases": phases,
                 "numbers": int(mask.sum()),
-                "cost": _cost(noise.whiten_residual(comparison.residual[mask])),
+                "cost": noise.square(comparison.residual[mask]),
                 "refits": again,
             }
         )
@@ -96,7 +96,3 @@ def fitted_of_each(problem: Problem) -> list[np.ndarray]:
     """The fitted entries of each recording among those of all [(R, F, 11), bool]."""
     own = [problem.part_of(problem.fitted, number) for number in range(len(problem.parts((), {})))]
     return [problem.join([part & (other == number) for other, part in enumerate(own)]) for number in range(len(own))]
-
-
-def _cost(standardised: np.ndarray) -> float:
-    return float(standardised @ standardised)

@@ -61,7 +61,4 @@ def mean_excess(problem: Problem, residual: np.ndarray, comparison: Comparison) 
 
 def mean_of_outlines(values: np.ndarray) -> np.ndarray:
     """Mean over the summaries of each outline [(V, F, 11)] that were seen [(V, F)]; NaN where none was."""
-    outlines = values[..., : len(KINDS)]
-    seen = np.isfinite(outlines)
-    counts = seen.sum(-1)
-    return np.where(counts > 0, np.where(seen, outlines, 0.0).sum(-1) / np.maximum(counts, 1), np.nan)
+    return np.ma.masked_invalid(values[..., : len(KINDS)]).mean(-1).filled(np.nan)

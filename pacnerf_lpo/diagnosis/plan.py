@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -97,12 +98,7 @@ def propose(
     problem: Problem, found: Round, progress: Progress, recipes: Sequence[Recipe] | None = None
 ) -> list[Proposal]:
     """Recordings that would separate the hypotheses of a round that were not told apart, best first; of those that are
-    expected to do so with odds of more than a thousand to one, the easiest first.
-
-    Args:
-        problem: what was diagnosed.
-        found: the round that left hypotheses.
-        recipes: to choose from, the easiest first; None: all.
+    expected to do so with odds of more than a thousand to one, the easiest first, as ``recipes`` are listed; None: all.
 
     Raises:
         UserInputError: there are no two hypotheses to tell apart.
@@ -205,7 +201,7 @@ class _Noise:
         mask = fitted_of_each(problem)[0]
         full = comparison.noise(problem, mask)
         times = recording.video.times.numpy() - float(recording.video.times[0])
-        simple = _Noise(sensor, numerical, times, full.correlation, 1.0)
+        simple = _Noise(sensor, numerical, times, full.learnt.correlation, 1.0)
         own = problem.part_of(mask, 0)[..., None]
         changes = np.nan_to_num(np.where(own, problem.part_of(comparison.jacobian, 0), 0.0))
         ours, theirs = simple.whiten(changes[views, :, kinds]), full.whiten(comparison.jacobian[mask])
@@ -237,15 +233,13 @@ def _judged(
 ) -> Proposal:
     """Expected log Bayes factors of a recording, of which every hypothesis predicts a view."""
     odds = []
-    for true, (seen, _) in zip(believed, views, strict=True):
-        for other, (imitated, free) in zip(believed, views, strict=True):
-            if other is not true:
-                moved = noise.whiten((seen - imitated)[..., None], proposed)[:, 0]
-                changes = noise.whiten(free, proposed)
-                inner = np.eye(changes.shape[1]) + changes.T @ changes
-                along = changes.T @ moved
-                square, size = float(moved @ moved - along @ np.linalg.solve(inner, along)), len(moved)
-                odds.append(Odds(true.name, other.name, size / 2 * float(np.log1p(max(square, 0.0) / size))))
+    for (true, (seen, _)), (other, (imitated, free)) in permutations(zip(believed, views, strict=True), 2):
+        moved = noise.whiten((seen - imitated)[..., None], proposed)[:, 0]
+        changes = noise.whiten(free, proposed)
+        inner = np.eye(changes.shape[1]) + changes.T @ changes
+        along = changes.T @ moved
+        square, size = float(moved @ moved - along @ np.linalg.solve(inner, along)), len(moved)
+        odds.append(Odds(true.name, other.name, size / 2 * float(np.log1p(max(square, 0.0) / size))))
     total = sum(one.probability for one in believed)
     hardest = [min(o.log_bayes_factor for o in odds if o.true == one.name) * one.probability for one in believed]
     return Proposal(proposed.words, proposed.recipe.higher, sum(hardest) / total, tuple(odds))

@@ -94,11 +94,7 @@ def of_equal_weights(problem: Problem, effects: Sequence[Effect], best: Comparis
 
     The estimate A r, with A = (J^T J)^-1 J^T of the residual in units of its presumed error, has the covariance A C A^T
     where C is that of the noise and of the known errors (the sandwich of Huber 1967; the difference from the weighted
-    estimate has less, Hausman 1978).
-
-    Args:
-        problem, effects: what was fitted.
-        best: its weighted fit, with the residual's changes and the errors of the model there.
+    estimate has less, Hausman 1978). ``best`` is that weighted one.
     """
     model, mask = problem.model(effects, best.known), problem.fitted
     weight = problem.presumed_error[:, None]
@@ -111,12 +107,7 @@ def of_equal_weights(problem: Problem, effects: Sequence[Effect], best: Comparis
 
 
 def take_over(run: Run, stage: Stage, known: dict[str, float]) -> None:
-    """Give the state of a phase other parameters and another velocity; the manifest keeps its own.
-
-    Args:
-        run, stage: the run, and the phase in it.
-        known: parameters and velocity by name [SI]
-    """
+    """Give the state of a phase of a run other parameters and another velocity [SI]; the manifest keeps its own."""
     state, names = stage.state, ("v_x", "v_y", "v_z")
     before = dict(zip(names, state.velocity.mean(0).tolist(), strict=True)) | state.physics
     change = torch.tensor([known[name] - before[name] for name in names])

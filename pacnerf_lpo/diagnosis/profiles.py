@@ -19,14 +19,8 @@ ITERATIONS = 3
 def profile(
     problem: Problem, effects: Sequence[Effect], comparison: Comparison, name: str, progress: Progress
 ) -> tuple[float, float, Profile]:
-    """90 % interval [SI] of one unknown, all others fitted again for every value of it, with their priors.
-
-    Args:
-        problem, effects, comparison: the run, the effects of its model, and that model fitted.
-        name: of the unknown, such as ``E``.
-
-    Returns:
-        Lower and upper end [SI], and the profile in free coordinates.
+    """90 % interval of one unknown of a fitted model, all others fitted again for every value of it, with their priors:
+    lower and upper end [SI], and the profile in free coordinates.
 
     Raises:
         UserInputError: the fitted model has no such unknown.

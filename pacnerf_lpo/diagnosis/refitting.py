@@ -380,9 +380,8 @@ def _begun(
 
 def _cost_without(problem: Problem, comparison: Comparison, mask: np.ndarray) -> float:
     """Of the fitted model in the entries of a mask [(R, F, 11), bool], after a linear fit to them."""
-    left = comparison.marginal(problem, mask).whiten_residual(np.nan_to_num(comparison.residual[mask]))
     away = (comparison.free - comparison.mean) / comparison.deviation
-    return float(left @ left + away @ away)
+    return comparison.marginal(problem, mask).square(np.nan_to_num(comparison.residual[mask])) + float(away @ away)
 
 
 def _starts(

@@ -37,11 +37,8 @@ class ResidualForce:
 def residual_force(
     problem: Problem, effects: Sequence[Effect], comparison: Comparison, deviation: float
 ) -> ResidualForce:
-    """The posterior mean of the smooth force, and what law it looks like.
-
-    Args:
-        problem, effects, comparison: the run, its fitted model and its effects.
-        deviation: prior standard deviation of every coefficient [m/s^2]
+    """The posterior mean of the smooth force beside a fitted model, with a prior standard deviation of every
+    coefficient [m/s^2], and what law it looks like.
     """
     mask, parts = comparison.fitted, problem.parts(effects, comparison.known)
     noise = comparison.marginal(problem, mask)

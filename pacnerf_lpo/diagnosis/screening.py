@@ -11,7 +11,7 @@ from torch import Tensor
 from pacnerf_lpo.diagnosis.catalogue import Candidate
 from pacnerf_lpo.diagnosis.comparison import Comparison
 from pacnerf_lpo.errors import SimulationError
-from pacnerf_lpo.identification.forward_model import Model
+from pacnerf_lpo.identification.forward_model import Model, outcome
 from pacnerf_lpo.identification.model_errors import FORCES, SHAPES
 from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress, each
@@ -158,11 +158,9 @@ def probed(
     changes nothing there, is left out; so is a candidate without a trial.
 
     Args:
-        problem, effects: the run, and the effects of its model.
-        null, free: the fitted model, and its coordinates [(K,)]
+        effects, null, free: of the fitted model, it, and its coordinates [(K,)]
         candidates: effects to try in addition to those of the model.
         mask: entries to return.
-        progress: called with the name of each candidate.
     """
     path, known = null.path(free), null.physical(free)
     before = null.observe(path, free)
@@ -179,7 +177,8 @@ def probed(
         progress(candidate.name)
         shown: list[tuple[np.ndarray, float, float]] = []
         for trial, after in zip(tried, predicted, strict=True):
-            change = np.zeros(mask.sum()) if after is None else np.nan_to_num(problem.relative(after - before)[mask])
+            moved = after - before if isinstance(after, np.ndarray) else 0 * before
+            change = np.nan_to_num(problem.relative(moved)[mask])
             if candidate.joint or np.abs(change).max() > LEAST_CHANGE:
                 name, size = size_of(candidate, trial)
                 shown.append((change, size, 1.0 if candidate.discrete else candidate.width(name)))
@@ -191,17 +190,13 @@ def probed(
     return found, sum(len(tried) for c, tried in zip(candidates, trials, strict=True) if not c.observes)
 
 
-def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> list[np.ndarray | None]:
-    """What the models of some trials predict at their start [(R, F, 11)]; None where the motion is unstable. It is
-    known, with its silhouette moments, where the models differ in their cameras only.
+def _seen(models: Sequence[Model], motion: tuple[Tensor, np.ndarray] | None) -> list[np.ndarray | SimulationError]:
+    """What the models of some trials predict at their start [(R, F, 11)], or what went wrong. The motion is known, with
+    its silhouette moments, where the models differ in their cameras only.
     """
-    found: list[np.ndarray | None] = []
-    for model in models:
-        try:
-            found.append(model.observe(motion[0], model.start, motion[1]) if motion else model.predict(model.start))
-        except SimulationError:
-            found.append(None)
-    return found
+    if motion is None:
+        return [outcome(model) for model in models]
+    return [model.observe(motion[0], model.start, motion[1]) for model in models]
 
 
 def size_of(candidate: Candidate, trial: dict[str, float]) -> tuple[str, float]:

@@ -114,7 +114,6 @@ def base_fit(
         problem: measurements, and the user's guess, around which the priors lie.
         effects: of the model. One without a gradient at its null, which ``known`` leaves there, starts at its probes.
         known: values to start from, velocity among them [SI].
-        progress: receives a line about each step.
         followed: another fit goes on from here, so that the last hundredth of the cost is left to it.
 
     Raises:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -64,20 +63,14 @@ class Sampling:
         self._distance = torch.cat([interpolate(surface, part)[0] for part in flat.split(CHUNK)])
 
     @torch.no_grad()
-    def body(self, depth: Callable[[Tensor], Tensor] | None = None) -> Body:
-        """One particle in each cell that is occupied, at the centre of what is.
-
-        Args:
-            depth: how far the surface moves inwards [m] at some places [m, (M, 3)], (M,); None: it stays.
+    def body(self, depth: Callable[[Tensor], Tensor | float] = lambda _: 0.0) -> Body:
+        """One particle in each cell that is occupied, at the centre of what is, after the surface has moved inwards by
+        a ``depth`` [m] at some places [m, (M, 3)], (M,).
         """
-        distance = self._distance if depth is None else self._distance - depth(self._points.reshape(-1, 3))
+        distance = self._distance - depth(self._points.reshape(-1, 3))
         solid = (distance / (self.spacing / 2 / SUBSAMPLES) + 0.5).clamp(0, 1).reshape(len(self._points), -1)
         kept = solid.mean(1) > LEAST_FRACTION
         solid, points = solid[kept], self._points[kept]
         centre = (points * solid[..., None]).sum(1) / solid.sum(1, keepdim=True)
-        discs = Discs.within(partial(self._below, depth), centre, self.spacing / 2)
+        discs = Discs.within(lambda p: interpolate(self.surface, p)[0] - depth(p), centre, self.spacing / 2)
         return Body(centre, solid.mean(1), self.spacing, discs)
-
-    def _below(self, depth: Callable[[Tensor], Tensor] | None, points: Tensor) -> Tensor:
-        distance = interpolate(self.surface, points)[0]
-        return distance if depth is None else distance - depth(points)

@@ -64,6 +64,8 @@ class Model(ABC):
         points: measured in addition to the video; they add rows behind those of the views.
 
     Attributes:
+        effects: of the model, those on the cameras among them.
+        shape: numbers of views and frames.
         frames: only the first so many are simulated, in the rest everything stands still; None: all.
         motion: unknowns of the initial motion.
         footprint: factor on the radius of the discs that particles are drawn as.
@@ -77,6 +79,7 @@ class Model(ABC):
         self, body: Body, physics: Physics, video: Video, known: dict[str, float], points: Points | None = None
     ):
         self.body, self.physics, self.video, self.points = body, physics, video, points
+        self.effects, self.shape = physics.effects, (video.images.shape[0], len(video.times))
         self.known = {**physics.guess, **{name: value for name, value in known.items() if name in physics.parameters}}
         described = physics.parameters
         self.unknowns = [*(described[name] for name in physics.free_names), *self.motion]
@@ -86,19 +89,9 @@ class Model(ABC):
         self.start = np.array([parameter.transform.to_free(start[parameter.name]) for parameter in self.unknowns])
         self.bounds = self._bounds()
 
-    @property
-    @abstractmethod
-    def effects(self) -> tuple[Effect, ...]:
-        """Of the model, those on the cameras among them."""
-
-    @property
-    @abstractmethod
-    def shape(self) -> tuple[int, int]:
-        """Views and frames."""
-
-    @abstractmethod
     def restart(self) -> None:
         """Forget which time step earlier motions needed: the next one begins with the model's own."""
+        self.physics.halvings = 0
 
     @abstractmethod
     def contact(self, free: np.ndarray, within: float) -> int:
@@ -214,22 +207,7 @@ class Model(ABC):
         return low, high
 
 
-class RecordingModel(Model):
-    """The model of one recording."""
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        return self.physics.effects
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.video.images.shape[0], len(self.video.times)
-
-    def restart(self) -> None:
-        self.physics.halvings = 0
-
-
-class BodyModel(RecordingModel):
+class BodyModel(Model):
     """A deforming body that moves by given physics before the cameras of a video."""
 
     def contact(self, free: np.ndarray, within: float) -> int:

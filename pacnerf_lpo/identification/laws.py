@@ -355,12 +355,8 @@ class Competition:
 
 
 def sentences(left: Sequence[Trial], chosen: Trial, alone: float | None = None, forced: bool = False) -> list[str]:
-    """What a person should know of the choice.
-
-    Args:
-        left: laws that are not separated, the most probable first;  chosen: of them.
-        alone: as of :class:`Competition`.
-        forced: whether the laws were compared beside an unknown force.
+    """What a person should know of the choice, where the ``left`` laws are not separated, the most probable first;
+    ``alone`` as of :class:`Competition`, ``forced``: whether the laws were compared beside an unknown force.
     """
     leader = left[0]
     if len(left) > 1:
@@ -396,11 +392,8 @@ def _percent(probability: float) -> str:
 
 
 def as_solid(law: Material, other: Material, known: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a solid at which it is nearest to another one [SI]; none where one of them is no elastic solid.
-
-    Args:
-        law: whose parameters are wanted.
-        other: with ``known`` parameters [SI].
+    """Parameters of a solid at which it is nearest to another one with known ones [SI]; none where one of them is no
+    elastic solid.
     """
     if SHEAR.name in known and SHEAR in other.parameters.values():
         mu, kappa = known[SHEAR.name], known[BULK.name]

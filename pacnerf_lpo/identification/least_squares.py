@@ -6,6 +6,7 @@ because the simulation is unstable, the step has failed, and the next one is sho
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,12 +153,12 @@ class _Descent:
     ):
         self.effort = effort
         self.residual, self.scales, self.bounds, self.rollouts = residual, scales, bounds, 0
-        known = start if isinstance(start, Fit) else None
-        self.free = np.clip(start.free if isinstance(start, Fit) else start, *bounds)
-        self.now = known.residual if known is not None and known.of == residual else self._at(self.free)
+        known = start if isinstance(start, Fit) else Fit(start, np.zeros(0))
+        self.free = np.clip(known.free, *bounds)
+        self.now = known.residual if known.of == residual else self._at(self.free)
         self.rows = np.ones(len(self.now), bool) if rows is None else rows
         self.damping, self.longest, self.age, self.surprises, self.remeasured = 1e-2, LONGEST_STEP, 1, 0, np.inf
-        if known is None or known.jacobian is None or len(known.jacobian) != len(self.now):
+        if known.jacobian is None or len(known.jacobian) != len(self.now):
             self._measure()
         else:
             self.scaled = known.jacobian * scales
@@ -207,10 +208,7 @@ class _Descent:
         """
         moved = np.inf
         while moved > CONVERGED:
-            low, high = np.clip((np.stack(self.bounds) - self.free) / self.scales, -self.longest, self.longest)
-            now, scaled = self.now[self.rows], self.scaled[self.rows]
-            model = NormalEquations(_square(now), torch.as_tensor(scaled.T @ now), torch.as_tensor(scaled.T @ scaled))
-            step = damped_step(model, self.damping, torch.as_tensor(low), torch.as_tensor(high)).numpy()
+            step = self._best_step(self.scaled[self.rows], self.scales, self.damping, self.longest)
             moved = np.abs(step).max()
             trial = np.clip(self.free + step * self.scales, *self.bounds)
             try:
@@ -237,6 +235,15 @@ class _Descent:
                 self.damping, self.longest = 5 * self.damping, max(min(self.longest, moved) / 2, CONVERGED)
         return None
 
+    def _best_step(self, slopes: np.ndarray, units: np.ndarray, damping: float, longest: float) -> np.ndarray:
+        """The damped step within the bounds, at most so long, in units of the coordinates (K,), by the slopes of the
+        rows that count (D', K).
+        """
+        now, ends = self.now[self.rows], (np.stack(self.bounds) - self.free) / units
+        low, high = torch.as_tensor(np.clip(ends, -longest, longest))
+        model = NormalEquations(_square(now), torch.as_tensor(slopes.T @ now), torch.as_tensor(slopes.T @ slopes))
+        return damped_step(model, damping, low, high).numpy()
+
     def _measure(self) -> None:
         jacobian, used = _jacobian(self.residual, self.free, self.now, self.scales, self.bounds)
         self.scaled, self.age, self.surprises = jacobian * self.scales, 0, 0
@@ -253,10 +260,8 @@ class _Descent:
             at = self.free, self.now, slopes[self.rows]
             slopes, used = slopes_around(self.residual, *at, least, widest, self.bounds)
             self.rollouts += used
-            seen, now = slopes[self.rows] * widest, self.now[self.rows]
-            model = NormalEquations(_square(now), torch.as_tensor(seen.T @ now), torch.as_tensor(seen.T @ seen))
-            low, high = np.clip((np.stack(self.bounds) - self.free) / widest, -FARTHEST, FARTHEST)
-            step = damped_step(model, 0.0, torch.as_tensor(low), torch.as_tensor(high)).numpy()
+            seen = slopes[self.rows] * widest
+            step = self._best_step(seen, widest, 0.0, FARTHEST)
             length = float(np.linalg.norm(seen @ step))
             share = float(eigh(seen.T @ seen, before.T @ before + 1e-12 * np.eye(len(step)), eigvals_only=True)[0])
             moved = left > 0 and length > CLOSE and self._moved(step * widest, length)
@@ -274,14 +279,11 @@ class _Descent:
         part = 1.0
         while part * length > CLOSE:
             trial = np.clip(self.free + part * step, *self.bounds)
-            try:
+            with suppress(SimulationError):
                 after = self._at(trial)
-            except SimulationError:
-                part /= 2
-                continue
-            if _square(after[self.rows]) <= self.cost + TOLERATED:
-                self.free, self.now = trial, after
-                return True
+                if _square(after[self.rows]) <= self.cost + TOLERATED:
+                    self.free, self.now = trial, after
+                    return True
             part /= 2
         return False
 

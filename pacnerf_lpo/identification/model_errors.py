@@ -66,7 +66,7 @@ class ModelErrors:
         progress: Progress,
     ) -> ModelErrors:
         """By simulations around a model; arguments and error as of :meth:`noise_at` and :meth:`changes_at`."""
-        found, sensor, bias = _noise(problem, model, free, settings, progress)
+        found, sensor, bias = replicates(problem, model, free, *settings, progress)
         return ModelErrors(found, sensor, *_changes(problem, effects, model, free, bias, progress), bias)
 
     def noise_at(
@@ -83,7 +83,7 @@ class ModelErrors:
         Raises:
             SimulationError: the motion is unstable on finer grids.
         """
-        found, sensor, bias = _noise(problem, model, free, settings, progress)
+        found, sensor, bias = replicates(problem, model, free, *settings, progress)
         return replace(self, replicates=found, sensor=sensor, bias=bias)
 
     def changes_at(
@@ -137,7 +137,6 @@ class ModelErrors:
         """The same with errors of the shape, where there are any, as large as some entries show them.
 
         Args:
-            problem: the run.
             residual: where all unknowns have the means of their priors [(R, F, 11)]
             changes: of it by one prior standard deviation of each unknown [(R, F, 11, K)]
             mask: entries that are fitted [(R, F, 11), bool]
@@ -148,18 +147,6 @@ class ModelErrors:
         shape, force = np.nan_to_num(self.shape[mask]), np.nan_to_num(self.force[mask])
         usual = [size for size in SHAPES if size <= 1]
         return replace(self, size=size_of_errors(noise, residual[mask], shape, usual, force, FORCES))
-
-
-def _noise(
-    problem: Problem, model: Model, free: np.ndarray, settings: tuple[int, int], progress: Progress
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Replicates, their sensor noise, and the bias of a wrong shape."""
-    count, seed = settings
-
-    def told(number: int) -> None:
-        progress(f"replicate {number} of {count}")
-
-    return replicates(problem, model, free, count, seed, told)
 
 
 def _changes(

@@ -175,12 +175,8 @@ class Problem(ABC):
 
     @abstractmethod
     def model(self, effects: Sequence[Effect], known: dict[str, float], body: Body | None = None) -> Model:
-        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI].
-
-        Args:
-            effects: of the model.
-            known: values to start from.
-            body: that moves; that of the problem when not given.
+        """A model with these effects that starts from known values, ``v_x``, ``v_y`` and ``v_z`` among them [SI]; of
+        the body of the problem, when none is given.
         """
 
     def coarse_model(self, effects: Sequence[Effect], known: dict[str, float]) -> Model:
@@ -280,12 +276,10 @@ class Problem(ABC):
 
     @abstractmethod
     def noise_parts(self, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Roots of the covariance of the noise of relative moments: of what the entries of every frame have by
-        themselves [(V + R, F, 11, Q)], and of what all of a view or row have in common: from the frame to which they
-        are relative, or by noise that lasts [(V + R, F, 11, Q')].
-
-        Args:
-            sensor: standard deviation of the noise of moments [(V + R, F, 11)]
+        """Roots of the covariance of the noise of relative moments, by the standard deviation of that of moments
+        [(V + R, F, 11)]: of what the entries of every frame have by themselves [(V + R, F, 11, Q)], and of what all of
+        a view or row have in common: from the frame to which they are relative, or by noise that lasts
+        [(V + R, F, 11, Q')].
         """
 
     def residual(self, predicted: np.ndarray) -> np.ndarray:
@@ -453,22 +447,18 @@ class StateProblem(BodyProblem):
 
 def noise_of_video(silhouettes: Tensor, brightness: np.ndarray) -> np.ndarray:
     """A root of the covariance of the noise of moments and brightness in one view and frame [(V, F, 11, 11)], from the
-    outlines [(V, F, H, W)] and the brightness [(V, F)] themselves.
+    outlines [(V, F, H, W)] and the brightness [(V, F)] themselves: how far views differ in brightness is taken as one
+    error for all frames of a view.
     """
     found = np.pad(sensor_noise(silhouettes), (*[(0, 0)] * 2, (0, 1), (0, 1)))
-    found[..., -1, -1] = _shading(brightness)
+    spread = max(1.4826 * np.median(np.abs(brightness)), LEAST_SHADING)
+    found[..., -1, -1] = spread * np.sqrt(brightness.shape[1])
     return found
 
 
 def independent(sensor: np.ndarray) -> np.ndarray:
     """The root of a covariance [(..., K, K)] where every entry has its own standard deviation [(..., K)]."""
     return sensor[..., None] * np.eye(sensor.shape[-1])
-
-
-def _shading(brightness: np.ndarray) -> float:
-    """How far views differ in brightness by themselves, taken as one error for all frames of a view."""
-    spread = 1.4826 * np.median(np.abs(brightness))
-    return float(max(spread, LEAST_SHADING) * np.sqrt(brightness.shape[1]))
 
 
 def relative(difference: np.ndarray, views: int | None = None, anchored: bool = True) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Null replicates: residuals that the fitted model would have if it were true, from other discretisations of it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from pacnerf_lpo.errors import SimulationError
 from pacnerf_lpo.identification.body import Body
 from pacnerf_lpo.identification.forward_model import Model, with_effects
 from pacnerf_lpo.identification.problem import Part, Problem, beside_median
-from pacnerf_lpo.identification.processes import each
+from pacnerf_lpo.identification.processes import Progress, each
 from pacnerf_lpo.identification.shape_modes import PLACES, bumps
 from pacnerf_lpo.identification.silhouette_moments import KINDS
 from pacnerf_lpo.inference.sensor import sensor_scale
@@ -38,7 +37,7 @@ def replicates(
     free: np.ndarray,
     count: int,
     seed: int,
-    progress: Callable[[int], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals [(T, R, F, 11)] of data simulated from the model itself, every recording by itself, the standard
     deviation of the sensor noise in them, and what a wrong shape changes on average [(R, F, 11) each].
@@ -51,12 +50,9 @@ def replicates(
     replicates agree.
 
     Args:
-        problem: the run.
-        model: reference prediction.
-        free: coordinates at which it was fitted [(K,)]
+        model, free: reference prediction, and coordinates at which it was fitted [(K,)]
         count: T.
         seed: of all random choices.
-        progress: called with the number of each finished replicate.
 
     Raises:
         SimulationError: a finer motion is unstable.
@@ -70,7 +66,7 @@ def replicates(
 
 
 def _of_recording(
-    part: Part, reference: np.ndarray, count: int, seed: int, progress: Callable[[int], None]
+    part: Part, reference: np.ndarray, count: int, seed: int, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     problem = part.recording
     sigma = distortion(problem, reference)
@@ -82,7 +78,7 @@ def _of_recording(
         for attempt, random in zip(attempts, draws, strict=True):
             body = problem.sample(problem.spacing * random.uniform(*FINENESS), seed=1000 * seed + attempt + 1)
             true = problem.model(part.effects, part.known, shaken(distorted(body, sigma, random), random))
-            true.physics = with_effects(true.physics, true.effects, 1 / random.uniform(*STEPS), 1.0)
+            true.physics = with_effects(true.physics, true.physics.effects, 1 / random.uniform(*STEPS), 1.0)
             # one way and then the opposite one, so that the mean is what is of second order
             alike, sign = np.random.default_rng((seed, count, attempt // 2)), (-1) ** attempt
             wrong = distorted(problem.body, sign * sigma, alike)
@@ -92,7 +88,7 @@ def _of_recording(
                 unstable = seen
                 continue
             found.append((*seen, problem.drawn_noise(random), problem.lasting_noise(random)))
-            progress(len(found))
+            progress(f"replicate {len(found)} of {count}")
         attempts = range(attempts.stop, attempts.stop + count - len(found))
         if attempts and attempts.start > 2 * count:
             raise unstable
@@ -118,12 +114,7 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     """How far the reconstructed surface may be from the true one [m]: as far as makes the outlines of distorted bodies
     disagree at frame 0 as much as the measured ones do, but for single cameras; at least what the problem says.
 
-    Args:
-        problem: the run.
-        reference: summaries that the model predicts [(V, F, 11)]
-
-    Returns:
-        What the problem says where no camera shows the body.
+    Where no camera shows the body, that is all. ``reference``: summaries that the model predicts [(V, F, 11)].
     """
     least = problem.least_shape_error
     if not problem.views:

@@ -8,7 +8,7 @@ not move along them.
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from pacnerf_lpo.data.shapes import Shape, fill
 from pacnerf_lpo.data.trajectories.noise import Noise
 from pacnerf_lpo.data.trajectories.trajectory import AXES
 from pacnerf_lpo.identification.body import Body
-from pacnerf_lpo.identification.forward_model import VELOCITY, Model, RecordingModel, with_effects
+from pacnerf_lpo.identification.forward_model import VELOCITY, Model, with_effects
 from pacnerf_lpo.identification.points import COLUMNS, TRACK_KINDS, Points
 from pacnerf_lpo.identification.problem import Problem, independent
 from pacnerf_lpo.identification.silhouette_moments import KINDS
@@ -96,11 +96,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Centre:
-    """Measured positions of a body's centre as one row of a problem, in :data:`UNIT` from what was measured.
-
-    Args:
-        flight: the measurement.
-    """
+    """Measured positions of a body's centre as one row of a problem, in :data:`UNIT` from what was measured."""
 
     flight: Flight
     pixel: float = UNIT
@@ -138,7 +134,7 @@ class Centre:
         return _row(centre - self.flight.positions) / UNIT
 
 
-class RigidModel(RecordingModel):
+class RigidModel(Model):
     """The flight of a rigid body.
 
     Args:
@@ -152,11 +148,10 @@ class RigidModel(RecordingModel):
     def __init__(self, flight: Flight, body: Body, physics: Physics, video: Video, known: dict[str, float]):
         self.flight, self.motion, self._centre_of = flight, flight.unknowns, Centre(flight)
         super().__init__(body, physics, video, known, self._centre_of)  # type: ignore[arg-type]
-        self._flown: dict[bytes, np.ndarray] = {}
 
     def __getstate__(self) -> dict:
         """What was flown is computed again in another process."""
-        return {**vars(self), "_flown": {}}
+        return {name: value for name, value in vars(self).items() if name != "_flown"}
 
     def contact(self, free: np.ndarray, within: float) -> int:
         """It touches nothing."""
@@ -176,12 +171,12 @@ class RigidModel(RecordingModel):
 
     def centre(self, free: np.ndarray) -> np.ndarray:
         """Of the body at every sample [m, (F, 3)]. Raises SimulationError."""
-        found = self._flown.pop(free.tobytes(), None)
-        found = self._fly(free) if found is None else found
-        self._flown[free.tobytes()] = found
-        while len(self._flown) > KEPT:
-            self._flown.pop(next(iter(self._flown)))
-        return found
+        return self._flown(free.tobytes())
+
+    @cached_property
+    def _flown(self) -> Callable[[bytes], np.ndarray]:
+        """The last flights, by the bytes of their free coordinates."""
+        return lru_cache(KEPT)(lambda free: self._fly(np.frombuffer(free)))
 
     def _fly(self, free: np.ndarray) -> np.ndarray:
         values, times = self.physical(free), self.flight.times

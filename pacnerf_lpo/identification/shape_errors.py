@@ -37,10 +37,7 @@ def shape_errors(problem: Problem, model: Model, free: np.ndarray, progress: Pro
     has none: so half of the variance is of the model's body and half of the coarse one.
 
     Args:
-        problem: the run.
-        model: whose body may be wrong.
-        free: coordinates at which it was fitted [(K,)]
-        progress: receives a line about each step.
+        model, free: whose body may be wrong, and coordinates at which it was fitted [(K,)]
 
     Raises:
         SimulationError: the motion is unstable with every one of them.
@@ -74,7 +71,7 @@ def discretisation_errors(problem: Problem, model: Model, free: np.ndarray, bias
     outline of what was inside and comes to the surface, and of a spray, depends on it.
 
     Args:
-        problem, model, free: as for :func:`shape_errors`.
+        model, free: as for :func:`shape_errors`.
         bias: what a wrong shape changes on average, from :func:`~.replicates.replicates` [(R, F, 11)]
 
     Raises:

@@ -60,10 +60,8 @@ class ShapeModes:
         return replace(body, positions=moved, fraction=body.fraction * density.clamp_min(0.1))
 
     def bodies(self, sampled: Callable[[Callable[[Tensor], Tensor]], Body]) -> list[Body]:
-        """The body with one more error each, of one standard deviation; itself where an error leaves nothing of it.
-
-        Args:
-            sampled: a sampling whose surface was moved inwards by so much [m, (N,)] at places [m, (N, 3)].
+        """The body with one more error each, of one standard deviation, by a sampling whose surface was moved inwards
+        by so much [m, (N,)] at places [m, (N, 3)]; itself where an error leaves nothing of it.
         """
         found = [self.moved(sampled(partial(self.depth, numbers=one)), one) for one in np.eye(self.count)]
         return [body if len(body.positions) else self.body for body in found]
@@ -74,11 +72,8 @@ class ShapeModes:
 
 
 def polynomials(points: Tensor, body: Tensor) -> Tensor:
-    """Coordinates, then their squares, then their products, with mean 0 and mean square 1 in a body [(9, N)].
-
-    Args:
-        points: where to evaluate them [m, (N, 3)]
-        body: positions of its particles [m, (P, 3)]
+    """Coordinates of some points [m, (N, 3)], then their squares, then their products, with mean 0 and mean square 1
+    in a body of particles [m, (P, 3)]: [(9, N)].
     """
 
     def normalised(field: Tensor, inside: Tensor) -> Tensor:
@@ -100,14 +95,8 @@ def bumps(body: Body, positions: Tensor) -> Tensor:
 
 
 def spread(positions: Tensor, count: int) -> tuple[Tensor, float]:
-    """Some of the particles, each as far as can be from those before it, the first as far as can be from the centre.
-
-    Args:
-        positions: [m, (N, 3)]
-        count: K, at most N.
-
-    Returns:
-        [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
+    """K of the particles [m, (N, 3)], each as far as can be from those before it, the first as far as can be from the
+    centre [m, (K, 3)], and how far a particle is at most from the nearest of them [m].
     """
     chosen = [int((positions - positions.mean(0)).norm(dim=1).argmax())]
     distance = (positions - positions[chosen[0]]).norm(dim=1)

@@ -53,17 +53,15 @@ def silhouette_moments(opacity: Tensor, margin: int = 0) -> np.ndarray:
 
 
 def sensor_noise(opacity: Tensor) -> np.ndarray:
-    """A root of the covariance of the moments of outlines [pixels, (..., 10, 10)] when the edge of a matte errs by
-    :data:`EDGE` pixels, independently along the outline; NaN where :func:`silhouette_moments` is.
+    """A root of the covariance of the moments of outlines [pixels, (..., 10, 10)], by their opacity [0..1, (..., H,
+    W)], when the edge of a matte errs by :data:`EDGE` pixels, independently along the outline; NaN where
+    :func:`silhouette_moments` is.
 
     An edge that errs by e along a length dl adds e dl of area there. So the covariance of two moments is EDGE^2 times
     the integral, along the outline, of the product of what a unit of area at the edge changes them by: (x - mean) / A
     for a centroid, 1 / m where the outermost twentieth of the area is, and the outline is m pixels wide where that
     begins: a wing's tip is less certain than the side of a ball. An edge on the left moves the centroid and the
     leftmost twentieth together.
-
-    Args:
-        opacity: of the object [0..1, (..., H, W)]
     """
     images, moments = opacity.reshape(-1, *opacity.shape[-2:]).numpy(), silhouette_moments(opacity)
     found = [_by_area(image, own) for image, own in zip(images, moments.reshape(-1, len(KINDS)), strict=True)]

@@ -83,18 +83,10 @@ def force_changes(
 ) -> np.ndarray:
     """Changes of the residual per m/s^2 of every coefficient of a smooth force [pixels s^2/m, (R, F, 11, 60)], by one
     simulation of a coarser body each, 60 for each recording of a body that deforms and 15 of a rigid one; zero
-    where that is unstable.
-
-    Args:
-        problem: the run.
-        effects, known: of the model, and every value [SI].
-        progress: receives a line about each step.
-
-    Raises:
-        SimulationError: the motion without the force is unstable.
+    where that is unstable. ``known``: every value of the model [SI]. Raises SimulationError where the motion without
+    the force is unstable.
     """
-    found = [_of_recording(part, progress) for part in problem.parts(effects, known)]
-    return of_each(problem, found)
+    return of_each(problem, [_of_recording(part, progress) for part in problem.parts(effects, known)])
 
 
 def _of_recording(part: Part, progress: Progress) -> np.ndarray:

@@ -71,18 +71,6 @@ class Stack:
         return self.join([one(self.part(difference, n, -3)) for n, one in enumerate(compared)], -3)
 
 
-@dataclass(frozen=True)
-class _Share:
-    """What concerns one recording in a model of a study: its effects, and what the study calls their coefficients."""
-
-    effects: tuple[Effect, ...]
-    names: dict[str, str]
-
-    def known(self, values: dict[str, float], own: Sequence[str]) -> dict[str, float]:
-        """Values of a study [SI] by the names ``own`` that a recording has for them."""
-        return {name: values[self.names.get(name, name)] for name in own if self.names.get(name, name) in values}
-
-
 class StudyProblem(Problem):
     """Several recordings of one object.
 
@@ -148,9 +136,10 @@ class StudyProblem(Problem):
 
     def parts(self, effects: Sequence[Effect], known: dict[str, float]) -> list[Part]:
         found = []
-        for share, name, recording in zip(self._shares(effects), self.names, self.recordings, strict=True):
-            own = [*recording.guess, *(n for e in share.effects for n in e.parameters), *OF_RECORDING]
-            found.append(Part(name, recording, share.effects, share.known(known, own)))
+        for (local, names), name, recording in zip(self._shares(effects), self.names, self.recordings, strict=True):
+            own = [*recording.guess, *(n for e in local for n in e.parameters), *OF_RECORDING]
+            values = {n: known[names.get(n, n)] for n in own if names.get(n, n) in known}
+            found.append(Part(name, recording, tuple(local), values))
         return found
 
     def join(self, arrays: Sequence[np.ndarray], axis: int = 0) -> np.ndarray:
@@ -198,10 +187,11 @@ class StudyProblem(Problem):
         return found
 
     def _model(self, models: Sequence[Model], effects: Sequence[Effect]) -> "StudyModel":
-        names = [share.names for share in self._shares(effects)]
+        names = [called for _, called in self._shares(effects)]
         return StudyModel(models, names, self.names, effects, self.stack)
 
-    def _shares(self, effects: Sequence[Effect]) -> list[_Share]:
+    def _shares(self, effects: Sequence[Effect]) -> list[tuple[list[Effect], dict[str, str]]]:
+        """What concerns each recording: its effects, and what the study calls their coefficients, by its own names."""
         installed = [problem.physics.effects for problem in self.recordings]
         return [_share(effects, n, name, own) for n, (name, own) in enumerate(zip(self.names, installed, strict=True))]
 
@@ -239,8 +229,9 @@ class StudyModel(Model):
         effects: Sequence[Effect],
         stack: Stack,
     ):
-        self.models, self.stack, self._effects = list(models), stack, tuple(effects)
+        self.models, self.stack, self.effects = list(models), stack, tuple(effects)
         self.body, self.physics = models[0].body, models[0].physics
+        self.shape = sum(stack.views), max(stack.frames)
         unknowns: dict[str, Parameter] = {}
         low, high, start = (dict[str, float]() for _ in range(3))
         self.known, called = {}, []
@@ -259,14 +250,6 @@ class StudyModel(Model):
         self.start = np.array([start[name] for name in self.names])
         self.bounds = np.array([low[name] for name in self.names]), np.array([high[name] for name in self.names])
         self._places = [[self.names.index(name) for name in own] for own in called]
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        return self._effects
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return sum(self.stack.views), max(self.stack.frames)
 
     def restart(self) -> None:
         for model in self.models:
@@ -328,7 +311,9 @@ def view_name(view: int) -> str:
     return f"view {own} of recording {number}" if number else f"view {own}"
 
 
-def _share(effects: Sequence[Effect], number: int, recording: str, installed: Sequence[Effect]) -> _Share:
+def _share(
+    effects: Sequence[Effect], number: int, recording: str, installed: Sequence[Effect]
+) -> tuple[list[Effect], dict[str, str]]:
     """What concerns one recording, whose own model has the ``installed`` effects, in effects of a study."""
     own: list[Effect] = []
     names = {name: name_in(name, recording) for name in OF_RECORDING}
@@ -347,7 +332,7 @@ def _share(effects: Sequence[Effect], number: int, recording: str, installed: Se
         else:
             local = effect
         own.append(_as_measured(local, installed))
-    return _Share(tuple(own), names)
+    return own, names
 
 
 def _as_measured(effect: Effect, installed: Sequence[Effect]) -> Effect:

@@ -72,17 +72,16 @@ class Lines:
         size = grid.dx * (torch.tensor(grid.density.shape) - 1)
         middle = ((grid.lower + size / 2 - self.origins) * self.directions).sum(1)
         away = torch.arange(-float(size.norm()) / 2, float(size.norm()) / 2, grid.dx)
-        values, places, far = [], [], []
+        found = []
         for part in torch.arange(len(middle)).split(max(1, CHUNK // len(away))):
             along = middle[part, None] + away
             points = self.origins[part, None] + along[..., None] * self.directions[part, None]
             inside = points.reshape(-1, 3).clamp(grid.lower, grid.lower + size)
             value, best = interpolate(grid, inside)[0].view(along.shape).max(1)
             each = torch.arange(len(part))
-            values.append(value)
-            places.append(points[each, best])
-            far.append(along[each, best])
-        return torch.cat(values), torch.cat(places), torch.cat(far)
+            found.append((value, points[each, best], along[each, best]))
+        values, places, far = (torch.cat(parts) for parts in zip(*found, strict=True))
+        return values, places, far
 
 
 def density_of(state: ParticleState) -> FieldGrid:

@@ -58,7 +58,8 @@ class Unbounded:
 
     @staticmethod
     def of(surface: FieldGrid, lines: Lines) -> Unbounded:
-        """From a reconstruction as large as the lines of sight past the edges of mattes allow.
+        """From the signed distance to the surface of a reconstruction, positive inside [m], that is as large as the
+        lines of sight past the edges of mattes allow.
 
         A body is not larger than what its outlines allow, but may be smaller. So before any is seen, its surface lies
         inside by a Gaussian process with a mean that is not known, either: half-normal of scale :data:`DEPTH`. From
@@ -66,10 +67,6 @@ class Unbounded:
         of a matte measures it where the line touches the body, to the error of that edge. What is left is a Gaussian
         process again (Rasmussen and Williams 2006, equations 2.23, 2.24 and 2.38), of which the errors are the
         principal components.
-
-        Args:
-            surface: signed distance to it, positive inside [m].
-            lines: of sight that pass near the edges of mattes.
         """
         lines = lines.among(lines.inside.abs() < 1)
         if not len(lines.inside):

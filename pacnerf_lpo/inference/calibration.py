@@ -126,16 +126,15 @@ def left_out_squares(noise: NoiseModel, hypotheses: Sequence[Hypothesis]) -> np.
 
     Of several coordinates each counts by w^2 / (1 + w^2), the part of it that the hypothesis would explain.
     """
+
+    def square(found: Alternative, left: np.ndarray) -> float:
+        counted = found.strengths**2 / (1 + found.strengths**2)
+        return float(counted @ (found.axes.T @ left) ** 2 / max(counted.sum(), 1e-300))
+
     rows = []
     for model, replicate in noise.left_out:
-        left, row = model.whiten_residual(replicate), []
-        for tried in Alternative.of_all(model, hypotheses):
-            squares = []
-            for found in tried:
-                counted = found.strengths**2 / (1 + found.strengths**2)
-                squares.append(float(counted @ (found.axes.T @ left) ** 2 / max(counted.sum(), 1e-300)))
-            row.append(float(np.mean(squares)))
-        rows.append(row)
+        left, tried = model.whiten_residual(replicate), Alternative.of_all(model, hypotheses)
+        rows.append([np.mean([square(one, left) for one in own]) for own in tried])
     return np.array(rows)
 
 

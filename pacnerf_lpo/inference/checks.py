@@ -34,13 +34,10 @@ class Check:
 
 
 def check_fitted(noise: NoiseModel, residual: np.ndarray) -> Check:
-    """Of the fitted entries.
-
-    Args:
-        noise: of these entries, with the fitted parameters and the discrepancies among its directions
-        residual: measured minus predicted (D,)
+    """Of the fitted entries: a residual, measured minus predicted (D,), and its noise, with the fitted parameters and
+    the discrepancies among its directions.
     """
-    return _check(_square(noise, residual), [_square(m, r) for m, r in noise.left_out], len(residual))
+    return _check(noise.square(residual), [model.square(one) for model, one in noise.left_out], len(residual))
 
 
 def check_held_out(whole: NoiseModel, residual: np.ndarray, fitted: np.ndarray) -> Check:
@@ -54,7 +51,7 @@ def check_held_out(whole: NoiseModel, residual: np.ndarray, fitted: np.ndarray) 
     """
 
     def conditional(noise: NoiseModel, values: np.ndarray) -> float:
-        return _square(noise, values) - _square(noise.among(fitted), values[fitted])
+        return noise.square(values) - noise.among(fitted).square(values[fitted])
 
     replicates = [conditional(*left_out) for left_out in whole.left_out]
     return _check(conditional(whole, residual), replicates, len(residual) - int(fitted.sum()))
@@ -83,15 +80,10 @@ def prediction(whole: NoiseModel, residual: np.ndarray, changes: np.ndarray, fit
         fitted: which entries were fitted [(D,), bool]
     """
     pairs = [
-        (_square(noise.with_directions(changes[rows]), residual[rows]), half_log_volume(noise.whiten(changes[rows])))
+        (noise.with_directions(changes[rows]).square(residual[rows]), half_log_volume(noise.whiten(changes[rows])))
         for noise, rows in ((whole, np.ones_like(fitted)), (whole.among(fitted), fitted))
     ]
     return Prediction(pairs[0][0] - pairs[1][0], pairs[1][1] - pairs[0][1])
-
-
-def _square(noise: NoiseModel, residual: np.ndarray) -> float:
-    left = noise.whiten_residual(residual)
-    return float(left @ left)
 
 
 def _check(square: float, replicates: list[float], size: int) -> Check:

@@ -56,11 +56,8 @@ def log_odds(contenders: Sequence[Contender], size: int, scale: float) -> dict[s
 
 
 def best(contenders: Sequence[Contender], odds: Mapping[str, float]) -> Contender | None:
-    """The most probable of the hypotheses that are rarer than a false alarm; None if there is none.
-
-    Args:
-        contenders: fitted to the same data
-        odds: of each, from :func:`log_odds`
+    """The most probable, by the odds of :func:`log_odds`, of the hypotheses that are rarer than a false alarm; None if
+    there is none.
     """
     rare = [one for one in contenders if one.p_value < LEVEL]
     return max(rare, key=lambda one: odds[one.name], default=None)
@@ -99,11 +96,8 @@ def believed(whole: np.ndarray | float, fitted: np.ndarray | float) -> np.ndarra
 
 
 def log_occam_factor(others: np.ndarray, own: np.ndarray) -> float:
-    """Logarithm of the part of the prior of a hypothesis' coefficients that the data leave.
-
-    Args:
-        others: change of the standardised residual by one prior standard deviation of every other parameter (D, K)
-        own: the same of the coefficients (D, m)
+    """Logarithm of the part of the prior of a hypothesis' coefficients that the data leave, by the changes of the
+    standardised residual by one prior standard deviation of every other parameter (D, K) and of its ``own`` (D, m).
     """
     return half_log_volume(others) - half_log_volume(np.concatenate((others, own), axis=1))
 
@@ -138,11 +132,8 @@ def half_log_volume(changes: np.ndarray) -> float:
 
 
 def explains_most(cost_without: float, cost: float, size: int) -> bool:
-    """Whether a hypothesis removes most of what the model without it leaves beyond noise.
-
-    Args:
-        cost_without, cost: |y|^2 without and with it, infinite where there is none
-        size: D, number of data, and so the cost of noise
+    """Whether a hypothesis removes most of what the model without it leaves beyond noise, whose cost is D, the number
+    of data; costs |y|^2 are infinite where there is no model.
     """
     return cost - size < LEFT * (cost_without - size)
 

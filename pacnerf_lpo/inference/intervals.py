@@ -81,8 +81,8 @@ def spread_along(noise: NoiseModel, residual: np.ndarray, jacobian: np.ndarray) 
         residual: measured minus predicted at the estimate (D,)
         jacobian: change of it by one prior standard deviation of each parameter (D, P)
     """
-    left = noise.with_directions(jacobian).whiten_residual(residual)
-    return _replicate_scales(noise, jacobian) * np.sqrt(max(1.0, float(left @ left) / len(left)))
+    square = noise.with_directions(jacobian).square(residual)
+    return _replicate_scales(noise, jacobian) * np.sqrt(max(1.0, square / len(residual)))
 
 
 def disagreement(shift: np.ndarray, part: np.ndarray, whole: np.ndarray, found: float) -> float:
@@ -101,11 +101,8 @@ def disagreement(shift: np.ndarray, part: np.ndarray, whole: np.ndarray, found: 
 
 
 def _replicate_scales(noise: NoiseModel, jacobian: np.ndarray) -> np.ndarray:
-    """Factor on the error of every parameter from its scatter over left-out replicates, at least 1 (P,).
-
-    Args:
-        noise: of the residual
-        jacobian: change by one prior standard deviation of each parameter (D, P)
+    """Factor on the error of every parameter from its scatter over left-out replicates, at least 1 (P,); arguments as
+    of :func:`spread_along`.
     """
     rows = []
     for model, replicate in noise.left_out:

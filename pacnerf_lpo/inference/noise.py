@@ -212,16 +212,6 @@ class NoiseModel:
         return cls(learnt, rows, mean[rows], directions, series, whitener, *_principal(low_rank))
 
     @property
-    def shrinkage(self) -> float:
-        """Weight a of the structured target."""
-        return self.learnt.shrinkage
-
-    @property
-    def correlation(self) -> float:
-        """rho of neighbouring frames."""
-        return self.learnt.correlation
-
-    @property
     def replicates(self) -> np.ndarray:
         """What it was learnt from (T, D)."""
         return self.learnt.replicates[:, self.rows]
@@ -246,6 +236,11 @@ class NoiseModel:
     def whiten_residual(self, residual: np.ndarray) -> np.ndarray:
         """W (r - mean) (D,): standard normal where the null model holds."""
         return self.whiten(residual - self.mean)
+
+    def square(self, residual: np.ndarray) -> float:
+        """|W (r - mean)|^2: chi^2 where the null model holds."""
+        left = self.whiten_residual(residual)
+        return float(left @ left)
 
     def adjoint(self, values: np.ndarray) -> np.ndarray:
         """W^T x (D,) or (D, m)."""
@@ -357,13 +352,8 @@ def _filtered(deviations: np.ndarray, target: np.ndarray, sensor: np.ndarray, se
 def _left_out_likelihood(
     deviations: np.ndarray, smooth: np.ndarray, whitener: np.ndarray, series: Series, shrinkage: float
 ) -> float:
-    """Log-likelihood, up to a constant, of every replicate under mean and low-rank part of the others, summed.
-
-    Args:
-        deviations, smooth: of all replicates from their mean, as they are and filtered (D, T)
-        whitener: L^-1 with L L^T = S^2 + c c^T + a G K G
-        series: of the layout
-        shrinkage: a
+    """Log-likelihood, up to a constant, of every replicate under mean and low-rank part of the others, summed; by the
+    deviations of all from their mean, as they are and filtered (D, T), with the ``whitener`` of a ``shrinkage``.
     """
     whitened = series.multiply(whitener, np.concatenate((deviations, smooth), axis=1))
     gram, count = whitened.T @ whitened, deviations.shape[1]

@@ -192,9 +192,7 @@ def _deeplabcut(table: Table, fps: float | None) -> Trajectory:
     parts, coords = table.header[-2], table.header[-1]
     bodies = list(dict.fromkeys(table.header[1][1:])) if len(table.header) == 4 else []
     if len(bodies) > 1:
-        raise UserInputError(
-            f"{table.path}: follows {len(bodies)} bodies ({', '.join(bodies)}); give a file for each"
-        )
+        raise UserInputError(f"{table.path}: follows {len(bodies)} bodies ({', '.join(bodies)}); give a file for each")
     wanted = {(part, axis) for part in parts[1:] for axis in AXES}
     columns = {key: k for k, key in enumerate(zip(parts, coords, strict=False)) if key in wanted}
     names = list(dict.fromkeys(part for part, _ in columns))
