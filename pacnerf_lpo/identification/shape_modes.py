@@ -46,15 +46,17 @@ class ShapeModes:
         together = thinnings[0] + thinnings[1:] @ polynomials(points, self.body.positions)
         return self.sigma / THINNINGS**0.5 * together
 
-    def moved(self, body: Body, numbers: np.ndarray) -> Body:
-        """A sampling of the body, displaced and with another density."""
+    def _fields(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        return polynomials(points, self.body.positions), bumps(self.body, points)
+
+    def _moved(self, body: Body, numbers: np.ndarray, fields: Tensor, heights: Tensor) -> Body:
+        """A sampling of the body, with these fields at its particles, displaced and with another density."""
         strains, bends, _, places, leans = self._parts(numbers)
-        fields = polynomials(body.positions, self.body.positions)
         first, second = torch.triu_indices(3, 3)
         matrix = torch.zeros(3, 3, dtype=strains.dtype)
         matrix[first, second] = strains * torch.where(first == second, 0.5, 0.5**0.5)
         smooth = fields.T @ torch.cat((matrix + matrix.T, bends.reshape(-1, 3))) / (STRAINS + BENDS) ** 0.5
-        local = LOCAL * bumps(self.body, body.positions).T @ places.reshape(-1, 3)
+        local = LOCAL * heights.T @ places.reshape(-1, 3)
         density = 1 + DENSITY_ERROR * leans @ torch.cat((fields[:3], fields[3:6].sum(0, keepdim=True)))
         moved = body.positions + self.sigma * (smooth + local)
         return replace(body, positions=moved, fraction=body.fraction * density.clamp_min(0.1))
@@ -63,7 +65,15 @@ class ShapeModes:
         """The body with one more error each, of one standard deviation, by a sampling whose surface was moved inwards
         by so much [m, (N,)] at places [m, (N, 3)]; itself where an error leaves nothing of it.
         """
-        found = [self.moved(sampled(partial(self.depth, numbers=one)), one) for one in np.eye(self.count)]
+        errors = np.eye(self.count)
+        still = sampled(partial(self.depth, numbers=errors[0]))  # no strain moves the surface
+        fields, found = self._fields(still.positions), []
+        for one in errors:
+            body, known = still, fields
+            if self._parts(one)[2].any():
+                body = sampled(partial(self.depth, numbers=one))
+                known = self._fields(body.positions)
+            found.append(self._moved(body, one, *known))
         return [body if len(body.positions) else self.body for body in found]
 
     def _parts(self, numbers: np.ndarray) -> tuple[Tensor, ...]:

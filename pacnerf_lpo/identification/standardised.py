@@ -42,7 +42,7 @@ class StandardisedObjective:
         return Effort(iterations, widest=WIDEST * self.deviation)
 
     def __call__(self, free: np.ndarray) -> np.ndarray:
-        self.model.physics.halvings = 0  # so that it does not depend on which points were unstable before
+        self.model.restart()  # so that it does not depend on which points were unstable before
         return self.rows_of(self._residual(free), free)
 
     def rows_of(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
