@@ -1,11 +1,11 @@
 """Reverse-mode differentiation of a local law while its kernel is compiled.
 
 A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands (each a number, or the lanes of
-several particles) it emits Taichi expressions and
-leaves a record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel.
-Nothing is stored between kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no
-adjoint written by its author. Called with floats the same function computes floats, which is how a law is read and
-tested by itself; of a law in principal space that is its flow rule, as the eigen-solver exists in kernels only.
+several particles) it emits Taichi expressions and leaves a record; :meth:`Record.pull_back` then emits the adjoint of
+those very operations into the same kernel. Nothing is stored between kernels and nothing is unrolled twice, so a law
+costs no launch, no memory traffic and no adjoint written by its author. Called with floats the same function computes
+floats, which is how a law is read and tested by itself; of a law in principal space that is its flow rule, as the
+eigen-solver exists in kernels only.
 """
 
 import math

@@ -20,7 +20,7 @@ from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
 from pacnerf_lpo.mpm.lanes import absolute, keep, kept, largest, log, select, smallest
 from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, flat, minor, mirrored, product, transposed
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, determinant, dot, flat, minor, mirrored, product, transposed
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
@@ -52,7 +52,7 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     size = root(largest(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE))
     inverse = keep(1.0 / size)
     S = _symmetric(lambda i, j: S[i][j] * inverse)
-    half = keep(0.5 * dot(S[0], _cofactors(S)[0]))
+    half = keep(0.5 * determinant(S))
     r = smallest(absolute(half), 1.0)
     c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
     for _ in range(2 if compiling_double() else 1):
@@ -158,16 +158,11 @@ def _slopes(beta: list, strain: list, ratio: list, share: Any) -> dict[tuple[int
 
 def _kernel(M: Tensor3) -> list[Any]:
     """Unit vector in the kernel of a semidefinite matrix of rank 2: its cofactors are c a aᵀ; their longest column."""
-    A = _cofactors(M)
+    A = _symmetric(lambda i, j: minor(M, i, j))
     first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
     a = [select(first, A[0][k], select(second, A[1][k], A[2][k])) for k in AXES]
     scale = keep(1.0 / root(dot(a, a)))
     return [keep(scale * x) for x in a]
-
-
-def _cofactors(a: Tensor3) -> Tensor3:
-    """Of a symmetric matrix; symmetric."""
-    return _symmetric(lambda i, j: minor(a, i, j))
 
 
 def _squares(a: Tensor3) -> Any:

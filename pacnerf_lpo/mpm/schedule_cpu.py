@@ -33,9 +33,7 @@ def passes(call: ti.template(), laws: ti.template(), parallel: ti.template(), ba
     for t in range(call.slices * apart):
         if t % apart == 0:
             for n in range(call.last - call.first):
-                substep = call.first + n
-                if ti.static(back):
-                    substep = call.last - 1 - n
+                substep = call.last - 1 - n if ti.static(back) else call.first + n
                 for half, work in ti.static(enumerate((particles, nodes), 1)):
                     for k in range(call.slices):
                         u = (t // apart + k) % call.slices
