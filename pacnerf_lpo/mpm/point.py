@@ -36,9 +36,6 @@ class Point:
 
 
 Law = Callable[[Point, SimpleNamespace], tuple[Tensor3, Tensor3]]
-Wrapper = Callable[[Law, Point, SimpleNamespace], tuple]
-Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
-Factor = Callable[[Point, SimpleNamespace], Any]
 
 
 @dataclass(frozen=True)
@@ -56,11 +53,11 @@ class LocalLaws:
     """
 
     law: Law
-    accelerations: tuple[Acceleration, ...]
+    accelerations: tuple[Callable[[Point, SimpleNamespace], list[Any]], ...]
     ground: Callable[[list[Any], SimpleNamespace], list[Any]]
     names: tuple[str, ...]
-    wrappers: tuple[tuple[Wrapper, int], ...] = ()
-    factors: tuple[Factor, ...] = ()
+    wrappers: tuple[tuple[Callable[[Law, Point, SimpleNamespace], tuple], int], ...] = ()
+    factors: tuple[Callable[[Point, SimpleNamespace], Any], ...] = ()
 
     @property
     def history(self) -> int:

@@ -16,6 +16,7 @@ from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
 from pacnerf_lpo.mpm.runtime import LAUNCHING, heed
 from pacnerf_lpo.mpm.schedule_cpu import DONE, FIRST_SLICE, LINE, STOPPED
+from pacnerf_lpo.mpm.taichi_calls import Launcher
 from pacnerf_lpo.mpm.tape import Grid, Tape, enclosing_grid
 
 MOST_NODES = 1 << 25
@@ -48,6 +49,11 @@ class Engine:
     memory: float
     spare: list[Tape] = field(default_factory=list)
 
+    def kernels(self, slices: int) -> tuple[Launcher, Launcher]:
+        """Forward and adjoint kernel for particles in so many slices."""
+        with LAUNCHING:
+            return kernels.build(self.laws, self.dtype, self.cuda, slices > 1)
+
     def tape(self, run: "Run") -> Tape:
         """A tape for one kept frame, reused when there is one of the right size."""
         matching = [tape for tape in self.spare if tape.states[0].shape == run.state.shape]
@@ -74,8 +80,7 @@ class Run:
         filling = torch.cat([constants[-1], constants.new_zeros(1)])
         self.state, self._constants = packed(state, state[-1]), packed(alive, filling)
         self._slices = 1 if engine.cuda else max(1, min(engine.threads, self.particles // LEAST_PARTICLES))
-        with LAUNCHING:
-            self._forward, self._adjoint = kernels.build(engine.laws, engine.dtype, engine.cuda, self._slices > 1)
+        self._forward, self._adjoint = engine.kernels(self._slices)
         self._spans = torch.zeros(6 * self._slices, dtype=torch.int32, device=state.device)
         self._bench = state.new_zeros(self._slices * Bench.ROWS, LANES)
         self._momentum = state.new_zeros(0, 4)
