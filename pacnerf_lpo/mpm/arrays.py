@@ -86,31 +86,38 @@ class Dims(Emitted):
         return self.size_y * self.size_z
 
     @property
-    def firsts(self) -> tuple[Any, Any, Any]:
-        """First node of the grid along each axis."""
-        return self.first_x, self.first_y, self.first_z
-
-    @property
-    def last_cells(self) -> tuple[Any, Any, Any]:
-        """Last node that a stencil may begin with; along z four nodes are read of it."""
-        return self.size_x - 3, self.size_y - 3, self.size_z - 4
-
-    @property
     def nodes(self) -> Any:
         return self.size_x * self.size_y * self.size_z
+
+    def place(self, i: Any, j: Any, k: Any) -> Any:
+        """Where a node lies in memory."""
+        return i * self.plane + j * self.row + k
 
 
 @dataclass(frozen=True)
 class Launch(Emitted):
-    """Arguments that forward and adjoint have in common.
+    """Arguments of the kernel.
 
+    states: of the particles.  velocity: of the nodes, with their mass.  contact: velocity of nodes before the ground.
+    momentum: of the nodes, summed per slice.  constants: of the particles.
+    gradient: adjoint of the state.  node: adjoints of the nodes' momentum and mass.
+    of_constants, of_coefficients: adjoints, summed up.
     numbers, dims: see there.  spans: per slice the first and the last node that begins a stencil.
     status: per cause the first substep it befell.  bench: rows of LANES numbers per slice, see :class:`Bench`.
     progress: see the schedule of the CPU; 0 at first.  slices: of the blocks, ``chunk`` in each.
     substeps: of the frame.  first, last: the passes of this launch, the last excluded.
-    state, nodes, contact: from the array of one substep to that of the next; 0 where only one is kept.
+    state, nodes, contacts: from the array of one substep to that of the next; 0 where only one is kept.
     """
 
+    states: Any
+    velocity: Any
+    contact: Any
+    momentum: Any
+    constants: Any
+    gradient: Any
+    node: Any
+    of_constants: Any
+    of_coefficients: Any
     numbers: Any
     dims: Any
     spans: Any
@@ -124,7 +131,7 @@ class Launch(Emitted):
     last: Any
     state: Any
     nodes: Any
-    contact: Any
+    contacts: Any
 
 
 @dataclass(frozen=True)
@@ -149,6 +156,10 @@ class Setting(Emitted):
     def width(self) -> int:
         """Rows of a block of states."""
         return STATE + self.laws.history
+
+    def rows(self, group: "Group", substep: Any) -> Any:
+        """Where the states of a group before a substep begin."""
+        return keep(self.call.state * substep + group.block * self.width)
 
 
 class Bench:

@@ -1,11 +1,11 @@
 """Reverse-mode differentiation of a local law while its kernel is compiled.
 
 A law is an ordinary Python function of numbers. Called with :class:`Scalar` operands (each a number, or the lanes of
-several particles) it emits Taichi expressions and
-leaves a record; :meth:`Record.pull_back` then emits the adjoint of those very operations into the same kernel.
-Nothing is stored between kernels and nothing is unrolled twice, so a law costs no launch, no memory traffic and no
-adjoint written by its author. Called with floats the same function computes floats, which is how a law is read and
-tested by itself; of a law in principal space that is its flow rule, as the eigen-solver exists in kernels only.
+several particles) it emits Taichi expressions and leaves a record; :meth:`Record.pull_back` then emits the adjoint of
+those very operations into the same kernel. Nothing is stored between kernels and nothing is unrolled twice, so a law
+costs no launch, no memory traffic and no adjoint written by its author. Called with floats the same function computes
+floats, which is how a law is read and tested by itself; of a law in principal space that is its flow rule, as the
+eigen-solver exists in kernels only.
 """
 
 import math
@@ -27,9 +27,9 @@ class Record:
     def __init__(self) -> None:
         self._steps: list[tuple[Sequence, Sequence, Pullback]] = []
 
-    def variables(self, values: Sequence) -> list["Scalar"]:
-        """Independent variables from Taichi expressions."""
-        return [Scalar(self, value) for value in values]
+    def variables(self, value: Any) -> Any:
+        """An independent variable from a Taichi expression, or nested lists of them."""
+        return [self.variables(one) for one in value] if isinstance(value, list) else Scalar(self, value)
 
     def step(self, values: Sequence, operands: Sequence, pullback: Pullback) -> list["Scalar"]:
         """Record an operation: its ``values``, and the adjoints of ``operands`` from those of the values (None: 0)."""
@@ -37,8 +37,10 @@ class Record:
         self._steps.append((results, operands, pullback))
         return results
 
-    def pull_back(self, seeds: Sequence[tuple[Any, Any]], variables: Sequence["Scalar"]) -> list:
-        """Emit the adjoint: gradients of sum(seed * output) by ``variables``, as expressions (0.0 where none)."""
+    def pull_back(self, seeds: Sequence[tuple[Any, Any]]) -> Callable[[Any], Any]:
+        """Emit the adjoint. What is returned gives the gradient of sum(seed * output) by a variable, as an expression
+        (0.0 where none), or by nested lists of them.
+        """
         adjoint: dict[Scalar, Any] = {}
 
         def add(operand: Any, value: Any) -> None:
@@ -51,7 +53,11 @@ class Record:
             if any(result in adjoint for result in results):
                 for operand, value in zip(operands, pullback([adjoint.get(r) for r in results]), strict=True):
                     add(operand, value)
-        return [adjoint.get(variable, 0.0) for variable in variables]
+
+        def gradient(variable: Any) -> Any:
+            return [gradient(one) for one in variable] if isinstance(variable, list) else adjoint.get(variable, 0.0)
+
+        return gradient
 
 
 def _comparison(holds: Callable[[Any, Any], Any]) -> Callable[[Any, Any], "Condition"]:
@@ -140,7 +146,9 @@ class Condition:
 
 
 def plain(value: Any) -> Any:
-    """The expression of a Scalar or a Condition; anything else unchanged."""
+    """The expression of a Scalar or a Condition, or nested lists of them; anything else unchanged."""
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
     return value.value if isinstance(value, (Scalar, Condition)) else value
 
 

@@ -11,7 +11,6 @@ from pacnerf_lpo.mpm import schedule_cpu, schedule_cuda
 from pacnerf_lpo.mpm.arrays import Launch
 from pacnerf_lpo.mpm.lanes import LANES
 from pacnerf_lpo.mpm.point import LocalLaws
-from pacnerf_lpo.mpm.substep import Arrays
 from pacnerf_lpo.mpm.taichi_calls import REAL, Launcher, ti
 
 
@@ -61,13 +60,11 @@ def build(laws: LocalLaws, dtype: str, cuda: bool, parallel: bool) -> tuple[Laun
             contacts: int,
         ):
             call = Launch(
+                states, velocity, contact, momentum, constants, gradient, node, of_constants, of_coefficients,
                 numbers, dims, spans, status, bench, progress, slices, chunk, substeps,
                 first, last, state, nodes, contacts,
             )  # fmt: skip
-            arrays = Arrays(
-                states, velocity, contact, momentum, constants, gradient, node, of_constants, of_coefficients
-            )
-            schedule.passes(arrays, call, laws, parallel, back)
+            schedule.passes(call, laws, parallel, back)
 
         return Launcher(passes, dtype)
 

@@ -55,11 +55,6 @@ def new_scope() -> None:
     _spread.clear()
 
 
-def is_wide(value: Any) -> bool:
-    """Whether this is an expression of LANES numbers."""
-    return isinstance(value, Lanes)
-
-
 def keep(value: Any) -> Any:
     """Store an expression in a local variable, so that using it twice computes it once."""
     return _typed(taichi_calls.keep(value))
@@ -81,7 +76,7 @@ def _typed(value: Any) -> Any:
 
 def wide(number: Any, like: Any = None) -> Any:
     """The same number in every lane; lanes as they are. ``like``: any lanes, which save writing 16 zeros."""
-    if is_wide(number):
+    if isinstance(number, Lanes):
         return number
     key = ("expression", id(number)) if isinstance(number, Expr) else float(number)
     if key not in _spread:  # the number is kept so that its id stays its own
@@ -99,7 +94,7 @@ def _in_every_lane(number, like):
 
 def summed(number: Any) -> Any:
     """The sum over all lanes; one number is its own sum. Halves are added, so that rounding grows with log2(lanes)."""
-    return keep(_summed(number)) if is_wide(number) else number
+    return keep(_summed(number)) if isinstance(number, Lanes) else number
 
 
 @ti.func
@@ -113,8 +108,8 @@ def _summed(x):
 
 def select(condition: Any, yes: Any, no: Any) -> Any:
     """``yes`` where a condition holds, else ``no``."""
-    if is_wide(condition) or is_wide(yes) or is_wide(no):
-        like = yes if is_wide(yes) else no if is_wide(no) else None
+    if any(isinstance(x, Lanes) for x in (condition, yes, no)):
+        like = next((x for x in (yes, no) if isinstance(x, Lanes)), None)
         yes, no = wide(yes, like), wide(no, like)
     return keep(ti.select(condition, yes, no))
 
@@ -128,7 +123,7 @@ def smallest(a: Any, b: Any) -> Any:
 
 
 def _alike(a: Any, b: Any) -> tuple[Any, Any]:
-    return (wide(a), wide(b)) if is_wide(a) or is_wide(b) else (a, b)
+    return (wide(a), wide(b)) if isinstance(a, Lanes) or isinstance(b, Lanes) else (a, b)
 
 
 def sqrt(x: Any) -> Any:
@@ -150,7 +145,7 @@ def log(x: Any) -> Any:
     x = 2^e m with m in [1/sqrt 2, sqrt 2), and ln m = 2 artanh s with s = (m - 1) / (m + 1), |s| < 0.172: the series is
     cut off at 2e-9 of it.
     """
-    if not is_wide(x):
+    if not isinstance(x, Lanes):
         return keep(ti.log(x))
     if compiling_double():
         return keep(_lane_by_lane(ti.log)(x))
@@ -167,7 +162,7 @@ def exp(x: Any) -> Any:
 
     x = n ln 2 + r with |r| < 0.35, and the series of exp r is cut off at 1e-8 of it.
     """
-    if not is_wide(x):
+    if not isinstance(x, Lanes):
         return keep(ti.exp(x))
     if compiling_double():
         return keep(_lane_by_lane(ti.exp)(x))

@@ -19,7 +19,7 @@ from pacnerf_lpo.mpm.lanes import keep, kept
 from pacnerf_lpo.mpm.point import Evaluation, GroundEvaluation, Point
 from pacnerf_lpo.mpm.taichi_calls import components, ti
 from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, product, scaled
-from pacnerf_lpo.mpm.transfer import Stencil, about, gather, gather_with_slope, linear, scatter, scatter_and_slope
+from pacnerf_lpo.mpm.transfer import Stencil, about, gather, linear, scatter, scatter_and_slope
 
 
 def local_laws(s: Setting, x: list, v: list, C: Tensor3, F: Tensor3, history: list, constants: list) -> Evaluation:
@@ -45,16 +45,16 @@ def p2g_adjoint(
 ) -> tuple[list, list, Tensor3, Any]:
     """Adjoints of x (through the weights), u, A and mass, from those of the nodes."""
     given = linear([mass * a for a in u], kept(scaled(A, s.n.dx)), mass, here)
-    moments, slope = gather_with_slope(field, here, given, s, group)
-    h = moments.m[:3]
+    moments = gather(field, here, s, group, given)
+    h, slope = moments[:3], moments[13:]
     gx = [keep(s.n.inv_dx * slope[i] - dot([row[i] for row in A], h)) for i in AXES]
-    return gx, [keep(mass * a) for a in h], about(moments, here, s.n.dx), keep(moments.m[3] + dot(h, u))
+    return gx, [keep(mass * a) for a in h], about(moments, here, s.n.dx), keep(moments[3] + dot(h, u))
 
 
 def g2p(field: Field, here: Stencil, s: Setting, group: Group) -> tuple[list, Tensor3]:
     """Velocity and velocity gradient of the particles from their nodes."""
     moments = gather(field, here, s, group)
-    return moments.m[:3], about(moments, here, keep(4.0 * s.n.inv_dx))
+    return moments[:3], about(moments, here, keep(4.0 * s.n.inv_dx))
 
 
 def g2p_adjoint(
@@ -67,33 +67,33 @@ def g2p_adjoint(
 
 
 @ti.func
-def grid_update(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template()):
+def grid_update(s: ti.template(), i, j, k, atomic: ti.template()):
     """Velocity of a node from its momentum: gravity, then the ground, where the node lies on it or below."""
-    o = (i * s.dims.size_y + j) * s.dims.size_z + k
-    q = total(a.momentum, s, i, o, atomic)
+    o = s.dims.place(i, j, k)
+    q = total(s.call.momentum, s, i, o, atomic)
     u = ti.Vector.zero(float, 3)
     if q[3] > s.n.lightest:
         u = ti.Vector([q[0], q[1], q[2]]) / q[3] + s.n.dt * gravity(s)
     if on_ground(s, j):
-        free = a.contact_now + contact(s, i, j, k)
+        free = s.call.contacts * s.substep + contact(s, i, j, k)
         for axis in ti.static(range(3)):
-            a.contact[free + axis] = u[axis]
+            s.call.contact[free + axis] = u[axis]
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         u = ti.Vector(ground.velocity)
-    a.velocity[a.velocity_now + o] = ti.Vector([u[0], u[1], u[2], q[3]])
+    s.call.velocity[s.call.nodes * s.substep + o] = ti.Vector([u[0], u[1], u[2], q[3]])
 
 
 @ti.func
-def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.template()):
-    """Adjoints of a node's momentum and mass, into ``a.node``; returns those of the coefficients of the ground."""
-    o = (i * s.dims.size_y + j) * s.dims.size_z + k
-    q = total(a.momentum, s, i, o, atomic)
-    known = a.velocity[a.velocity_before + o]
+def grid_update_adjoint(s: ti.template(), i, j, k, atomic: ti.template()):
+    """Adjoints of a node's momentum and mass, into ``node``; returns those of the coefficients of the ground."""
+    o, before = s.dims.place(i, j, k), s.substep - 1
+    q = total(s.call.momentum, s, i, o, atomic)
+    known = s.call.velocity[s.call.nodes * before + o]
     g, u, mass = ti.Vector([q[0], q[1], q[2]]), ti.Vector([known[0], known[1], known[2]]), known[3]
     of_coefficients = ti.Vector.zero(ti.f64, len(s.coefficients))
     if on_ground(s, j):
-        free = a.contact_before + contact(s, i, j, k)
-        u = ti.Vector([a.contact[free], a.contact[free + 1], a.contact[free + 2]])
+        free = s.call.contacts * before + contact(s, i, j, k)
+        u = ti.Vector([s.call.contact[free], s.call.contact[free + 1], s.call.contact[free + 2]])
         ground = GroundEvaluation(s.laws, components(u), s.coefficients)
         back = ground.pull_back(components(g))
         g = ti.Vector([back[0], back[1], back[2]])
@@ -103,7 +103,7 @@ def grid_update_adjoint(a: ti.template(), s: ti.template(), i, j, k, atomic: ti.
     if mass > s.n.lightest:
         h = g / mass
         out = ti.Vector([h[0], h[1], h[2], -h.dot(u - s.n.dt * gravity(s))])
-    a.node[o] = out
+    s.call.node[o] = out
     return of_coefficients
 
 

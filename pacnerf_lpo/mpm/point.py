@@ -1,6 +1,6 @@
 """What a local law sees of one particle, and the evaluation of all local laws there with their adjoint."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -36,9 +36,6 @@ class Point:
 
 
 Law = Callable[[Point, SimpleNamespace], tuple[Tensor3, Tensor3]]
-Wrapper = Callable[[Law, Point, SimpleNamespace], tuple]
-Acceleration = Callable[[Point, SimpleNamespace], list[Any]]
-Factor = Callable[[Point, SimpleNamespace], Any]
 
 
 @dataclass(frozen=True)
@@ -56,11 +53,11 @@ class LocalLaws:
     """
 
     law: Law
-    accelerations: tuple[Acceleration, ...]
+    accelerations: tuple[Callable[[Point, SimpleNamespace], list[Any]], ...]
     ground: Callable[[list[Any], SimpleNamespace], list[Any]]
     names: tuple[str, ...]
-    wrappers: tuple[tuple[Wrapper, int], ...] = ()
-    factors: tuple[Factor, ...] = ()
+    wrappers: tuple[tuple[Callable[[Law, Point, SimpleNamespace], tuple], int], ...] = ()
+    factors: tuple[Callable[[Point, SimpleNamespace], Any], ...] = ()
 
     @property
     def history(self) -> int:
@@ -102,59 +99,49 @@ class Evaluation(Emitted):
     history: new history
     """
 
-    def __init__(self, laws: LocalLaws, point: Point, coefficients: Sequence):
+    def __init__(self, laws: LocalLaws, point: Point, coefficients: list[Any]):
         self._record = Record()
-        row = self._record.variables
-        t, dt, mass, volume, stiffness = row([point.t, point.dt, point.mass, point.volume, point.stiffness])
-        F, C = [row(r) for r in point.F], [row(r) for r in point.C]
-        x, X, v = row(point.x), row(point.X), row(point.v)
-        self._point = Point(F, C, x, X, v, t, dt, mass, volume, stiffness, row(point.history))
-        self._coefficients = row(coefficients)
+        self._point = Point(**{name: self._record.variables(value) for name, value in vars(point).items()})
+        self._coefficients = self._record.variables(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._F_new, self._tau, self._history = laws.stress(self._point, named)
         self._velocity = list(self._point.v)
         for acceleration in laws.accelerations:
             a = acceleration(self._point, named)
             self._velocity = [u + self._point.dt * c for u, c in zip(self._velocity, a, strict=True)]
-        self.F_new, self.tau = _values(self._F_new), _values(self._tau)
-        self.velocity, self.history = [plain(u) for u in self._velocity], [plain(h) for h in self._history]
+        self.F_new, self.tau = plain(self._F_new), plain(self._tau)
+        self.velocity, self.history = plain(self._velocity), plain(self._history)
 
     def pull_back(self, gF, gtau, gv, gh) -> "Adjoint":
         """Emit the adjoint, given the adjoints of F_new, tau, velocity and history as nested lists of expressions."""
-        p = self._point
         seeds = [
             *zip(flat(self._F_new + self._tau), flat(gF + gtau), strict=True),
             *zip(self._velocity, gv, strict=True),
             *zip(self._history, gh, strict=True),
         ]
-        inputs = [*flat(p.F + p.C), *p.x, *p.X, *p.v, p.mass, p.stiffness]
-        return Adjoint(self._record.pull_back(seeds, [*inputs, *p.history, *self._coefficients]), len(p.history))
+        gradient = self._record.pull_back(seeds)
+        seen = {name: gradient(value) for name, value in vars(self._point).items()}
+        return Adjoint(**seen, coefficients=gradient(self._coefficients))
 
 
-class Adjoint(Emitted):
-    """Adjoints of what a law saw, as nested lists of expressions."""
+@dataclass(frozen=True)
+class Adjoint(Point, Emitted):
+    """Adjoints of what the laws saw, and of their coefficients, as nested lists of expressions."""
 
-    def __init__(self, g: list, history: int):
-        self.F, self.C = [g[0:3], g[3:6], g[6:9]], [g[9:12], g[12:15], g[15:18]]
-        self.x, self.X, self.v = g[18:21], g[21:24], g[24:27]
-        self.mass, self.stiffness = g[27], g[28]
-        self.history, self.coefficients = g[29 : 29 + history], g[29 + history :]
+    coefficients: list[Any] = field(default_factory=list)
 
 
 class GroundEvaluation(Emitted):
     """The ground law at one node, emitted into the kernel that is being compiled."""
 
-    def __init__(self, laws: LocalLaws, velocity: list, coefficients: Sequence):
+    def __init__(self, laws: LocalLaws, velocity: list[Any], coefficients: list[Any]):
         self._record = Record()
         self._u, self._coefficients = self._record.variables(velocity), self._record.variables(coefficients)
         named = SimpleNamespace(**dict(zip(laws.names, self._coefficients, strict=True)))
         self._out = laws.ground(self._u, named)
-        self.velocity = [plain(u) for u in self._out]
+        self.velocity = plain(self._out)
 
     def pull_back(self, g: list) -> list:
         """Adjoints of the velocity (3) and of every coefficient."""
-        return self._record.pull_back(list(zip(self._out, g, strict=True)), self._u + self._coefficients)
-
-
-def _values(tensor: Tensor3) -> list[list[Any]]:
-    return [[plain(a) for a in row] for row in tensor]
+        gradient = self._record.pull_back(list(zip(self._out, g, strict=True)))
+        return gradient(self._u + self._coefficients)

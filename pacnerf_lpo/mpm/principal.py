@@ -20,7 +20,7 @@ from pacnerf_lpo.mpm.differentiation import Record, exp, maximum, plain, sqrt
 from pacnerf_lpo.mpm.lanes import absolute, keep, kept, largest, log, select, smallest
 from pacnerf_lpo.mpm.lanes import sqrt as root
 from pacnerf_lpo.mpm.taichi_calls import compiling_double
-from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, dot, flat, product, transposed
+from pacnerf_lpo.mpm.tensors import AXES, Tensor3, added, determinant, dot, flat, minor, mirrored, product, transposed
 
 LOG_SMALLEST_STRETCH = -2.995732273553991
 """ln 0.05."""
@@ -52,7 +52,7 @@ def symmetric_eigen(b: Tensor3) -> tuple[list[Any], Tensor3]:
     size = root(largest(_squares(S) * (1.0 / 6.0), SMALLEST_SQUARE))
     inverse = keep(1.0 / size)
     S = _symmetric(lambda i, j: S[i][j] * inverse)
-    half = keep(0.5 * dot(S[0], _cofactors(S)[0]))
+    half = keep(0.5 * determinant(S))
     r = smallest(absolute(half), 1.0)
     c = keep(0.86603443 + r * (0.16637630 + r * (-0.04585719 + r * (0.01750433 - r * 0.00406467))))
     for _ in range(2 if compiling_double() else 1):
@@ -87,7 +87,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         flow: what stays of the strain, see :data:`Flow`; it may use any number of the local law.
     """
     record: Record = F[0][0].record
-    f = [[plain(a) for a in row] for row in F]
+    f = plain(F)
     values, U = symmetric_eigen(_times_transposed(f, f))
     beta = [largest(x, SMALLEST_BETA) for x in values]
     columns = transposed(U)
@@ -122,7 +122,7 @@ def return_mapped(F: Tensor3, mu: Any, lam: Any, flow: Flow) -> tuple[Tensor3, T
         of_tau = _symmetric(lambda i, j: 0.5 * (g[9 + 3 * i + j] + g[9 + 3 * j + i]))
         of_T = _times_transposed(kept(product(columns, of_tau)), columns)
         stretched.extend([keep(plain(ratio[k]) * x) for x in of_new[k]] for k in AXES)
-        slopes = _slopes(beta, [plain(x) for x in strain], [plain(x) for x in ratio], plain(share))
+        slopes = _slopes(beta, plain(strain), plain(ratio), plain(share))
         for (i, j), (of_ratio, of_strain) in slopes.items():
             of_R = dot(of_new[i], turned[j]) + dot(of_new[j], turned[i])
             across[i, j] = keep(of_R * of_ratio + 2.0 * plain(shear) * of_T[i][j] * of_strain)
@@ -158,17 +158,11 @@ def _slopes(beta: list, strain: list, ratio: list, share: Any) -> dict[tuple[int
 
 def _kernel(M: Tensor3) -> list[Any]:
     """Unit vector in the kernel of a semidefinite matrix of rank 2: its cofactors are c a aᵀ; their longest column."""
-    A = _cofactors(M)
+    A = _symmetric(lambda i, j: minor(M, i, j))
     first, second = keep((A[0][0] >= A[1][1]) & (A[0][0] >= A[2][2])), keep(A[1][1] >= A[2][2])
     a = [select(first, A[0][k], select(second, A[1][k], A[2][k])) for k in AXES]
     scale = keep(1.0 / root(dot(a, a)))
     return [keep(scale * x) for x in a]
-
-
-def _cofactors(a: Tensor3) -> Tensor3:
-    """Of a symmetric matrix; symmetric."""
-    n = [1, 2, 0]
-    return _symmetric(lambda i, j: a[n[i]][n[j]] * a[n[n[i]]][n[n[j]]] - a[n[i]][n[n[j]]] * a[n[n[i]]][n[j]])
 
 
 def _squares(a: Tensor3) -> Any:
@@ -178,9 +172,8 @@ def _squares(a: Tensor3) -> Any:
 
 
 def _symmetric(entry: Callable[[int, int], Any]) -> Tensor3:
-    """The symmetric tensor with these entries on and above the diagonal."""
-    upper = {(i, j): keep(entry(i, j)) for i in AXES for j in range(i, 3)}
-    return [[upper[min(i, j), max(i, j)] for j in AXES] for i in AXES]
+    """:func:`mirrored` entries, which are kept."""
+    return mirrored(lambda i, j: keep(entry(i, j)))
 
 
 def _times_transposed(a: Tensor3, b: Tensor3) -> Tensor3:

@@ -40,8 +40,8 @@ def fly(
         spin: angular velocity of the body [rad/s, (3,)]
         times: since frame 0, increasing [s, (F,)]
     """
-    given = {name: value for effect in effects for name, value in (*effect.guess.items(), *effect.constants.items())}
-    c = SimpleNamespace(**{**given, **{name: values[name] for effect in effects for name in effect.parameters}})
+    constants = {name: value for effect in effects for name, value in effect.constants.items()}
+    c = SimpleNamespace(**constants, **{name: values[name] for effect in effects for name in effect.parameters})
     origin, turning = start[0].tolist(), np.cross(np.eye(3), spin).tolist()  # v = omega x r
 
     def motion(t: float, state: np.ndarray) -> list[float]:

@@ -158,7 +158,7 @@ class Run:
             substeps=self._engine.substeps,
             first=0,
             last=0,
-            **tape.arguments(),
+            **tape.arguments,
             gradient=self._of_state.view(-1, LANES),
             node=node,
             of_constants=self._of_constants.view(-1, LANES),

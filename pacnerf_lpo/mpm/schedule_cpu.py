@@ -24,9 +24,7 @@ PATIENCE = 50000
 
 
 @ti.func
-def passes(
-    arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
-):
+def passes(call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()):
     """Particles, then grid, pass by pass, with ``parallel`` by as many threads as there are slices; ``back``: the
     adjoint, from the last pass to the first.
     """
@@ -35,70 +33,56 @@ def passes(
     for t in range(call.slices * apart):
         if t % apart == 0:
             for n in range(call.last - call.first):
-                substep = call.first + n
-                if ti.static(back):
-                    substep = call.last - 1 - n
+                substep = call.last - 1 - n if ti.static(back) else call.first + n
                 for half, work in ti.static(enumerate((particles, nodes), 1)):
                     for k in range(call.slices):
                         u = (t // apart + k) % call.slices
-                        if begun(call, u, 2 * n + half, parallel):
-                            work(arrays, call, laws, u, substep, back)
-                            done(call, parallel)
-                    meet(call, 2 * n + half, parallel)
+                        if begun(call, u, 2 * n + half):
+                            work(call, laws, u, substep, back)
+                            ti.atomic_add(call.progress[DONE], 1)
+                    meet(call, 2 * n + half)
 
 
 @ti.func
-def begun(call: ti.template(), u, count, parallel: ti.template()):
+def begun(call: ti.template(), u, count):
     """Whether this thread is the first that comes to slice ``u`` in pass ``count``, and the passes before are done."""
-    mine = True
-    if ti.static(parallel):
-        mine = False
-        if ti.atomic_max(call.progress[DONE], 0) >= (count - 1) * call.slices:  # noqa: SIM102 Taichi's "and" evaluates both
-            if ti.atomic_max(call.progress[STOPPED], 0) == 0:
-                mine = ti.atomic_max(call.progress[LINE * (u + FIRST_SLICE)], count) < count
+    mine = False
+    if ti.atomic_max(call.progress[DONE], 0) >= (count - 1) * call.slices:  # noqa: SIM102 Taichi's "and" evaluates both
+        if ti.atomic_max(call.progress[STOPPED], 0) == 0:
+            mine = ti.atomic_max(call.progress[LINE * (u + FIRST_SLICE)], count) < count
     return mine
 
 
 @ti.func
-def done(call: ti.template(), parallel: ti.template()):
-    """Count a slice that is done."""
-    if ti.static(parallel):
-        ti.atomic_add(call.progress[DONE], 1)
-
-
-@ti.func
-def meet(call: ti.template(), count, parallel: ti.template()):
+def meet(call: ti.template(), count):
     """Wait until all slices of ``count`` passes are done. If that takes long, some thread does not run: stop the
     launch, so that this one sleeps meanwhile.
     """
-    if ti.static(parallel):
-        waited = PATIENCE * ti.atomic_max(call.progress[STOPPED], 0)
-        while ti.atomic_max(call.progress[DONE], 0) < count * call.slices and waited < PATIENCE:
-            waited += 1
-        if waited == PATIENCE:
-            ti.atomic_max(call.progress[STOPPED], 1)
+    waited = PATIENCE * ti.atomic_max(call.progress[STOPPED], 0)
+    while ti.atomic_max(call.progress[DONE], 0) < count * call.slices and waited < PATIENCE:
+        waited += 1
+    if waited == PATIENCE:
+        ti.atomic_max(call.progress[STOPPED], 1)
 
 
 @ti.func
-def particles(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
+def particles(call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
     """What slice ``t`` does with its particles."""
     s = Setting.of(call, laws, substep)
-    a = arrays.at(call, substep)
     base, first = t * Bench.ROWS, t * s.dims.nodes
     begin_pass(Group(0, None, call.bench, base))
     for b in range(t * call.chunk, ti.min((t + 1) * call.chunk, s.dims.blocks)):
         if ti.static(back):
-            adjoint_group(a, s, first, Group(b, None, call.bench, base), t * len(laws.names))
+            adjoint_group(s, first, Group(b, None, call.bench, base), t * len(laws.names))
         else:
-            forward_group(a, s, first, Group(b, None, call.bench, base))
+            forward_group(s, first, Group(b, None, call.bench, base))
     end_pass(Group(0, None, call.bench, base), s, t)
 
 
 @ti.func
-def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
+def nodes(call: ti.template(), laws: ti.template(), t, substep, back: ti.template()):
     """What slice ``t`` does with its share of rows of nodes; the last pass begins nothing, the first ends nothing."""
     s = Setting.of(call, laws, substep)
-    a = arrays.at(call, substep)
     low, high = reach(call)
     rows = high[1] + 1 - low[1]
     count = rows * (high[0] + 1 - low[0]) * (substep != (0 if ti.static(back) else call.substeps))
@@ -106,9 +90,9 @@ def nodes(arrays: ti.template(), call: ti.template(), laws: ti.template(), t, su
     for n in range(t * count // call.slices, (t + 1) * count // call.slices):
         for k in range(low[2], high[2] + 1):
             if ti.static(back):
-                mine += grid_update_adjoint(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+                mine += grid_update_adjoint(s, low[0] + n // rows, low[1] + n % rows, k, False)
             else:
-                grid_update(a, s, low[0] + n // rows, low[1] + n % rows, k, False)
+                grid_update(s, low[0] + n // rows, low[1] + n % rows, k, False)
     if ti.static(back):
         for c in ti.static(range(len(laws.names))):
-            add_to_slice(a.of_coefficients, t * len(laws.names), c, mine[c], False)
+            add_to_slice(call.of_coefficients, t * len(laws.names), c, mine[c], False)

@@ -16,48 +16,42 @@ PASSES = 4
 
 
 @ti.func
-def passes(
-    arrays: ti.template(), call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()
-):
+def passes(call: ti.template(), laws: ti.template(), parallel: ti.template(), back: ti.template()):
     """Particles, then grid; ``back``: their adjoint, the last pass first. The last pass of a frame begins nothing, the
     first completes nothing. Of a launch of fewer passes the rest are empty.
     """
     for turn in ti.static(range(PASSES - 1, -1, -1) if back else range(PASSES)):
-        particle_pass(arrays, call, laws, back, turn)
-        grid_pass(arrays, call, laws, back, turn)
+        particle_pass(call, laws, back, turn)
+        grid_pass(call, laws, back, turn)
 
 
 @ti.func
-def particle_pass(
-    arrays: ti.template(), call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()
-):
+def particle_pass(call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()):
     ti.loop_config(block_dim=BLOCK)
     for thread in range(THREADS):
         p, substep = thread, call.first + turn
         while p < call.dims[0] * LANES and substep < call.last:
-            a, s = arrays.at(call, substep), Setting.of(call, laws, substep)
+            s = Setting.of(call, laws, substep)
             if ti.static(back):
-                adjoint_group(a, s, 0, Group(p // LANES, p % LANES), 0)
+                adjoint_group(s, 0, Group(p // LANES, p % LANES), 0)
             else:
-                forward_group(a, s, 0, Group(p // LANES, p % LANES))
+                forward_group(s, 0, Group(p // LANES, p % LANES))
             p += THREADS
 
 
 @ti.func
-def grid_pass(
-    arrays: ti.template(), call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()
-):
+def grid_pass(call: ti.template(), laws: ti.template(), back: ti.template(), turn: ti.template()):
     ti.loop_config(block_dim=BLOCK)
     for thread in range(THREADS):
         o, substep = thread, call.first + turn
         idle = substep == (0 if ti.static(back) else call.substeps)
         while o < call.dims[1] * call.dims[2] * call.dims[3] and substep < call.last and not idle:
-            a, s = arrays.at(call, substep), Setting.of(call, laws, substep)
+            s = Setting.of(call, laws, substep)
             i, j, k = o // s.dims.plane, (o // s.dims.row) % s.dims.size_y, o % s.dims.row
             if ti.static(back):
-                mine = grid_update_adjoint(a, s, i, j, k, True)
+                mine = grid_update_adjoint(s, i, j, k, True)
                 for c in ti.static(range(len(laws.names))):
-                    add_to_slice(a.of_coefficients, 0, c, mine[c], True)
+                    add_to_slice(call.of_coefficients, 0, c, mine[c], True)
             else:
-                grid_update(a, s, i, j, k, True)
+                grid_update(s, i, j, k, True)
             o += THREADS

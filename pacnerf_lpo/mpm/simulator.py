@@ -131,7 +131,9 @@ class Simulator:
         values = self._values({**parameters}, {**(effect_parameters or {})})
         x, v, m, stiff = (t.to(self._device, self._real) for t in particle_inputs.values())
         state, constants = self._start(x, v, m, stiff, values)
-        coefficients = self._coefficients(values)
+        of_material = self.material.coefficients({name: values[name] for name in self.material.parameters})
+        others = (values[name] for name in self._coefficient_values)
+        coefficients = torch.stack([*of_material.values(), *others]).to(self._device, self._real)
         recording = torch.is_grad_enabled() and any(t.requires_grad for t in (state, constants, coefficients))
         order = self._order(x.detach())
         inverse = torch.argsort(order)
@@ -149,12 +151,6 @@ class Simulator:
             if not torch.isfinite(value):
                 raise UserInputError(f"simulator: parameter {name} is {float(value)}; give a finite number")
         return tensors
-
-    def _coefficients(self, values: dict[str, Tensor]) -> Tensor:
-        """What the kernels are given, in the order of the laws' names."""
-        of_material = self.material.coefficients({name: values[name] for name in self.material.parameters})
-        others = (values[name] for name in self._coefficient_values)
-        return torch.stack([*of_material.values(), *others]).to(self._device, self._real)
 
     def _start(
         self, x: Tensor, v: Tensor, mass: Tensor, stiffness: Tensor, values: dict[str, Tensor]

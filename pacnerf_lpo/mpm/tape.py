@@ -46,37 +46,34 @@ class Tape:
     """Particle states and grid velocities of the substeps of one frame; with ``keep=False`` only the latest of each.
 
     states: S + 1 slots or one [(slots, B, width, LANES)], width = 24 and the history.
-    velocities: S slots or one [(slots, nodes, 4)]: velocity [m/s] and mass [kg]
-    contacts: S slots or one [(slots, 3 contact nodes)]: velocity before the ground of every node at y <= 0 [m/s]
     grid: where they lie
+    arguments: its arrays as launches take them, and how far apart the slots are in each. Of every node, in S slots or
+        one: its velocity [m/s] and mass [kg]; and where y <= 0, its velocity before the ground [m/s].
     """
+
+    grid: Grid
+    arguments: dict[str, Tensor | int]
 
     def __init__(self, substeps: int, like: Tensor, keep: bool):
         self.keep, self._substeps = keep, substeps
         self.states = like.new_empty((substeps + 1 if keep else 1, *like.shape))
         self._buffer = like.new_empty(0)
-        self.fit(Grid((0, 0, 0), (0, 0, 0)))
 
     def fit(self, grid: Grid) -> None:
         """Make room for the nodes of a grid."""
         self.grid = grid
-        slots = self._substeps if self.keep else 1
+        slots, apart = (self._substeps, 1) if self.keep else (1, 0)
         sizes = [4 * grid.nodes, max(1, 3 * grid.contact_nodes)]
         if self._buffer.numel() < slots * sum(sizes):
             self._buffer = self._buffer.new_empty(slots * sum(sizes) * 5 // 4)
-        velocities, contacts = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
-        self.velocities, self.contacts = velocities.view(slots, -1, 4), contacts.view(slots, -1)
-
-    def arguments(self) -> dict[str, Tensor | int]:
-        """Its arrays as launches take them, and from one substep to the next."""
-        apart = int(self.keep)
-        return {
+        velocity, contact = self._buffer[: slots * sum(sizes)].split([slots * size for size in sizes])
+        self.arguments = {
             "states": self.states.view(-1, LANES),
-            "velocity": self.velocities.view(-1, 4),
-            "contact": self.contacts.reshape(-1),
+            "velocity": velocity.view(-1, 4),
+            "contact": contact,
             "state": apart * self.states[0].numel() // LANES,
-            "nodes": apart * self.velocities.shape[1],
-            "contacts": apart * self.contacts.shape[1],
+            "nodes": apart * grid.nodes,
+            "contacts": apart * sizes[1],
         }
 
     @staticmethod

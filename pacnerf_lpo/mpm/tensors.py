@@ -1,6 +1,6 @@
 """3x3 tensors inside a law: nested lists of numbers (floats, or :class:`~pacnerf_lpo.mpm.differentiation.Scalar`)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 Tensor3 = list[list[Any]]
@@ -32,19 +32,20 @@ def transposed(a: Tensor3) -> Tensor3:
     return [[a[j][i] for j in AXES] for i in AXES]
 
 
+def mirrored(entry: Callable[[int, int], Any]) -> Tensor3:
+    """The symmetric tensor with these entries on and above the diagonal, each computed once."""
+    upper = {(i, j): entry(i, j) for i in AXES for j in range(i, 3)}
+    return [[upper[min(i, j), max(i, j)] for j in AXES] for i in AXES]
+
+
 def left_cauchy_green(F: Tensor3) -> Tensor3:
-    """b = F Fᵀ, each of its six numbers computed once."""
-    b = {(i, j): F[i][0] * F[j][0] + F[i][1] * F[j][1] + F[i][2] * F[j][2] for i in AXES for j in range(i, 3)}
-    return [[b[min(i, j), max(i, j)] for j in AXES] for i in AXES]
+    """b = F Fᵀ."""
+    return mirrored(lambda i, j: dot(F[i], F[j]))
 
 
 def determinant(a: Tensor3) -> Any:
     """det a."""
-    return (
-        a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1])
-        + a[0][1] * (a[1][2] * a[2][0] - a[1][0] * a[2][2])
-        + a[0][2] * (a[1][0] * a[2][1] - a[1][1] * a[2][0])
-    )
+    return dot(a[0], [minor(a, 0, j) for j in AXES])
 
 
 def symmetric(a: Tensor3) -> Tensor3:
@@ -77,11 +78,12 @@ def contraction(a: Tensor3, b: Tensor3) -> Any:
     return sum(a[i][j] * b[i][j] for i in AXES for j in AXES)
 
 
+def minor(a: Tensor3, i: int, j: int) -> Any:
+    """Entry (i, j) of :func:`cofactor`."""
+    (p, q), (r, s) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
+    return a[p][r] * a[q][s] - a[p][s] * a[q][r]
+
+
 def cofactor(a: Tensor3) -> Tensor3:
     """det(a) a^-T."""
-
-    def minor(i: int, j: int) -> Any:
-        (p, q), (r, s) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
-        return a[p][r] * a[q][s] - a[p][s] * a[q][r]
-
-    return [[minor(i, j) for j in AXES] for i in AXES]
+    return [[minor(a, i, j) for j in AXES] for i in AXES]

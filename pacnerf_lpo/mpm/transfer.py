@@ -30,23 +30,18 @@ class Stencil(Emitted):
     dw: Tensor3
 
 
-@dataclass(frozen=True)
-class Moments(Emitted):
-    """Sums over the nodes of a stencil: of w u [(4,)], and of w u (i, j, k) [(3, 3)]."""
-
-    m: list[Any]
-    first: Tensor3
-
-
 def stencil(x: list[Any], s: Setting) -> Stencil:
     """The nodes around positions ``x`` [m]."""
+    d = s.dims
+    firsts = d.first_x, d.first_y, d.first_z
+    ends = d.size_x - 3, d.size_y - 3, d.size_z - 4  # along z four nodes are read
     cell, offset, w, dw, inside = [], [], [], [], []
-    for axis, (size, first) in enumerate(zip(s.dims.last_cells, s.dims.firsts, strict=True)):
+    for axis, (end, first) in enumerate(zip(ends, firsts, strict=True)):
         scaled = keep(x[axis] * s.n.inv_dx)
         lowest = floor(scaled - 0.5)
         f = keep(scaled - lowest)
         wanted = keep(lowest - ti.cast(first, float))
-        last = keep(ti.cast(size, float))
+        last = keep(ti.cast(end, float))
         risen = select(wanted >= 0.0, wanted, 0.0)  # which NaN is not
         cell.append(select(risen <= last, risen, last))
         inside.append(select(cell[axis] == wanted, 1.0, 0.0))
@@ -69,56 +64,41 @@ def linear(value: list[Any], slope: Tensor3, last: Any, here: Stencil) -> list[A
     return [*q, last, *flat(slope)]
 
 
-def about(moments: Moments, here: Stencil, scale: Any) -> Tensor3:
+def about(moments: list[Any], here: Stencil, scale: Any) -> Tensor3:
     """scale times the sum of w u (i - offset)ᵀ over the nodes i of a stencil."""
-    return [[keep(scale * (moments.first[a][b] - moments.m[a] * here.offset[b])) for b in AXES] for a in AXES]
+    return [[keep(scale * (moments[4 + 3 * a + b] - moments[a] * here.offset[b])) for b in AXES] for a in AXES]
 
 
 def scatter(field: Field, here: Stencil, given: list[Any], s: Setting, group: Group) -> None:
     """Add w (q + slope · (i, j, k)) to every node of a stencil, given :func:`linear` numbers q and slope."""
     if group.lane is None:
-        _place(here, group)
-        group.put(Bench.GIVEN, given)
+        _place(here, given, group)
         transfer_rows.scatter(field, s, group)
     else:
         transfer_single.scatter(field, here, s, given)
 
 
-def gather(field: Field, here: Stencil, s: Setting, group: Group) -> Moments:
-    """The moments of a field over a stencil."""
+def gather(field: Field, here: Stencil, s: Setting, group: Group, given: list[Any] | None = None) -> list[Any]:
+    """The moments of a field u over a stencil, the sums of w u [(4,)] and of w u (i, j, k) [(3, 3)], number by number
+    [(13,)]; and, given :func:`linear` numbers, the sum of (u · (q + slope · (i, j, k))) grad w [per cell, (3,)].
+    """
     if group.lane is None:
-        _place(here, group)
-        transfer_rows.gather(field, s, group)
-        found = group.on_bench(Bench.MOMENTS, 13)
-    else:
-        found = transfer_single.gather_with_slope(field, here, s, [0.0] * 13)
-    return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]])
-
-
-def gather_with_slope(
-    field: Field, here: Stencil, given: list[Any], s: Setting, group: Group
-) -> tuple[Moments, list[Any]]:
-    """The moments of a field u, and the sum of (u · (q + slope · (i, j, k))) grad w [per cell, (3,)]."""
-    if group.lane is None:
-        _place(here, group)
-        group.put(Bench.GIVEN, given)
-        transfer_rows.gather_with_slope(field, s, group, True)
-        found = group.on_bench(Bench.MOMENTS, 16)
-    else:
-        found = transfer_single.gather_with_slope(field, here, s, given)
-    return Moments(found[0:4], [found[4:7], found[7:10], found[10:13]]), found[13:16]
+        _place(here, given or [], group)
+        transfer_rows.gather(field, s, group, True, given is not None)
+        return group.on_bench(Bench.MOMENTS, 13 if given is None else 16)
+    return transfer_single.gather(field, here, s, given or [0.0] * 13)
 
 
 def scatter_and_slope(
     field: Field, other: Field, here: Stencil, given: list[Any], s: Setting, group: Group
 ) -> list[Any]:
-    """:func:`scatter` to one field, and the slope of :func:`gather_with_slope` of another [per cell, (3,)]."""
+    """:func:`scatter` to one field, and what :func:`gather` makes of the given numbers in another [per cell, (3,)]."""
     scatter(field, here, given, s, group)
     if group.lane is None:
-        transfer_rows.gather_with_slope(other, s, group, False)
+        transfer_rows.gather(other, s, group, False, True)
         return group.on_bench(Bench.SLOPE, 3)
-    return transfer_single.gather_with_slope(other, here, s, given)[13:]
+    return transfer_single.gather(other, here, s, given)[13:]
 
 
-def _place(here: Stencil, group: Group) -> None:
-    group.put(Bench.W, [*flat(here.w), *flat(here.dw), *here.cell])
+def _place(here: Stencil, given: list[Any], group: Group) -> None:
+    group.put(Bench.W, [*flat(here.w), *flat(here.dw), *here.cell, *given])

@@ -22,8 +22,7 @@ def on(group: ti.template(), row: ti.template(), lane):
 def first_node(s: ti.template(), group: ti.template(), lane):
     """Place in memory of the first node of the stencil of one particle."""
     cell = ti.static(Bench.CELL)
-    i, j, k = int(on(group, cell, lane)), int(on(group, cell + 1, lane)), int(on(group, cell + 2, lane))
-    return i * s.dims.plane + j * s.dims.row + k
+    return s.dims.place(int(on(group, cell, lane)), int(on(group, cell + 1, lane)), int(on(group, cell + 2, lane)))
 
 
 @ti.func
@@ -96,23 +95,6 @@ def scatter(field: ti.template(), s: ti.template(), group: ti.template()):
 
 
 @ti.func
-def gather(field: ti.template(), s: ti.template(), group: ti.template()):
-    """The moments of a field over each particle's stencil."""
-    for lane in range(LANES):
-        o = field.first + first_node(s, group, lane)
-        zero = ti.Vector.zero(float, ROW)
-        m, mi, mj = zero, zero, zero
-        for i in range(3):
-            t, tj = along_y(field.array, o, s, group, lane)
-            w = on(group, Bench.W + i, lane)
-            m += w * t
-            mi += (float(i) * w) * t
-            mj += w * tj
-            o += s.dims.plane
-        store_moments(group, lane, m, mi, mj)
-
-
-@ti.func
 def along_y(field: ti.template(), o, s: ti.template(), group: ti.template(), lane):
     """Sums over the rows of a plane of a stencil: of w u and of w u j."""
     wu = on(group, Bench.W + 4, lane) * row_at(field, o + s.dims.row)
@@ -138,37 +120,41 @@ def store_moments(group: ti.template(), lane, m, mi, mj):
 
 
 @ti.func
-def gather_with_slope(field: ti.template(), s: ti.template(), group: ti.template(), with_moments: ti.template()):
-    """The sum of (u · what a particle gives) grad w of a field u over its stencil, and the moments of the field."""
+def gather(field: ti.template(), s: ti.template(), group: ti.template(), moments: ti.template(), slope: ti.template()):
+    """The moments of a field u over each particle's stencil, the sum of (u · what it gives) grad w, or both."""
     for lane in range(LANES):
         o = field.first + first_node(s, group, lane)
         zero = ti.Vector.zero(float, ROW)
-        q, qi, qj = given_at(group, lane)
         m, mi, mj = zero, zero, zero
         gx, gy, gz = zero, zero, zero
+        q, qi, qj = zero, zero, zero
+        if ti.static(slope):
+            q, qi, qj = given_at(group, lane)
         w0, w1, w2 = on(group, Bench.W + 3, lane), on(group, Bench.W + 4, lane), on(group, Bench.W + 5, lane)
         dw0, dw1, dw2 = on(group, Bench.DW + 3, lane), on(group, Bench.DW + 4, lane), on(group, Bench.DW + 5, lane)
         for i in range(3):
             w = on(group, Bench.W + i, lane)
-            q1 = q + qj
-            u0 = row_at(field.array, o) * q
-            u1 = row_at(field.array, o + s.dims.row) * q1
-            u2 = row_at(field.array, o + 2 * s.dims.row) * (q1 + qj)
-            value = w0 * u0 + w1 * u1 + w2 * u2
-            gx += on(group, Bench.DW + i, lane) * value
-            gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
-            gz += w * value
-            if ti.static(with_moments):
+            if ti.static(slope):
+                q1 = q + qj
+                u0 = row_at(field.array, o) * q
+                u1 = row_at(field.array, o + s.dims.row) * q1
+                u2 = row_at(field.array, o + 2 * s.dims.row) * (q1 + qj)
+                value = w0 * u0 + w1 * u1 + w2 * u2
+                gx += on(group, Bench.DW + i, lane) * value
+                gy += w * (dw0 * u0 + dw1 * u1 + dw2 * u2)
+                gz += w * value
+                q += qi
+            if ti.static(moments):
                 t, tj = along_y(field.array, o, s, group, lane)
                 m += w * t
                 mi += (float(i) * w) * t
                 mj += w * tj
-            q += qi
             o += s.dims.plane
-        if ti.static(with_moments):
+        if ti.static(moments):
             store_moments(group, lane, m, mi, mj)
-        wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
-        dwz = of_nodes(on(group, Bench.DW + 6, lane), on(group, Bench.DW + 7, lane), on(group, Bench.DW + 8, lane))
-        group.bench[group.base + Bench.SLOPE][lane] = total_of(wz * gx)
-        group.bench[group.base + Bench.SLOPE + 1][lane] = total_of(wz * gy)
-        group.bench[group.base + Bench.SLOPE + 2][lane] = total_of(dwz * gz)
+        if ti.static(slope):
+            wz = of_nodes(on(group, Bench.W + 6, lane), on(group, Bench.W + 7, lane), on(group, Bench.W + 8, lane))
+            dwz = of_nodes(on(group, Bench.DW + 6, lane), on(group, Bench.DW + 7, lane), on(group, Bench.DW + 8, lane))
+            group.bench[group.base + Bench.SLOPE][lane] = total_of(wz * gx)
+            group.bench[group.base + Bench.SLOPE + 1][lane] = total_of(wz * gy)
+            group.bench[group.base + Bench.SLOPE + 2][lane] = total_of(dwz * gz)

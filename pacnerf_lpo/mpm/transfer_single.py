@@ -9,7 +9,7 @@ from pacnerf_lpo.mpm.taichi_calls import ti
 @ti.func
 def _start(here: ti.template(), s: ti.template()):
     """Place in memory of the first node of a stencil."""
-    return (int(here.cell[0]) * s.dims.size_y + int(here.cell[1])) * s.dims.size_z + int(here.cell[2])
+    return s.dims.place(int(here.cell[0]), int(here.cell[1]), int(here.cell[2]))
 
 
 @ti.func
@@ -36,11 +36,11 @@ def scatter(field: ti.template(), here: ti.template(), s: ti.template(), numbers
             for k in ti.static(range(3)):
                 value = here.w[2][k] * (base + (float(k) * w) * qk)
                 for c in ti.static(range(4)):
-                    place = c * s.dims.nodes + start + i * s.dims.plane + j * s.dims.row + k
+                    place = c * s.dims.nodes + start + s.dims.place(i, j, k)
                     ti.atomic_add(field.array[place // 4][place % 4], value[c])
 
 
-def gather_with_slope(field: Any, here: Any, s: Any, numbers: list[Any]) -> list[Any]:
+def gather(field: Any, here: Any, s: Any, numbers: list[Any]) -> list[Any]:
     """The moments of a field u, and the sum of (u · given) grad w [(16,)]."""
     m, mi, mj, mk, slope = _sums(field, here, s, numbers)
     moments = [entry(m, c) for c in range(4)]
@@ -60,7 +60,7 @@ def _sums(field: ti.template(), here: ti.template(), s: ti.template(), numbers: 
         for j in range(3):
             base, w = q + float(i) * qi + float(j) * qj, wx[i] * wy[j]
             for k in ti.static(range(3)):
-                u = field.array[start + i * s.dims.plane + j * s.dims.row + k]
+                u = field.array[start + s.dims.place(i, j, k)]
                 wu = (w * here.w[2][k]) * u
                 m += wu
                 mi += float(i) * wu

@@ -17,9 +17,6 @@ from pacnerf_lpo.mpm.point import Law, Point
 
 FAR = 10.0
 """A null so many times larger than any probe stands for infinity: a ground that always holds, a yield never reached."""
-PROBES = 20.0
-"""Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard deviations
-of the noise, and an effect that stands out by a hundred is as many times stronger."""
 LEAST_FACTOR = 0.05
 """A gradient leaves at least this part of mass and stiffness."""
 Initial = tuple[Tensor, Tensor, Tensor]
@@ -72,8 +69,9 @@ class Effect(ABC):
     materials: ClassVar[tuple[type[Material], ...]] = (Material,)
     excluded: ClassVar[tuple[type[Material], ...]] = ()
     unsuited: ClassVar[str] = ""
-    reach: float = PROBES
-    """Standard deviation of a coefficient in units of the farthest probe, see :data:`PROBES`."""
+    reach: float = 20.0
+    """Standard deviation of a coefficient in units of the farthest probe: a probe stands out by a few standard
+    deviations of the noise, and an effect that stands out by a hundred is as many times stronger."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -9,9 +9,7 @@ from pacnerf_lpo.mpm.point import Point
 
 
 class LinearDrag(BodyForce):
-    """Acceleration -c v: Stokes drag per unit mass.
-
-    Signature: the fall approaches a terminal velocity g / c. Easily confused with a smaller gravity.
+    """Acceleration -c v: Stokes drag per unit mass. The fall approaches a terminal velocity g / c.
 
     Args:
         drag: rate c [1/s].

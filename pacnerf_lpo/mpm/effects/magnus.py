@@ -58,11 +58,8 @@ class Magnus(BodyForce):
     @staticmethod
     def acceleration(point: Point, c: SimpleNamespace) -> list[Any]:
         given = (c.magnus_spin_x, c.magnus_spin_y, c.magnus_spin_z)
-        omega = [g + c.magnus_of_particle * own for g, own in zip(given, _spin(point.C), strict=True)]
+        C = point.C
+        half_curl = [0.5 * (C[(i + 2) % 3][(i + 1) % 3] - C[(i + 1) % 3][(i + 2) % 3]) for i in AXES]
+        omega = [g + c.magnus_of_particle * own for g, own in zip(given, half_curl, strict=True)]
         across = [omega[(i + 1) % 3] * point.v[(i + 2) % 3] - omega[(i + 2) % 3] * point.v[(i + 1) % 3] for i in AXES]
         return [c.magnus * side for side in across]
-
-
-def _spin(C: Sequence[Sequence[Any]]) -> list[Any]:
-    """Half the curl of a velocity, from its gradient."""
-    return [0.5 * (C[(i + 2) % 3][(i + 1) % 3] - C[(i + 1) % 3][(i + 2) % 3]) for i in AXES]

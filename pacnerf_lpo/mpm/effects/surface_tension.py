@@ -9,7 +9,7 @@ from pacnerf_lpo.mpm.differentiation import sqrt, where
 from pacnerf_lpo.mpm.effects.base import LawEffect
 from pacnerf_lpo.mpm.parameters import Identity, Parameter, named
 from pacnerf_lpo.mpm.point import Law, Point
-from pacnerf_lpo.mpm.tensors import AXES, added, cofactor, determinant
+from pacnerf_lpo.mpm.tensors import AXES, add_isotropic, added, cofactor, determinant, dot, scaled
 from pacnerf_lpo.scene.trilinear import gather, scatter, stencil
 
 WIDTH = 1.5
@@ -60,10 +60,10 @@ class SurfaceTension(LawEffect):
     @staticmethod
     def law(inner: Law, point: Point, c: SimpleNamespace) -> tuple:
         F, tau = inner(point, c)
-        step = [[point.dt * point.C[i][j] + (1.0 if i == j else 0.0) for j in AXES] for i in AXES]
+        step = add_isotropic(scaled(point.C, point.dt), 1.0)
         turned, grown = cofactor(step), determinant(step)
         g = [sum((turned[i][j] * point.history[j] for j in AXES), 0.0) / grown for i in AXES]
-        length = sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+        length = sqrt(dot(g, g))
         strength = c.surface_tension * determinant(point.F)
         scale = strength / where(length > 0.0, length, 1.0)
         pull = [[(strength * length if i == j else 0.0) - scale * g[i] * g[j] for j in AXES] for i in AXES]

@@ -26,14 +26,14 @@ class Observation(Effect):
     acts_on_motion = False
 
     def __init__(self, guess: Mapping[str, float], view: int | None = None):
-        self.view, self._suffix = view, "" if view is None else f"_view{view}"
+        kind, self.view, self._suffix = type(self), view, "" if view is None else f"_view{view}"
         of_view = "" if view is None else f" of view {view}"
         self.parameters = {
             self.full_name(name): replace(parameter, name=self.full_name(name), label=parameter.label + of_view)
-            for name, parameter in self.parameters.items()
+            for name, parameter in kind.parameters.items()
         }
-        self.null = self._renamed(self.null)
-        self.probes = tuple(map(self._renamed, self.probes))
+        self.null = self._renamed(kind.null)
+        self.probes = tuple(map(self._renamed, kind.probes))
         super().__init__(self._renamed(guess))
 
     def full_name(self, name: str) -> str:
@@ -48,8 +48,6 @@ class Observation(Effect):
         """The same fault of another camera (file id)."""
         short = {name: self.guess[self.full_name(name)] for name in type(self).parameters}
         moved = copy(self)
-        for renamed in ("parameters", "null", "probes"):
-            vars(moved).pop(renamed)
         Observation.__init__(moved, short, view)
         return moved
 
