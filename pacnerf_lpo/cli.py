@@ -75,6 +75,7 @@ class PhaseCLI(LightningCLI):
         )
 
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        """Declare the sections of the configuration."""
         said = {name: text.replace("%", "%%") for name, text in OPTIONS.items()}
         parser.add_argument("--resume", metavar="RUN_DIR", help=said["resume"])
         parser.add_argument("--preset", type=str | None, help=said["preset"])
@@ -99,6 +100,7 @@ class PhaseCLI(LightningCLI):
         self.remarks = scene_changes(files)
 
     def instantiate_classes(self) -> None:
+        """Make the data, the physical model, one template of each phase, and the outer loop."""
         made = self._instantiate()
         self.datamodule, self.outer_loop, self.trainer_config = made.data, made.outer_loop, vars(made.trainer)
 

@@ -24,6 +24,7 @@ class PhaseEvents(SummaryWriter):
         self.phase, self.first_step = phase, first_step
 
     def add_metrics(self, metrics: Mapping[str, float], step: int) -> None:
+        """Add scalars at a step of the phase."""
         for name, value in metrics.items():
             self.add_scalar(tagged(self.phase, name), value, self.first_step + step)
 

@@ -91,6 +91,7 @@ class Manifest:
 
     @property
     def done(self) -> list[PhaseRecord]:
+        """Records of the finished phases."""
         return [record for record in self.phases if record.status == "done"]
 
     @property
@@ -119,6 +120,7 @@ class Manifest:
             self.phases.append(replace(record, copied_from=source.name))
 
     def save(self) -> None:
+        """Write ``manifest.json``."""
         phases = [asdict(record) for record in self.phases]
         content = {"format": FORMAT, "status": self.status, "video": self.video, "phases": phases}
         write_atomically(self.run_dir / FILE_NAME, json.dumps(content, indent=1).encode())

@@ -135,6 +135,7 @@ class OuterLoop(pl.Callback):
 
     @property
     def last_done(self) -> PhaseRecord | None:
+        """Record of the last finished phase."""
         return self.manifest.done[-1] if self.manifest.done else None
 
     def next_phase(self) -> PhaseStep | None:
@@ -182,6 +183,7 @@ class OuterLoop(pl.Callback):
         self.close(status)
 
     def close(self, status: str) -> None:
+        """Set the status of the whole run."""
         self.manifest.status = status
         self.manifest.save()
 

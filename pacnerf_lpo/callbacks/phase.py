@@ -48,13 +48,16 @@ class PhaseCheckpoint(Checkpoint):
             raise Interrupted
 
     def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Write the finished phase."""
         self._write(trainer)
         self.stop.deferred = False
 
     def state_dict(self) -> dict[str, Any]:
+        """State of torch's CPU generator."""
         return {"generator": torch.get_rng_state()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Keep the generator's state until training starts."""
         self._restored_generator = state_dict["generator"]
 
     def _write(self, trainer: pl.Trainer) -> None:

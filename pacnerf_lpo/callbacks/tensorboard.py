@@ -16,5 +16,6 @@ class PhaseLogger(TensorBoardLogger):
         self.phase, self.first_step = phase, first_step
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Log scalars at a step of the phase."""
         named = {tagged(self.phase, name): value for name, value in metrics.items() if name != "epoch"}
         super().log_metrics(named, self.first_step + (step or 0))

@@ -43,10 +43,12 @@ class Stage:
 
     @property
     def state_path(self) -> Path:
+        """The file of its particle state."""
         return self.run_dir / self.record.state
 
     @cached_property
     def state(self) -> ParticleState:
+        """The particle state it exported."""
         return ParticleState.load(self.state_path)
 
 

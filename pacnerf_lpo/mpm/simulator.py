@@ -159,7 +159,9 @@ class Simulator:
         histories = [effect.initial_history(x, mass, self._engine.dx) for effect in of_kind(self.effects, LawEffect)]
         C = x.new_zeros(3, 3)
         for effect in of_kind(self.effects, InitialState):
-            c = SimpleNamespace(**{name: values[name].to(x) for name in (*effect.parameters, *effect.constants)})
+            given = {name: values[name].to(x) for name in effect.parameters}
+            given |= {name: x.new_tensor(value) for name, value in effect.constants.items()}
+            c = SimpleNamespace(**given)
             v, mass, stiffness = effect.apply(x, v, mass, stiffness, c)
             gradient = effect.velocity_gradient(c)
             C = C if gradient is None else C + gradient

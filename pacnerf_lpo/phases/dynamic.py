@@ -122,10 +122,12 @@ class DynamicPhase(AbstractPhase):
         return observer.seen(trajectory, start, self.data.video.times[: len(trajectory)]), observer
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep how often the time step was halved, and what the phase has reached."""
         checkpoint["step_halvings"] = self.physics.halvings
         checkpoint["progress"] = self.progress()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on with the time step and the progress that were reached."""
         self.physics.halvings = checkpoint["step_halvings"]
         self.take_up(checkpoint["progress"])
 

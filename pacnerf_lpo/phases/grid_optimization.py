@@ -59,6 +59,7 @@ class GridOptimizationModule(Correction):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
+        """Cost over all frames of freshly sampled particles, one random training view for each frame."""
         particles = self.particles(torch.Generator().manual_seed(self.seed * 1_000_003 + step))
         self.log("correction/particles", float(len(particles[0])))
         return self.loss(step, self.state.velocity.mean(0), *particles)
@@ -73,6 +74,7 @@ class GridOptimizationModule(Correction):
 
     @torch.no_grad()
     def export_state(self) -> ParticleState:
+        """The state with particles sampled from the trained grid."""
         positions, density, features = self.particles(torch.Generator().manual_seed(self.seed))
         velocity = self.state.velocity.mean(0).expand_as(positions).clone()
         found = {"positions": positions.cpu(), "density": density.cpu(), "features": features.cpu()}

@@ -46,6 +46,7 @@ class IdentificationMethod(ABC):
 
     @property
     def iterations(self) -> int:
+        """Iterations in all."""
         return self.warm_up_iterations + self.main_iterations
 
     def suited_to(self, state: ParticleState) -> IdentificationMethod:

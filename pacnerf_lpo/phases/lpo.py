@@ -67,6 +67,7 @@ class LPOModule(Correction):
         self.register_buffer("best_loss", torch.tensor(math.inf))
 
     def configure_optimizers(self) -> Any:
+        """Adam with one group for positions and one for density and features."""
         groups = []
         if self.corrects_positions:
             groups.append({"params": [self.positions], "lr": self.position_rate * self.state.base_spacing})
@@ -75,6 +76,7 @@ class LPOModule(Correction):
         return rising_adam(groups, self.steps, self.warm_up)
 
     def training_step(self, step: int, _: int) -> Tensor:
+        """Cost over all frames, one random training view for each."""
         loss = self.loss(step, self.state.velocity, self.positions, self.density, self.features)
         if loss < self.best_loss:
             self.best_loss.copy_(loss.detach())

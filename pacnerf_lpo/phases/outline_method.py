@@ -192,6 +192,7 @@ class OutlineGaussNewton(DampedLeastSquares):
         return self._kept
 
     def end_iteration(self, module: PhysicsIDModule) -> None:
+        """Back into the bounds."""
         outline_cost = self._outline_cost(module)
         self._set(module, outline_cost.model, np.clip(outline_cost.free(module), *outline_cost.model.bounds))
 

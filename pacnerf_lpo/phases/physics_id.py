@@ -66,6 +66,7 @@ class PhysicsIDModule(DynamicPhase):
 
     @property
     def frame_count(self) -> int:
+        """Frames of the video."""
         return len(self.data.video.times)
 
     @property
@@ -91,9 +92,11 @@ class PhysicsIDModule(DynamicPhase):
 
     @property
     def warm_up_length(self) -> int:
+        """Frames that the warm-up looks at."""
         return min(self.hit_frame + self.warm_up_frames, self.frame_count)
 
     def frames_at(self, step: int) -> int:
+        """How many frames the iteration looks at."""
         return self.warm_up_length if step < self.warm_up_end else self.frame_count
 
     def values(self) -> dict[str, Tensor]:

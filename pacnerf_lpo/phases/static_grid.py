@@ -116,6 +116,7 @@ class StaticGridModule(AbstractPhase):
         return Work(rays=self.steps * self.rays_per_step)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
+        """Adam with one rate for the grids and one for the colour network."""
         groups = [
             {"params": [self.field.density, self.field.features], "lr": self.grid_rate},
             {"params": list(self.colour.parameters()), "lr": self.network_rate},
@@ -156,6 +157,7 @@ class StaticGridModule(AbstractPhase):
         return loss
 
     def weights_at(self, step: int) -> dict[str, float]:
+        """Weight of every term of the loss at a step."""
         scalings = self.length.scalings(step)
         entropy = self.entropy_weight * self.entropy_schedule.factor(step, scalings)
         return {

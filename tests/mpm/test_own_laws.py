@@ -150,3 +150,22 @@ def test_conditions_are_combined():
 
     drag = torch.tensor(0.5)
     torch.testing.assert_close(motion(both, drag), motion(LinearDrag.acceleration, drag), rtol=0, atol=1e-6)
+
+
+def test_an_effect_on_the_initial_state_finds_its_constants():
+    """A body that is thrown faster by a constant gets as far as one that had that velocity."""
+    thrown = own(
+        effects.InitialSpin,
+        constants={"faster": 0.4},
+        apply=lambda positions, velocity, mass, stiffness, c: (velocity + c.faster, mass, stiffness),
+    )
+    edge = 0.05 * torch.arange(3)
+    cube = torch.cartesian_prod(edge, edge + 0.6, edge)
+    full = torch.ones(len(cube))
+
+    def end(made: list[Any], speed: float) -> torch.Tensor:
+        physics = Physics(NeoHookean(E=1e5, nu=0.3), effects=made, substep_rate=480.0)
+        values = {name: torch.tensor(value) for name, value in physics.guess.items()}
+        return physics.motion(cube, torch.full_like(cube, speed), full, full, values, 0.1, 3)[-1]
+
+    assert torch.allclose(end([thrown], 0.1), end([], 0.5), atol=1e-6)
