@@ -227,12 +227,12 @@ class PhaseCLI(LightningCLI):
     def _run_phase(self, step: PhaseStep, stop: StopRequest) -> None:
         loop: OuterLoop = self.outer_loop
         steps_before = sum(record.steps for record in loop.manifest.done)
-        checkpoint = loop.begin(step)
+        loop.begin(step)
         doing(f"preparing {step.role}")
         pl.seed_everything(self.config.seed_everything + step.index, verbose=False)
         module = copy.deepcopy(self.phases[step.template])
         module.attach(self.datamodule, self.physics)
-        options = copy.deepcopy(self.trainer_config)
+        options, checkpoint = copy.deepcopy(self.trainer_config), loop.checkpoint(step)
         options["callbacks"] = [
             loop,
             PhaseProgress(step.role if step.round == 0 else f"round {step.round} of {loop.rounds}, {step.role}"),

@@ -162,8 +162,12 @@ class OuterLoop(pl.Callback):
         found = [self.run_dir / record.findings for record in self.manifest.done if record.phase == role]
         return json.loads(found[-1].read_text()) if found and found[-1].is_file() else None
 
-    def begin(self, step: PhaseStep) -> Path:
-        """Record in the manifest that a phase starts or goes on; returns where it keeps its last checkpoint."""
+    def checkpoint(self, step: PhaseStep) -> Path:
+        """Where a phase that has begun keeps its last checkpoint."""
+        return self.run_dir / self.manifest.phases[step.index].checkpoint
+
+    def begin(self, step: PhaseStep) -> None:
+        """Record in the manifest that a phase starts or goes on."""
         records = self.manifest.phases
         if len(records) == step.index:
             checkpoint, state = f"checkpoints/{step.stem}/last.ckpt", f"states/{step.stem}.pt"
@@ -172,7 +176,6 @@ class OuterLoop(pl.Callback):
         record.status, record.error = "running", None
         self._started = time.monotonic()
         self.close("running")
-        return self.run_dir / record.checkpoint
 
     def abandon(self, status: Literal["interrupted", "failed"], error: str | None = None) -> None:
         """Record that the run stopped, and in which phase if in one."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -81,12 +82,10 @@ class Comparison:
         seen: tuple[np.ndarray, np.ndarray],
         errors: ModelErrors,
         fitted: np.ndarray,
-        cost: float = 0.0,
         notes: tuple[str, ...] = (),
-        rollouts: int = 0,
     ) -> "Comparison":
         """A model at free coordinates [(K,)], with its residual and jacobian as ``seen``."""
-        return Comparison(model.names, free, model.physical(free), *prior, cost, *seen, errors, notes, rollouts, fitted)
+        return Comparison(model.names, free, model.physical(free), *prior, 0.0, *seen, errors, notes, 0, fitted)
 
     def noise(self, problem: Problem, mask: np.ndarray) -> NoiseModel:
         """Of the entries of a mask [(R, F, 11), bool], with the discrepancies that every model has."""
@@ -95,6 +94,13 @@ class Comparison:
     def changes(self, mask: np.ndarray) -> np.ndarray:
         """Of the residual in the entries of a mask, by one prior standard deviation of each unknown [(D, K)]."""
         return np.nan_to_num(self.jacobian[mask]) * self.deviation
+
+    @property
+    def at_priors(self) -> tuple[np.ndarray, np.ndarray]:
+        """The residual where all unknowns have the means of their priors, by its slopes [pixels, (R, F, 11)], and its
+        changes by one prior standard deviation of each [(R, F, 11, K)].
+        """
+        return self.residual - self.jacobian @ (self.free - self.mean), self.jacobian * self.deviation
 
     def error_scales(self, problem: Problem) -> np.ndarray:
         """Factor on the standard deviation of each unknown, at least 1, by what left-out replicates, the residual and
@@ -142,8 +148,7 @@ def compare(
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
     once more with errors of the shape as large as the recording shows them there, and with what the solver may get
     wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion. If
-    the standardised fit moves far from where errors were simulated, they are simulated again. Where errors are known of
-    an earlier model, the first fit has noise of its own motion beside them, and the others are simulated where it ends.
+    the standardised fit moves far from where errors were simulated, they are simulated again.
 
     Args:
         known: values to start from [SI].
@@ -161,39 +166,59 @@ def compare(
     if searched:
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
-    if earlier is None:
-        errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
-    else:
-        errors = earlier.noise_at(problem, model, free, settings, progress)
-    rollouts += errors.of_noise + (errors.of_changes if earlier is None else 0)
-    begun = [standardised(problem, model, free, None, errors, progress, "rough")]
+    learn = partial(ModelErrors.learn, problem, effects, model, settings=settings, progress=progress)
+    known_errors = None if earlier is None else _beside(problem, effects, model, settings, earlier, progress)
+    errors, free, used = known_errors or (learn(free), free, 0)
+    rollouts += used
+    rough = partial(standardised, problem, model, changes=None, errors=errors, progress=progress, how="rough")
+    begun = [rough(free)]
     for values in others:
         with suppress(SimulationError):  # there is another start
-            start = problem.model(effects, values).start
-            begun.append(standardised(problem, model, start, None, errors, progress, "rough"))
+            begun.append(rough(problem.model(effects, values).start))
     if not searched and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
         progress("nothing explains the outlines yet; searching the whole parameter space")
         with suppress(SimulationError):
             base = base_fit(problem, effects, known, progress, followed=True)
-            begun.append(standardised(problem, model, base.free, None, errors, progress, "rough"))
+            begun.append(rough(base.free))
             rollouts += base.rollouts
     first = min(begun, key=lambda found: found.cost)
-    rollouts += sum(found.rollouts for found in begun)
-    moved = bool(np.any(np.abs(first.free - free) > BENT * first.deviation))
-    if moved:
+    rollouts += sum(found.rollouts for found in begun) - first.rollouts
+    if _far(first, free):
         progress("the fit has moved far; errors are learnt again where it is")
-        errors = errors.noise_at(problem, model, first.free, settings, progress)
-        rollouts += errors.of_noise
-    if moved or earlier is not None:
-        errors = errors.changes_at(problem, effects, model, first.free, progress)
+        rollouts += errors.simulations + first.rollouts
+        errors = learn(first.free)
         first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
-        rollouts += errors.of_changes + first.rollouts
     progress("errors of resolution and dissipation there")
-    away = first.jacobian @ (first.free - first.mean)
-    errors = errors.solver_at(problem, model, first.free)
-    errors = errors.sized(problem, first.residual - away, first.jacobian * first.deviation, first.fitted)
+    errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
     comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
-    return replace(comparison, rollouts=comparison.rollouts + errors.solver.shape[-1] + rollouts)
+    simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
+    return replace(comparison, rollouts=comparison.rollouts + simulated)
+
+
+def _beside(
+    problem: Problem,
+    effects: Sequence[Effect],
+    model: Model,
+    settings: tuple[int, int],
+    earlier: ModelErrors,
+    progress: Progress,
+) -> tuple[ModelErrors, np.ndarray, int]:
+    """Errors of a model that has more than an earlier one, whose errors are known; where they were learnt [(K,)], and
+    the simulations that it took besides. A fit by those, and by noise of its own motion, tells whether it is far from
+    where it begins: most errors are learnt once, where it is.
+    """
+    errors = earlier.noise_at(problem, model, model.start, settings, progress)
+    tried = standardised(problem, model, model.start, None, errors, progress, "rough")
+    if not _far(tried, model.start):
+        return errors.changes_at(problem, effects, model, model.start, progress), model.start, tried.rollouts
+    progress("the fit has moved far; errors are learnt where it is")
+    again = ModelErrors.learn(problem, effects, model, tried.free, settings, progress)
+    return again, tried.free, tried.rollouts + errors.of_noise
+
+
+def _far(found: Comparison, begun: np.ndarray) -> bool:
+    """Whether a fit has moved far from where it began [(K,)]."""
+    return bool(np.any(np.abs(found.free - begun) > BENT * found.deviation))
 
 
 def standardised(
@@ -216,8 +241,8 @@ def standardised(
     effort = Effort(WHITENED_ITERATIONS, confirm=False) if how == "rough" else objective.effort(WHITENED_ITERATIONS)
     best = fit(objective, start, model.scales, model.bounds, effort, report, objective.rows)
     doubts, cost = tuple(notes(model, best.free, *objective.prior)), best.cost_of(objective.rows)
-    at = model, best.free, objective.prior, objective.seen(best), errors, mask
-    return Comparison.at(*at, cost, doubts, best.rollouts)
+    found = Comparison.at(model, best.free, objective.prior, objective.seen(best), errors, mask, doubts)
+    return replace(found, cost=cost, rollouts=best.rollouts)
 
 
 def estimate(problem: Problem, effects: Sequence[Effect], comparison: Comparison, progress: Progress) -> Comparison:

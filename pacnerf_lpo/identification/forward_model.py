@@ -91,7 +91,12 @@ class Model(ABC):
 
     def restart(self) -> None:
         """Forget which time step earlier motions needed: the next one begins with the model's own."""
-        self.physics.halvings = 0
+        for model in self.alone():
+            model.physics.halvings = 0
+
+    def alone(self) -> "Sequence[Model]":
+        """The models of single recordings that it is made of."""
+        return [self]
 
     @abstractmethod
     def contact(self, free: np.ndarray, within: float) -> int:

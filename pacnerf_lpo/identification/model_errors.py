@@ -104,9 +104,9 @@ class ModelErrors:
         return 2 * len(self.replicates)
 
     @property
-    def of_changes(self) -> int:
-        """Number of simulations that :meth:`changes_at` took, but for two or three of each recording."""
-        return self.shape.shape[-1] + self.solver.shape[-1] + self.force.shape[-1]
+    def simulations(self) -> int:
+        """How many all of them took, but for two or three of each recording."""
+        return self.of_noise + self.shape.shape[-1] + self.solver.shape[-1] + self.force.shape[-1]
 
     def solver_at(self, problem: Problem, model: Model, free: np.ndarray) -> ModelErrors:
         """The same with the errors of the solver where a fit has ended [(K,)]. Raises SimulationError."""

@@ -251,9 +251,8 @@ class StudyModel(Model):
         self.bounds = np.array([low[name] for name in self.names]), np.array([high[name] for name in self.names])
         self._places = [[self.names.index(name) for name in own] for own in called]
 
-    def restart(self) -> None:
-        for model in self.models:
-            model.restart()
+    def alone(self) -> list[Model]:
+        return self.models
 
     def contact(self, free: np.ndarray, within: float) -> int:
         """Of the recording in which it comes first; the number of frames where none has one."""

@@ -103,7 +103,7 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
         scores = [SimpleNamespace(name=name, log_bayes_factor=score) for name, score in lines.items()]
         screening = SimpleNamespace(scores=scores, threshold=6.0, outside=())
         candidates = [SimpleNamespace(name=name, discrete=False, observes=False) for name in lines]
-        comparison = SimpleNamespace(cost=100.0)
+        comparison = SimpleNamespace(cost=100.0, fitted=np.ones(3, bool))
         found = SimpleNamespace(
             screening=screening,
             candidates=candidates,
