@@ -88,7 +88,9 @@ def attach(tracks: TrackedPoints, trajectory: np.ndarray, times: np.ndarray, far
 def track_residuals(
     tracks: TrackedPoints, attachment: Attachment, trajectory: np.ndarray, times: np.ndarray
 ) -> TrackResiduals:
-    """Compare tracked points with the material they are attached to. Arguments as of :func:`attach`."""
+    """Compare tracked points with the material they are attached to, cubic in time between frames. Arguments as of
+    :func:`attach`.
+    """
     point = np.searchsorted(attachment.names, tracks.ids)
     later = tracks.times > attachment.first[point]
     point, when = point[later], tracks.times[later]
