@@ -148,7 +148,9 @@ def compare(
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
     once more with errors of the shape as large as the recording shows them there, and with what the solver may get
     wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion. If
-    the standardised fit moves far from where errors were simulated, they are simulated again.
+    the standardised fit moves far from where errors were simulated, they are simulated again. So where those of an
+    earlier model are known, the first fits are by these and by noise of their own motion, and most errors are simulated
+    once.
 
     Args:
         known: values to start from [SI].
@@ -167,53 +169,52 @@ def compare(
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
     learn = partial(ModelErrors.learn, problem, effects, model, settings=settings, progress=progress)
-    known_errors = None if earlier is None else _beside(problem, effects, model, settings, earlier, progress)
-    errors, free, used = known_errors or (learn(free), free, 0)
-    rollouts += used
+    errors = learn(free) if earlier is None else earlier.noise_at(problem, model, free, settings, progress)
+    begun = _begun(problem, model, free, errors, others, None if searched else known, progress)
+    first = min(begun, key=lambda found: found.cost)
+    rollouts += sum(found.rollouts for found in begun)
+    rough = partial(standardised, problem, model, progress=progress, how="rough")
+    simulated = errors.simulations if earlier is None else errors.of_noise
+    if earlier is not None and not _far(first, free):
+        errors = errors.changes_at(problem, effects, model, free, progress)
+        simulated, first = errors.simulations, rough(free, None, errors)
+        rollouts += first.rollouts
+    if _far(first, free):
+        progress("the fit has moved far; errors are learnt where it is")
+        rollouts, errors = rollouts + simulated, learn(first.free)
+        first = rough(first.free, first.jacobian, errors)
+        rollouts += first.rollouts
+    progress("errors of resolution and dissipation there")
+    errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
+    comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
+    simulated = errors.simulations + errors.solver.shape[-1] + rollouts
+    return replace(comparison, rollouts=comparison.rollouts + simulated)
+
+
+def _begun(
+    problem: Problem,
+    model: Model,
+    free: np.ndarray,
+    errors: ModelErrors,
+    others: Sequence[dict[str, float]],
+    known: dict[str, float] | None,
+    progress: Progress,
+) -> list[Comparison]:
+    """Fits of a model from free coordinates [(K,)] and from other values [SI]; where none explains the outlines, of the
+    whole parameter space, too, beginning with what is ``known`` [SI]; None: it has been searched.
+    """
     rough = partial(standardised, problem, model, changes=None, errors=errors, progress=progress, how="rough")
     begun = [rough(free)]
     for values in others:
         with suppress(SimulationError):  # there is another start
-            begun.append(rough(problem.model(effects, values).start))
-    if not searched and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
+            begun.append(rough(problem.model(model.effects, values).start))
+    if known is not None and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
         progress("nothing explains the outlines yet; searching the whole parameter space")
         with suppress(SimulationError):
-            base = base_fit(problem, effects, known, progress, followed=True)
-            begun.append(rough(base.free))
-            rollouts += base.rollouts
-    first = min(begun, key=lambda found: found.cost)
-    rollouts += sum(found.rollouts for found in begun) - first.rollouts
-    if _far(first, free):
-        progress("the fit has moved far; errors are learnt again where it is")
-        rollouts += errors.simulations + first.rollouts
-        errors = learn(first.free)
-        first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
-    progress("errors of resolution and dissipation there")
-    errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
-    comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
-    simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
-    return replace(comparison, rollouts=comparison.rollouts + simulated)
-
-
-def _beside(
-    problem: Problem,
-    effects: Sequence[Effect],
-    model: Model,
-    settings: tuple[int, int],
-    earlier: ModelErrors,
-    progress: Progress,
-) -> tuple[ModelErrors, np.ndarray, int]:
-    """Errors of a model that has more than an earlier one, whose errors are known; where they were learnt [(K,)], and
-    the simulations that it took besides. A fit by those, and by noise of its own motion, tells whether it is far from
-    where it begins: most errors are learnt once, where it is.
-    """
-    errors = earlier.noise_at(problem, model, model.start, settings, progress)
-    tried = standardised(problem, model, model.start, None, errors, progress, "rough")
-    if not _far(tried, model.start):
-        return errors.changes_at(problem, effects, model, model.start, progress), model.start, tried.rollouts
-    progress("the fit has moved far; errors are learnt where it is")
-    again = ModelErrors.learn(problem, effects, model, tried.free, settings, progress)
-    return again, tried.free, tried.rollouts + errors.of_noise
+            base = base_fit(problem, model.effects, known, progress, followed=True)
+            found = rough(base.free)
+            begun.append(replace(found, rollouts=found.rollouts + base.rollouts))
+    return begun
 
 
 def _far(found: Comparison, begun: np.ndarray) -> bool:
