@@ -19,6 +19,7 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
+from pacnerf_lpo.inference.decision import DECISIVE, log_bayes_factor
 from pacnerf_lpo.inference.intervals import Interval, disagreement, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -173,16 +174,16 @@ def compare(
     begun = _begun(problem, model, free, errors, others, None if searched else known, progress)
     first = min(begun, key=lambda found: found.cost)
     rollouts += sum(found.rollouts for found in begun)
-    rough = partial(standardised, problem, model, progress=progress, how="rough")
     simulated = errors.simulations if earlier is None else errors.of_noise
-    if earlier is not None and not _far(first, free):
+    if earlier is not None and not (_far(first, free) or _better(problem, model, free, errors, first)):
         errors = errors.changes_at(problem, effects, model, free, progress)
-        simulated, first = errors.simulations, rough(free, None, errors)
-        rollouts += first.rollouts
-    if _far(first, free):
+        simulated, begun = errors.simulations, _begun(problem, model, free, errors, (), known, progress)
+        first = min(begun, key=lambda found: found.cost)
+        earlier, rollouts = None, rollouts + sum(found.rollouts for found in begun)
+    if earlier is not None or _far(first, free):
         progress("the fit has moved far; errors are learnt where it is")
         rollouts, errors = rollouts + simulated, learn(first.free)
-        first = rough(first.free, first.jacobian, errors)
+        first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
         rollouts += first.rollouts
     progress("errors of resolution and dissipation there")
     errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
@@ -215,6 +216,13 @@ def _begun(
             found = rough(base.free)
             begun.append(replace(found, rollouts=found.rollouts + base.rollouts))
     return begun
+
+
+def _better(problem: Problem, model: Model, free: np.ndarray, errors: ModelErrors, found: Comparison) -> bool:
+    """Whether a fit is decisively better than where it began [(K,)]."""
+    objective = StandardisedObjective(problem, model, found.fitted, errors.noise(problem, found.fitted))
+    before = objective(free)[objective.rows]
+    return log_bayes_factor(float(before @ before), found.cost, int(found.fitted.sum()), 0.0, 1.0) > DECISIVE
 
 
 def _far(found: Comparison, begun: np.ndarray) -> bool:
