@@ -1,6 +1,6 @@
 """What a session hands out: plain records with numbers, units and words, for a page, a notebook or a script."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -131,6 +131,12 @@ class Errors:
     by_frame_held_out: np.ndarray
     floor: tuple[float, float] | None
     resolution: Resolution
+
+    def of(self, recording: str) -> "Errors":
+        """The rows of a recording, its cameras first."""
+        own = np.array([name == recording for name in self.recordings], bool)
+        rows = tuple(row.removesuffix(f" of {recording}") for row, mine in zip(self.rows, own, strict=True) if mine)
+        return replace(self, table=self.table[own], held=self.held[own], rows=rows)
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def name_force(
                 Term(names[index], float(coefficient), unit, float(low), float(high), frequency, float(share))
             )
     kept = [names.index(term.name) for term in result]
-    explained = 1 - _outline_cost(grams.sum(0), kept) if kept else 0.0
+    explained = 1 - _unexplained(grams.sum(0), kept) if kept else 0.0
     return Law(sorted(result, key=lambda term: -term.share), explained)
 
 
@@ -127,7 +127,7 @@ def _solve(gram: np.ndarray, chosen: list[int]) -> np.ndarray:
     return np.linalg.lstsq(gram[np.ix_(chosen, chosen)], gram[chosen, -1], rcond=1e-10)[0]
 
 
-def _outline_cost(gram: np.ndarray, chosen: list[int]) -> float:
+def _unexplained(gram: np.ndarray, chosen: list[int]) -> float:
     """Share of the square that the least-squares fit of some terms leaves."""
     if not chosen:
         return 1.0
@@ -138,8 +138,8 @@ def _sparse(gram: np.ndarray) -> tuple[list[int], np.ndarray, list[float]]:
     """Terms that stay, their coefficients, and what the loss of each would cost."""
     chosen = [index for index in range(len(gram) - 1) if gram[index, index] > 0]
     while chosen:
-        whole = _outline_cost(gram, chosen)
-        costs = [_outline_cost(gram, [other for other in chosen if other != index]) - whole for index in chosen]
+        whole = _unexplained(gram, chosen)
+        costs = [_unexplained(gram, [other for other in chosen if other != index]) - whole for index in chosen]
         if min(costs) >= LEAST_SHARE:
             return chosen, _solve(gram, chosen), costs
         chosen.pop(int(np.argmin(costs)))

@@ -1,14 +1,11 @@
 """The history of steps and where the current one fails: by camera and frame, over time, by side of the body."""
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import viser
 
 from pacnerf_lpo.explore.page import charts
-from pacnerf_lpo.explore.records import Errors
 
 if TYPE_CHECKING:
     from pacnerf_lpo.explore.page.page import Page
@@ -57,7 +54,7 @@ class Story:
         page, errors = self.page, self.page.shown.errors
         if errors is None:
             return
-        shown = errors_of(errors, page.recording)
+        shown = errors.of(page.recording)
         selected = page.camera, min(page.frame, shown.table.shape[1] - 1)
         sliders = element(page.see.camera), element(page.see.frame)
         self.map.content = charts.heat_map(shown, selected, sliders)
@@ -65,13 +62,6 @@ class Story:
         if page.cameras:
             areas = self._regions(page.shown, page.recording)
             self.body.content = charts.by_name({side: float(area[selected[1]]) for side, area in areas.items()}, "px²")
-
-
-def errors_of(errors: Errors, recording: str) -> Errors:
-    """The rows of a recording, its cameras first."""
-    own = np.array([name == recording for name in errors.recordings], bool)
-    rows = tuple(row.removesuffix(f" of {recording}") for row, mine in zip(errors.rows, own, strict=True) if mine)
-    return replace(errors, table=errors.table[own], held=errors.held[own], rows=rows)
 
 
 def element(handle: Any) -> str:

@@ -30,7 +30,7 @@ def write_story(session: Session, path: Path) -> Path:
     """Write the page of a session's first recording; returns its path. Raises UserInputError where no step moves."""
     steps, current = session.steps, session.current
     kept = chosen_steps(steps, current.number)
-    errors = {step.number: session.error(step.number) for step in kept}
+    errors = {step.number: session.error(step.number).of(session.recordings[0]) for step in kept}
     at = worst(errors[kept[0].number], len(session.cameras()))
     shown_steps = {str(step.number): step_payload(session, step, errors[step.number], at) for step in kept}
     shown = current if current in kept else kept[-1]
