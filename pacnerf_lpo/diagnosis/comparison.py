@@ -19,7 +19,6 @@ from pacnerf_lpo.identification.problem import Problem
 from pacnerf_lpo.identification.processes import Progress
 from pacnerf_lpo.identification.standardised import Prior, StandardisedObjective
 from pacnerf_lpo.inference.checks import Check, check_fitted, check_held_out
-from pacnerf_lpo.inference.decision import DECISIVE, log_bayes_factor
 from pacnerf_lpo.inference.intervals import Interval, disagreement, posterior_intervals, spread_along
 from pacnerf_lpo.inference.noise import NoiseModel
 from pacnerf_lpo.mpm.effects.base import Effect
@@ -142,16 +141,13 @@ def compare(
     searched: bool,
     progress: Progress,
     others: Sequence[dict[str, float]] = (),
-    earlier: ModelErrors | None = None,
 ) -> Comparison:
     """Fit material, effects and velocity to the fitted views and frames; simulate replicates at the best fit.
 
     First with the same weight for all silhouette moments, then standardised by the noise that the replicates show, and
     once more with errors of the shape as large as the recording shows them there, and with what the solver may get
     wrong there: an effect is believed for what is left of it beside that, so the two have to be of the same motion. If
-    the standardised fit moves far from where errors were simulated, they are simulated again. So where those of an
-    earlier model are known, the first fits are by these and by noise of their own motion, and most errors are simulated
-    once.
+    the standardised fit moves far from where errors were simulated, they are simulated again.
 
     Args:
         known: values to start from [SI].
@@ -159,7 +155,6 @@ def compare(
         searched: whether the whole parameter space is searched first; else the fit starts from ``known``, and it is
             searched where the best fit leaves far more than the errors of the model.
         others: values to start from, too; the fit goes on from whichever start explains the standardised data best.
-        earlier: errors of a model with fewer effects; None: there is none.
 
     Raises:
         SimulationError: the motion is unstable at every start.
@@ -169,65 +164,30 @@ def compare(
     if searched:
         base = base_fit(problem, effects, known, progress, followed=True)
         model, free, rollouts = base.model, base.free, base.rollouts
-    learn = partial(ModelErrors.learn, problem, effects, model, settings=settings, progress=progress)
-    errors = learn(free) if earlier is None else earlier.noise_at(problem, model, free, settings, progress)
-    begun = _begun(problem, model, free, errors, others, None if searched else known, progress)
-    first = min(begun, key=lambda found: found.cost)
-    rollouts += sum(found.rollouts for found in begun)
-    simulated = errors.simulations if earlier is None else errors.of_noise
-    if earlier is not None and not (_far(first, free) or _better(problem, model, free, errors, first)):
-        errors = errors.changes_at(problem, effects, model, free, progress)
-        simulated, begun = errors.simulations, _begun(problem, model, free, errors, (), known, progress)
-        first = min(begun, key=lambda found: found.cost)
-        earlier, rollouts = None, rollouts + sum(found.rollouts for found in begun)
-    if earlier is not None or _far(first, free):
-        progress("the fit has moved far; errors are learnt where it is")
-        rollouts, errors = rollouts + simulated, learn(first.free)
-        first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
-        rollouts += first.rollouts
-    progress("errors of resolution and dissipation there")
-    errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
-    comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
-    simulated = errors.simulations + errors.solver.shape[-1] + rollouts
-    return replace(comparison, rollouts=comparison.rollouts + simulated)
-
-
-def _begun(
-    problem: Problem,
-    model: Model,
-    free: np.ndarray,
-    errors: ModelErrors,
-    others: Sequence[dict[str, float]],
-    known: dict[str, float] | None,
-    progress: Progress,
-) -> list[Comparison]:
-    """Fits of a model from free coordinates [(K,)] and from other values [SI]; where none explains the outlines, of the
-    whole parameter space, too, beginning with what is ``known`` [SI]; None: it has been searched.
-    """
+    errors = ModelErrors.learn(problem, effects, model, free, settings, progress)
     rough = partial(standardised, problem, model, changes=None, errors=errors, progress=progress, how="rough")
     begun = [rough(free)]
     for values in others:
         with suppress(SimulationError):  # there is another start
-            begun.append(rough(problem.model(model.effects, values).start))
-    if known is not None and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
+            begun.append(rough(problem.model(effects, values).start))
+    if not searched and min(found.cost for found in begun) > EXPLAINED * begun[0].fitted.sum():
         progress("nothing explains the outlines yet; searching the whole parameter space")
         with suppress(SimulationError):
-            base = base_fit(problem, model.effects, known, progress, followed=True)
-            found = rough(base.free)
-            begun.append(replace(found, rollouts=found.rollouts + base.rollouts))
-    return begun
-
-
-def _better(problem: Problem, model: Model, free: np.ndarray, errors: ModelErrors, found: Comparison) -> bool:
-    """Whether a fit is decisively better than where it began [(K,)]."""
-    objective = StandardisedObjective(problem, model, found.fitted, errors.noise(problem, found.fitted))
-    before = objective(free)[objective.rows]
-    return log_bayes_factor(float(before @ before), found.cost, int(found.fitted.sum()), 0.0, 1.0) > DECISIVE
-
-
-def _far(found: Comparison, begun: np.ndarray) -> bool:
-    """Whether a fit has moved far from where it began [(K,)]."""
-    return bool(np.any(np.abs(found.free - begun) > BENT * found.deviation))
+            base = base_fit(problem, effects, known, progress, followed=True)
+            begun.append(rough(base.free))
+            rollouts += base.rollouts
+    first = min(begun, key=lambda found: found.cost)
+    rollouts += sum(found.rollouts for found in begun) - first.rollouts
+    if np.any(np.abs(first.free - free) > BENT * first.deviation):
+        progress("the fit has moved far; errors are learnt again where it is")
+        rollouts += errors.simulations + first.rollouts
+        errors = ModelErrors.learn(problem, effects, model, first.free, settings, progress)
+        first = standardised(problem, model, first.free, first.jacobian, errors, progress, "rough")
+    progress("errors of resolution and dissipation there")
+    errors = errors.solver_at(problem, model, first.free).sized(problem, *first.at_priors, first.fitted)
+    comparison = standardised(problem, model, first.free, first.jacobian, errors, progress)
+    simulated = errors.simulations + errors.solver.shape[-1] + rollouts + first.rollouts
+    return replace(comparison, rollouts=comparison.rollouts + simulated)
 
 
 def standardised(

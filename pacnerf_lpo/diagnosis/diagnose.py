@@ -275,8 +275,7 @@ class _Diagnosis:
         number = _number(len(before) + 1, again, before, beside)
         settings, told = (options.replicates, options.seed), prefixed(progress, "compare: ")
         searched = not before and not again
-        earlier = before[-1].comparison.errors if before else None
-        step = partial(compare, problem, effects, known, settings, searched, told, earlier=earlier)
+        step = partial(compare, problem, effects, known, settings, searched, told)
         comparison: Comparison = store.once(f"{number}_compare", step, of_any_list=searched)
         parameters, undetermined = intervals(problem, effects, comparison)
         found = Round(

@@ -28,7 +28,7 @@ from pacnerf_lpo.inference.intervals import Interval, Profile
 from pacnerf_lpo.manifest import write_atomically
 
 FOLDER = "diagnosis"
-SCHEMA = 41
+SCHEMA = 42
 """Number of the algorithm: to be raised with any change that makes other results of the same inputs."""
 RECORDS = {
     kind.__name__: kind

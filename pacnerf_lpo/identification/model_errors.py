@@ -65,48 +65,21 @@ class ModelErrors:
         settings: tuple[int, int],
         progress: Progress,
     ) -> ModelErrors:
-        """By simulations around a model; arguments and error as of :meth:`noise_at` and :meth:`changes_at`."""
-        found, sensor, bias = replicates(problem, model, free, *settings, progress)
-        return ModelErrors(found, sensor, *_changes(problem, effects, model, free, bias, progress), bias)
-
-    def noise_at(
-        self, problem: Problem, model: Model, free: np.ndarray, settings: tuple[int, int], progress: Progress
-    ) -> ModelErrors:
-        """The same with replicates around another model.
-
-        Args:
-            problem: the run.
-            model, free: a model of it, and its free coordinates [(K,)]
-            settings: number of replicates, and their seed.
-            progress: receives a line about each step.
+        """By simulations around a model at free coordinates [(K,)]; ``settings``: number of replicates, and their seed.
 
         Raises:
-            SimulationError: the motion is unstable on finer grids.
+            SimulationError: the motion is unstable on finer grids, or on the coarse one.
         """
         found, sensor, bias = replicates(problem, model, free, *settings, progress)
-        return replace(self, replicates=found, sensor=sensor, bias=bias)
-
-    def changes_at(
-        self, problem: Problem, effects: Sequence[Effect], model: Model, free: np.ndarray, progress: Progress
-    ) -> ModelErrors:
-        """The same with the changes by all that is known to be wrong around another model; its effects, and the rest as
-        of :meth:`noise_at`.
-
-        Raises:
-            SimulationError: the motion is unstable on the coarse grid.
-        """
-        known = _changes(problem, effects, model, free, self.bias, progress)
-        return ModelErrors(self.replicates, self.sensor, *known, self.bias)
-
-    @property
-    def of_noise(self) -> int:
-        """Number of simulations that :meth:`noise_at` took."""
-        return 2 * len(self.replicates)
+        shape, solver = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
+        at = problem, effects, model.physical(free)
+        force = force_changes(*at, progress), contact_accelerations(*at)
+        return ModelErrors(found, sensor, shape, measuring_errors(*at), solver, *force, bias)
 
     @property
     def simulations(self) -> int:
         """How many all of them took, but for two or three of each recording."""
-        return self.of_noise + self.shape.shape[-1] + self.solver.shape[-1] + self.force.shape[-1]
+        return self.shape.shape[-1] + self.solver.shape[-1] + self.force.shape[-1] + 2 * len(self.replicates)
 
     def solver_at(self, problem: Problem, model: Model, free: np.ndarray) -> ModelErrors:
         """The same with the errors of the solver where a fit has ended [(K,)]. Raises SimulationError."""
@@ -147,12 +120,3 @@ class ModelErrors:
         shape, force = np.nan_to_num(self.shape[mask]), np.nan_to_num(self.force[mask])
         usual = [size for size in SHAPES if size <= 1]
         return replace(self, size=size_of_errors(noise, residual[mask], shape, usual, force, FORCES))
-
-
-def _changes(
-    problem: Problem, effects: Sequence[Effect], model: Model, free: np.ndarray, bias: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """By errors of the shape, of the measurement and of the solver, by a smooth force, and the contact beside that."""
-    shape, solver = shape_errors(problem, model, free, progress), discretisation_errors(problem, model, free, bias)
-    at = problem, effects, model.physical(free)
-    return shape, measuring_errors(*at), solver, force_changes(*at, progress), contact_accelerations(*at)

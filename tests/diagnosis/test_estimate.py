@@ -125,18 +125,3 @@ def test_held_out_data_of_another_motion_widen_the_intervals(monkeypatch, small_
     assert part.dispersion == 1.0 and whole.dispersion > 4.0
     as_noise_says = widths(problem, replace(whole, dispersion=1.0))
     assert widths(problem, whole)["drag"] > 1.5 * as_noise_says["drag"]
-
-
-def test_a_fit_that_moves_far_begins_with_the_errors_of_an_earlier_model(monkeypatch, small_threads):
-    """It ends where it would end with errors of its own from the start, which take more simulations."""
-    falling.install(monkeypatch)
-    problem = falling.Falling({"drag": DRAG})
-    earlier = compare(problem, (), problem.first_guess, (8, 1), False, lambda _: None)
-    told: list[str] = []
-    far = {**earlier.known, "v_x": earlier.known["v_x"] + 1.5, "drag": 1.5}
-    alone = compare(problem, MODEL, far, (8, 1), False, told.append)
-    beside = compare(problem, MODEL, far, (8, 1), False, told.append, earlier=earlier.errors)
-    assert sum("moved far" in line for line in told) == 2
-    assert beside.rollouts < alone.rollouts - 0.8 * (alone.errors.simulations - alone.errors.of_noise)
-    apart = {one.name: one.error for one in intervals(problem, MODEL, alone)[0]}
-    assert beside.known == {name: pytest.approx(alone.known[name], abs=error / 2) for name, error in apart.items()}
