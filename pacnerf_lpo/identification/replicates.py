@@ -117,7 +117,7 @@ def distortion(problem: Problem, reference: np.ndarray) -> float:
     Where no camera shows the body, that is all. ``reference``: summaries that the model predicts [(V, F, 11)].
     """
     least = problem.least_shape_error
-    if not np.isfinite(problem.measured[: problem.views, 0]).any():
+    if not problem.views or not np.isfinite(problem.measured[: problem.views, 0]).any():
         return least
     random = np.random.default_rng(0)
     shapes = np.stack([problem.at_rest(distorted(problem.body, 2 * least, random)) for _ in range(TRIALS)])
