@@ -26,7 +26,7 @@ def recordings(problem: Problem, rounds: Sequence[Round]) -> list[dict[str, Any]
     names = [comparison.names[index] for index in shared]
     information: list[np.ndarray] = []
     found: list[dict[str, Any]] = []
-    for part, mask, phases in zip(parts, fitted_of_each(problem), first.phases, strict=True):
+    for part, mask, phases in zip(parts, entries_of_each(problem, comparison.fitted), first.phases, strict=True):
         noise = comparison.noise(problem, mask)
         information.append((noise.whiten(comparison.changes(mask))[:, shared] ** 2).sum(0))
         again = {r.name: noise.square(np.nan_to_num(r.residual[mask])) for r in first.refits}
@@ -63,7 +63,8 @@ def estimates(problem: Problem, rounds: Sequence[Round]) -> dict[str, list[tuple
             continue
         column = np.zeros(problem.usable.shape)
         column[problem.usable] = (tried.alternatives[0] / tried.widths[0]).sum(1)
-        found[tried.name] = [_estimate(problem, done, column, mask) for mask in fitted_of_each(problem)]
+        fitted = problem.fitted_with([*done.effects, done.candidate(tried.name).effect])
+        found[tried.name] = [_estimate(problem, done, column, mask) for mask in entries_of_each(problem, fitted)]
     return found
 
 
@@ -75,7 +76,7 @@ def steady_forces(problem: Problem, last: Round, effect: Effect) -> list[tuple[n
     without = problem.model(last.effects, {**comparison.known, **effect.null})
     residual = problem.residual(without.predict(without.start))
     others = ~np.isin(comparison.names, list(effect.parameters))
-    for mask in fitted_of_each(problem):
+    for mask in entries_of_each(problem, comparison.fitted):
         moved = comparison.changes(mask)[:, others]
         noise, force = comparison.noise(problem, mask).with_directions(moved), comparison.errors.force[mask]
         own = force[:, np.abs(force).max(0) > 0]
@@ -92,7 +93,7 @@ def _estimate(problem: Problem, done: Round, column: np.ndarray, mask: np.ndarra
     return float(change @ left) / strength, 1 / float(np.sqrt(strength))
 
 
-def fitted_of_each(problem: Problem) -> list[np.ndarray]:
-    """The fitted entries of each recording among those of all [(R, F, 11), bool]."""
-    own = [problem.part_of(problem.fitted, number) for number in range(len(problem.parts((), {})))]
+def entries_of_each(problem: Problem, mask: np.ndarray) -> list[np.ndarray]:
+    """The entries of a mask that are of each recording, among those of all [(R, F, 11), bool]."""
+    own = [problem.part_of(mask, number) for number in range(len(problem.parts((), {})))]
     return [problem.join([part & (other == number) for other, part in enumerate(own)]) for number in range(len(own))]

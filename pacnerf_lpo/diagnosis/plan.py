@@ -19,7 +19,7 @@ from itertools import permutations
 
 import numpy as np
 
-from pacnerf_lpo.diagnosis.contributions import fitted_of_each
+from pacnerf_lpo.diagnosis.contributions import entries_of_each
 from pacnerf_lpo.diagnosis.recipes import Proposed, Recipe, recipes_for, work_out
 from pacnerf_lpo.diagnosis.rounds import Round
 from pacnerf_lpo.errors import SimulationError, UserInputError
@@ -129,7 +129,7 @@ def _believed(problem: Problem, found: Round, name: str) -> _Believed:
     """A hypothesis with the posterior of its parameters, by the sensitivities at its optimum."""
     again = next(one for one in found.refits if one.name == name)
     effects: list[Effect] = [*found.effects, found.candidate(name).effect]
-    model, mask = problem.model(effects, again.known), problem.fitted
+    model, mask = problem.model(effects, again.known), problem.fitted_with(effects)
     everywhere = problem.residual_of(model, mask)
     jacobian = sensitivities(everywhere, model.start, everywhere(model.start), model.scales, model.bounds)
     deviation = priors(problem, model)[1]
@@ -198,7 +198,7 @@ class _Noise:
         sensor = np.sqrt(np.nanmedian(problem.part_of(comparison.errors.sensor, 0)[views, :, kinds] ** 2, axis=(0, 1)))
         variance = np.nan_to_num(np.nanmean(replicates.var(0, ddof=1) + squares, axis=0))
         numerical = np.sqrt(np.maximum(variance - sensor**2, 0.0)) + LEAST_NOISE
-        mask = fitted_of_each(problem)[0]
+        mask = entries_of_each(problem, comparison.fitted)[0]
         full = comparison.noise(problem, mask)
         times = recording.video.times.numpy() - float(recording.video.times[0])
         simple = _Noise(sensor, numerical, times, full.learnt.correlation, 1.0)

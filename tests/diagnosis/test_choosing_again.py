@@ -113,8 +113,7 @@ def test_what_a_promise_held_back_is_fitted_when_the_promise_is_not_kept(monkeyp
             beside="",
             comparison=comparison,
         )
-        problem = SimpleNamespace(fitted=np.ones(3, bool))
-        competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
+        competition.Competition(None, None, "1", found, print).run()  # type: ignore[arg-type]
         assert list(dict.fromkeys(fitted)) == expected
 
 
@@ -137,6 +136,5 @@ def test_every_force_is_fitted_where_only_an_unknown_one_explains_the_recording(
     effects = UniformForce(), LinearDrag(), KelvinVoigt(), CameraShift(view=1)
     lines = {name_of(effect): -0.1 - number for number, effect in enumerate(effects)}
     found = round_of(effects, screened=screening(**lines, UnknownForce=force, WrongShape=-3.0), widened=widened)
-    problem = SimpleNamespace(fitted=np.ones(3, bool))
-    competition.Competition(problem, None, "1", found, print).run()  # type: ignore[arg-type]
+    competition.Competition(None, None, "1", found, print).run()  # type: ignore[arg-type]
     assert set(fitted) == expected
