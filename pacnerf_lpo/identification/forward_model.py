@@ -74,6 +74,7 @@ class Model(ABC):
     frames: int | None = None
     footprint: float = 1.0
     motion: tuple[Parameter, ...] = VELOCITY
+    _latest: tuple[bytes, dict[str, float]] = b"", {}
 
     def __init__(
         self, body: Body, physics: Physics, video: Video, known: dict[str, float], points: Points | None = None
@@ -128,7 +129,11 @@ class Model(ABC):
 
     def physical(self, free: np.ndarray) -> dict[str, float]:
         """Every parameter in SI units at these free coordinates [(K,)]."""
-        return {**self.known, **{p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}}
+        known, found = self._latest
+        if known != (key := np.asarray(free, float).tobytes()):  # asked for several times before it changes
+            found = {p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}
+            self._latest = key, found
+        return {**self.known, **found}
 
     def moved(self, free: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Free coordinates [(K,)] with other values of some unknowns [SI]."""

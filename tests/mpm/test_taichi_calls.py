@@ -6,7 +6,8 @@ from pathlib import Path
 import taichi
 
 import pacnerf_lpo.mpm
-from pacnerf_lpo.mpm.taichi_calls import TRIED_WITH
+from pacnerf_lpo.mpm.runtime import start
+from pacnerf_lpo.mpm.taichi_calls import TRIED_WITH, ti
 
 MPM = Path(pacnerf_lpo.mpm.__file__).parent
 
@@ -25,3 +26,23 @@ def test_no_other_module_imports_taichi():
             if any(name.partition(".")[0] == "taichi" for name in names):
                 importing.add(path.relative_to(MPM).as_posix())
     assert importing == {"taichi_calls.py"}
+
+
+@ti.data_oriented
+class Counter:
+    """A class with a kernel, which Taichi has to recognise as a method."""
+
+    def __init__(self):
+        self.count = ti.field(ti.i32, ())
+
+    @ti.kernel
+    def add(self, more: int):
+        self.count[None] += more
+
+
+def test_kernels_of_classes_are_still_methods():
+    start()
+    counter = Counter()
+    counter.add(3)
+    counter.add(4)
+    assert counter.count[None] == 7
