@@ -145,7 +145,7 @@ def _rays(
     for other in others:
         turn, ((fx, _, cx), (_, fy, cy), _) = other.view.pose[:, :3], other.view.intrinsic
         start = ((view.pose[:, 3] - other.view.pose[:, 3]) @ turn)[:, None]
-        x, y, z = start + (rays @ turn).astype(np.float32).T[:, pixel] * depth
+        x, y, z = start + np.take((rays @ turn).T.astype(np.float32, order="C"), pixel, axis=1) * depth
         away = np.minimum(z, -1e-6 * abs(fx))
         column, row = np.floor(cx - fx * x / away), np.floor(cy + fy * y / away)
         height, width = other.masks.shape[1:]
