@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.sparse.csgraph import connected_components
 
 from pacnerf_lpo.inference.layout import Layout
@@ -341,7 +340,7 @@ def _target(spread: np.ndarray, correlation: float, series: Series) -> np.ndarra
 
 def _whitener(blocks: np.ndarray) -> np.ndarray:
     """L^-1 with L L^T = S^2 + c c^T + a G K G, by series (S, L, L)."""
-    return np.stack([lapack.dtrtri(block, lower=True)[0] for block in np.linalg.cholesky(blocks)])
+    return np.linalg.inv(np.linalg.cholesky(blocks))
 
 
 def _filtered(deviations: np.ndarray, target: np.ndarray, sensor: np.ndarray, series: Series) -> np.ndarray:
