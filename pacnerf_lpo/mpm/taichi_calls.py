@@ -36,7 +36,10 @@ finally:
 
 def _inside_class(level_of_class_stackframe: int) -> bool:
     """Taichi's function of this name, which asks for the module of the frame, too, though only its line counts."""
-    frame = sys._getframe(level_of_class_stackframe)
+    try:
+        frame = sys._getframe(level_of_class_stackframe)
+    except ValueError:  # at the top of a program
+        return False
     line = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
     return any(pattern.match(line) for pattern in kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES)
 

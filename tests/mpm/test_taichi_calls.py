@@ -1,6 +1,8 @@
 """Taichi's private calls: a newer version says so here, before anything is wrong."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import taichi
@@ -40,9 +42,29 @@ class Counter:
         self.count[None] += more
 
 
+AT_THE_TOP = """
+from pacnerf_lpo.mpm.taichi_calls import ti
+@ti.func
+def twice(x):
+    return 2 * x
+@ti.kernel
+def four() -> ti.i32:
+    return twice(2)
+ti.init(ti.cpu)
+print(four())
+"""
+
+
 def test_kernels_of_classes_are_still_methods():
     start()
     counter = Counter()
     counter.add(3)
     counter.add(4)
     assert counter.count[None] == 7
+
+
+def test_kernels_at_the_top_of_a_program_are_still_functions(tmp_path: Path):
+    program = tmp_path / "program.py"
+    program.write_text(AT_THE_TOP)
+    shown = subprocess.run([sys.executable, program], capture_output=True, text=True)
+    assert shown.stdout.split()[-1:] == ["4"], shown.stderr
