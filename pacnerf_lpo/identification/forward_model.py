@@ -129,10 +129,10 @@ class Model(ABC):
 
     def physical(self, free: np.ndarray) -> dict[str, float]:
         """Every parameter in SI units at these free coordinates [(K,)]."""
-        known, found = self._latest
-        if known != (key := np.asarray(free, float).tobytes()):  # asked for several times before it changes
+        at, found = self._latest  # a prediction asks several times for the same
+        if at != (asked := np.asarray(free, float).tobytes()):
             found = {p.name: p.physical(value) for p, value in zip(self.unknowns, free, strict=True)}
-            self._latest = key, found
+            self._latest = asked, found
         return {**self.known, **found}
 
     def moved(self, free: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
