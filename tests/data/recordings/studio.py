@@ -176,17 +176,23 @@ def _trace(directions: np.ndarray, origin: np.ndarray, centre: np.ndarray, axes:
     return fine
 
 
+@lru_cache(maxsize=VIEWS)
 def background(view: int) -> np.ndarray:
     """A smooth texture in greens and blues [0..1, (SIZE, SIZE, 3)]."""
     noise = np.random.default_rng(view).random((SIZE, SIZE, 3))
     smooth = ndimage.gaussian_filter(noise, (5, 5, 0), mode="wrap")
     smooth = (smooth - smooth.min()) / (smooth.max() - smooth.min())
-    return np.array([0.1, 0.35, 0.45]) + np.array([0.15, 0.35, 0.35]) * smooth
+    colours = np.array([0.1, 0.35, 0.45]) + np.array([0.15, 0.35, 0.35]) * smooth
+    colours.flags.writeable = False
+    return colours
 
 
+@lru_cache(maxsize=8)
 def raw(lens: Lens = PINHOLE, off_centre: bool = True, late: tuple[float, ...] = IN_STEP) -> np.ndarray:
-    """The films in front of their backgrounds [0..1, (VIEWS, FRAMES, SIZE, SIZE, 3)]."""
-    return np.stack([before_background(view, shown) for view, shown in enumerate(films(lens, off_centre, late))])
+    """The films in front of their backgrounds [0..1, (VIEWS, FRAMES, SIZE, SIZE, 3)], for all that ask: read-only."""
+    found = np.stack([before_background(view, shown) for view, shown in enumerate(films(lens, off_centre, late))])
+    found.flags.writeable = False
+    return found
 
 
 def before_background(view: int, film: np.ndarray) -> np.ndarray:

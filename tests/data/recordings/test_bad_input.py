@@ -247,7 +247,7 @@ def test_an_object_that_hides_its_own_background_is_noticed(write, capsys):
     """In camera 3 the object leaves only half of its place: the matte keeps a ghost, and the other views say so."""
     folder = write("phystwin")
     for frame in range(FRAMES):
-        image = raw()[3, frame]
+        image = raw()[3, frame].copy()
         image[20:45, 30:70] = [0.8, 0.3, 0.1] if frame < 8 else image[20:45, 30:70]
         save(folder / "color/3" / f"{frame}.png", image)
     assert "camera 3 disagrees with the other views" in refused(capsys, folder)
