@@ -8,6 +8,9 @@ from torch import Tensor
 
 from pacnerf_lpo.mpm.lanes import LANES
 
+FARTHEST = 1e9
+"""Cells from the world's origin at which a particle is taken to be that is farther away than that."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -30,16 +33,23 @@ def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tu
     """The grid that holds the particles while they fly freely for a duration [s], and ``margin`` cells more on every
     side, from positions [m, (3, N)], velocities [m/s, (3, N)], node spacing [m] and gravity [m/s^2].
     """
-    straight = x + duration * v
-    fallen = x.new_tensor(gravity) * (0.5 * duration**2)
-    low = torch.minimum(x.amin(1), straight.amin(1) + fallen.clamp(max=0))
-    high = torch.maximum(x.amax(1), straight.amax(1) + fallen.clamp(min=0))
-    low[1] = torch.maximum(low[1], x[1].amin().clamp(max=0.0))
-    first = torch.floor(low / dx - 0.5).long() - margin
-    last = torch.floor(high / dx - 0.5).long() + 2 + margin
-    last[2] += 1  # rows of nodes along z are longer than a stencil by one
-    a, b = first.tolist(), last.tolist()
-    return Grid((a[0], a[1], a[2]), (b[0] - a[0] + 1, b[1] - a[1] + 1, b[2] - a[2] + 1))
+    ends = torch.stack((x, x + duration * v))
+    lowest, highest = ends.amin(2).flatten().tolist(), ends.amax(2).flatten().tolist()
+    origin, size = [0, 0, 0], [0, 0, 0]
+    for axis, pull in enumerate(gravity):  # many operations of Tensor on three numbers would take longer than the above
+        fallen = 0.5 * pull * duration**2
+        start = min(lowest[axis], lowest[3 + axis] + min(fallen, 0.0))
+        if axis == 1:
+            start = max(start, min(lowest[1], 0.0))
+        end = max(highest[axis], highest[3 + axis] + max(fallen, 0.0))
+        origin[axis] = _cell(start, dx) - margin
+        size[axis] = _cell(end, dx) + 3 + margin - origin[axis]
+    return Grid((origin[0], origin[1], origin[2]), (size[0], size[1], size[2] + 1))  # stencils go in rows along z
+
+
+def _cell(position: float, dx: float) -> int:
+    """First node of the stencil of a position [m]; far away where that is infinite."""
+    return math.floor(max(-FARTHEST, min(position / dx - 0.5, FARTHEST)))
 
 
 class Tape:

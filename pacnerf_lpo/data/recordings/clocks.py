@@ -7,6 +7,7 @@ function of time in both videos, and a camera that is late shows it later. No sh
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -84,6 +85,38 @@ class Clocks:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """Values [(F, ...)] of frames with stamps [s, (F,)], F at least 3, between these, by cubic Hermite interpolation
+    with the slopes of parabolas through three frames.
+    """
+
+    values: np.ndarray
+    stamps: np.ndarray
+
+    @cached_property
+    def _moves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time between frames [s, (F - 1, ...)], mean slope there, and the slope at each frame."""
+        h = np.diff(self.stamps).reshape((-1, *(1,) * (self.values.ndim - 1)))
+        slopes = np.gradient(self.values, self.stamps, axis=0, edge_order=2)
+        return h, np.diff(self.values, axis=0) / h, slopes
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Values at times [s, (T,)]: (T, ...). NaN spreads to what needs it; outside, the parabola at the end goes on
+        for one frame.
+        """
+        values, (h, rise, slopes) = self.values, self._moves
+        begin = np.clip(np.searchsorted(self.stamps, times, side="right") - 1, 0, len(self.stamps) - 2)
+        width = h[begin]
+        s = (times - self.stamps[begin]).reshape(width.shape) / width
+        before, after, moved = width * slopes[begin], width * slopes[begin + 1], width * rise[begin]
+        bend = np.where((s < 0.0) | (s > 1.0), 0.0, s - 1.0) * (before + after - 2 * moved)
+        first = np.where(s > 1.0, 2 * moved - after, before)
+        curve = values[begin] + s * (first + s * (moved - first + bend))
+        curve = np.where(np.abs(s) < EXACT, values[begin], np.where(np.abs(s - 1.0) < EXACT, values[begin + 1], curve))
+        return np.where((s < -1.0) | (s > 2.0), np.nan, curve)
+
+
+@dataclass(frozen=True)
 class _Pair:
     """Outermost angles around the line between two cameras [rad, (2, F) each], stamps of their frames [s, (F,) each],
     and pixels per radian of both.
@@ -95,6 +128,11 @@ class _Pair:
     stamps: tuple[np.ndarray, np.ndarray]
     sharpness: float
     width: float
+
+    @cached_property
+    def curves(self) -> list[Curve]:
+        """The angles of both cameras between their frames, by the stamps of these."""
+        return [Curve(angles.T, stamps) for angles, stamps in zip(self.angles, self.stamps, strict=True)]
 
 
 def find_clocks(sightings: Sequence[Sighting]) -> Clocks:
@@ -156,7 +194,7 @@ def _frame_costs(camera: int, pairs: Sequence[_Pair], clocks: Clocks, times: np.
     for pair in _of(camera, pairs):
         own = int(camera == pair.other)
         other = (pair.one, pair.other)[1 - own]
-        shown = resampled(pair.angles[1 - own].T, pair.stamps[1 - own] + clocks.offsets[other], times).T
+        shown = pair.curves[1 - own].at(times - clocks.offsets[other]).T
         match = 2.0 * NOISE + MATCH * pair.width
         rows += list((pair.sharpness * (pair.angles[own] - shown) / match) ** 2)
     table = np.array(rows)
@@ -165,24 +203,8 @@ def _frame_costs(camera: int, pairs: Sequence[_Pair], clocks: Clocks, times: np.
 
 
 def resampled(values: np.ndarray, stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Values [(F, ...)] of frames with stamps [s, (F,)], F at least 3, at other times [s, (T,)], by cubic Hermite
-    interpolation with the slopes of parabolas through three frames.
-
-    NaN spreads to what needs it; outside, the parabola at the end goes on for one frame.
-    """
-    shape = (-1, *(1,) * (values.ndim - 1))
-    h = np.diff(stamps).reshape(shape)
-    rise = np.diff(values, axis=0) / h
-    slopes = np.gradient(values, stamps, axis=0, edge_order=2)
-    begin = np.clip(np.searchsorted(stamps, times, side="right") - 1, 0, len(stamps) - 2)
-    width = h[begin]
-    s = (times - stamps[begin]).reshape(shape) / width
-    before, after, moved = width * slopes[begin], width * slopes[begin + 1], width * rise[begin]
-    bend = np.where((s < 0.0) | (s > 1.0), 0.0, s - 1.0) * (before + after - 2 * moved)
-    first = np.where(s > 1.0, 2 * moved - after, before)
-    curve = values[begin] + s * (first + s * (moved - first + bend))
-    curve = np.where(np.abs(s) < EXACT, values[begin], np.where(np.abs(s - 1.0) < EXACT, values[begin + 1], curve))
-    return np.where((s < -1.0) | (s > 2.0), np.nan, curve)
+    """Values [(F, ...)] of frames with stamps [s, (F,)], F at least 3, at other times [s, (T,)], see :class:`Curve`."""
+    return Curve(values, stamps).at(times)
 
 
 def _pairs(sightings: Sequence[Sighting]) -> Iterator[_Pair]:
@@ -252,14 +274,15 @@ def _cost(pair: _Pair, offsets: np.ndarray, step: float) -> tuple[float, float]:
 
 def _sides(pair: _Pair, offsets: np.ndarray, step: float, shifts: Sequence[float]) -> list[list[np.ndarray]]:
     """The angles of both cameras on common times, and so many frames later [pixels, (2, T)]."""
-    stamps = pair.stamps[0] + offsets[pair.one], pair.stamps[1] + offsets[pair.other]
+    late = offsets[[pair.one, pair.other]]
+    stamps = [own + offset for own, offset in zip(pair.stamps, late, strict=True)]
     start, end = max(times[0] for times in stamps) - 1e-6 * step, min(times[-1] for times in stamps)
     grid = np.arange(start, end + 1e-3 * step, step)
     if len(grid) < LEAST_FRAMES:
         return [[np.full((2, 1), np.nan)] * len(shifts)] * 2
     return [
-        [pair.sharpness * resampled(angles.T, times, grid + shift * step).T for shift in shifts]
-        for angles, times in zip(pair.angles, stamps, strict=True)
+        [pair.sharpness * curve.at(grid + (shift * step - offset)).T for shift in shifts]
+        for curve, offset in zip(pair.curves, late, strict=True)
     ]
 
 

@@ -98,13 +98,19 @@ def lowest_point(planes: Planes, up: np.ndarray) -> float:
     sine = np.sqrt(1.0 - cosine**2)
     weight = np.exp(-0.5 * (np.arccos(cosine) / LOWEST) ** 2)
 
+    def root(x: np.ndarray) -> np.ndarray:
+        return np.sqrt((x[4] * sine) ** 2 + (x[5] * cosine) ** 2 + TINY * radius**2)
+
     def residual(x: np.ndarray) -> np.ndarray:
-        support = normals @ x[:3] + x[3] * sine + np.sqrt((x[4] * sine) ** 2 + (x[5] * cosine) ** 2 + TINY * radius**2)
-        return weight * (support - offsets)
+        return weight * (normals @ x[:3] + x[3] * sine + root(x) - offsets)
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        curved = np.stack((x[4] * sine**2, x[5] * cosine**2)) / root(x)
+        return weight[:, None] * np.column_stack((normals, sine, curved.T))
 
     ball = np.linalg.lstsq(weight[:, None] * np.column_stack((normals, np.ones(len(sine)))), weight * offsets)[0]
     radius = max(float(ball[3]), 1e-3 * float(np.ptp(offsets)))
     start = np.array([*ball[:3], 0.1 * radius, radius, radius])
     lower = [-np.inf, -np.inf, -np.inf, 0.0, 0.0, 0.0]
-    found = least_squares(residual, start, bounds=(lower, np.inf), x_scale=radius).x
+    found = least_squares(residual, start, jacobian, bounds=(lower, np.inf), x_scale=radius).x
     return float(found[:3] @ up - found[5])
