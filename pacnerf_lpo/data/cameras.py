@@ -51,10 +51,10 @@ def project(points: Tensor, intrinsic: Tensor, camera_to_world: Tensor) -> tuple
 
     A point is in front of the camera where its depth is positive; elsewhere its pixel coordinates mean nothing.
     """
-    in_camera = (points - camera_to_world[:, 3]) @ camera_to_world[:, :3]
-    depth = -in_camera[:, 2]
-    x = intrinsic[0, 2] + intrinsic[0, 0] * in_camera[:, 0] / depth
-    y = intrinsic[1, 2] - intrinsic[1, 1] * in_camera[:, 1] / depth
+    right, up, back = camera_to_world[:, :3].T @ (points - camera_to_world[:, 3]).T  # so each is contiguous
+    depth = -back
+    x = intrinsic[0, 2] + intrinsic[0, 0] * right / depth
+    y = intrinsic[1, 2] - intrinsic[1, 1] * up / depth
     return torch.stack((x, y), dim=-1), depth
 
 

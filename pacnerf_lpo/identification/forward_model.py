@@ -161,8 +161,10 @@ class Model(ABC):
             points = moving[observer.clock(view_id)] if len(path) > 1 else path
             pixels, depth = self.project(points, view, observer)
             scale = torch.where(depth > 0, self.video.intrinsics[view, 0, 0] / depth, 0.0)  # pixels per metre
-            seen.append(splat(pixels + MARGIN, scale, self.body.discs, apart, size, self.footprint))
-        return torch.stack(seen)
+            seen.append((pixels + MARGIN, scale))
+        places, scales = (torch.cat(parts) for parts in zip(*seen, strict=True))
+        opacity = splat(places, scales, self.body.discs, apart, size, self.footprint)
+        return opacity.view(len(seen), -1, *size)
 
     def project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:
         """Pixels [(F, N, 2)] and depth [m, (F, N)] of particles [m, (F, N, 3)] in a view."""

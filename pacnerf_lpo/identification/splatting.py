@@ -64,7 +64,7 @@ def splat(
         draw = _launcher()
         draw.bind(**arrays, inside=inside, count=images * strips * share)
         draw()
-    return (inside.view(images, rows, blocks * LANES)[..., :columns] + 0.5).clamp_max(1.0)
+    return inside.add_(0.5).clamp_max_(1.0).view(images, rows, blocks * LANES)[..., :columns]
 
 
 @functools.cache
