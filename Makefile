@@ -60,12 +60,17 @@ docs: $(INSTALLED)
 clean:
 	rm -rf .venv build runs
 
-# a stamp is newer than what it was installed from, so an installation is not repeated
+# a stamp is newer than what it was installed from, so an installation is not repeated; pip compiles modules on one core
+define install
+test -x $(BIN)/python || $(PYTHON) -m venv .venv
+$(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable '.[$(1)]'
+$(BIN)/python -m compileall -qq -j 0 .venv/lib || true # templates among them are no modules
+endef
+
 $(READY): pyproject.toml setup.py constraints.txt
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[explore]'
+	$(call install,explore)
 	touch $@
 
-$(INSTALLED): $(READY)
-	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[dev]'
-	touch $@
+$(INSTALLED): pyproject.toml setup.py constraints.txt
+	$(call install,dev)
+	touch $(READY) $@
