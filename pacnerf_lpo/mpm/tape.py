@@ -44,7 +44,8 @@ def enclosing_grid(x: Tensor, v: Tensor, dx: float, duration: float, gravity: tu
         end = max(highest[axis], highest[3 + axis] + max(fallen, 0.0))
         origin[axis] = _cell(start, dx) - margin
         size[axis] = _cell(end, dx) + 3 + margin - origin[axis]
-    return Grid((origin[0], origin[1], origin[2]), (size[0], size[1], size[2] + 1))  # rows along z are longer than a stencil
+    size[2] += 1  # rows of nodes along z are longer than a stencil by one
+    return Grid((origin[0], origin[1], origin[2]), (size[0], size[1], size[2]))
 
 
 def _cell(position: float, dx: float) -> int:
