@@ -27,6 +27,8 @@ VELOCITY = tuple(
 )
 MARGIN = 24
 """How far the model's images go beyond the camera's [pixels]: an outline may leave the picture in a bad guess."""
+PARTICLES_AT_ONCE = 2**22
+"""Of all views and frames that are drawn in one launch, at most, unless those of one view are more: 100 MB."""
 
 
 def with_effects(
@@ -152,19 +154,30 @@ class Model(ABC):
             free: where the coefficients of observation effects stand; None: cameras as they are believed to be.
             views: indices of some views; None: all.
         """
-        size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
         observer = Observer(cameras_of((), self.video)) if free is None else self.observer(free)
-        moving = path if len(path) == 1 else observer.seen(path, self.velocity(free), self.video.times)
-        seen, apart = [], self.body.spacing / 2
-        for view in range(self.shape[0]) if views is None else views:
-            view_id = self.video.view_ids[view]
-            points = moving[observer.clock(view_id)] if len(path) > 1 else path
-            pixels, depth = self.project(points, view, observer)
-            scale = torch.where(depth > 0, self.video.intrinsics[view, 0, 0] / depth, 0.0)  # pixels per metre
-            seen.append((pixels + MARGIN, scale))
-        places, scales = (torch.cat(parts) for parts in zip(*seen, strict=True))
-        opacity = splat(places, scales, self.body.discs, apart, size, self.footprint)
-        return opacity.view(len(seen), -1, *size)
+        if len(path) > 1:
+            moving = observer.seen(path, self.velocity(free), self.video.times)
+        else:
+            moving = path.expand(len(observer.clocks), *path.shape)
+        views = range(self.shape[0]) if views is None else views
+        together = max(1, PARTICLES_AT_ONCE // (path.shape[0] * path.shape[1]))
+        groups = [views[first : first + together] for first in range(0, len(views), together)]
+        drawn = [self._drawn(moving, observer, group) for group in groups]
+        return drawn[0] if len(drawn) == 1 else torch.cat(drawn)
+
+    def _drawn(self, moving: Tensor, observer: Observer, views: Sequence[int]) -> Tensor:
+        """Opacity in some views [0..1, (V, F, H + 48, W + 48)] of a motion as each clock sees it [m, (clocks, F, N, 3)],
+        in one launch.
+        """
+        size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
+        places, scales = [], []
+        for view in views:
+            pixels, depth = self.project(moving[observer.clock(self.video.view_ids[view])], view, observer)
+            places.append(pixels + MARGIN)
+            scales.append(torch.where(depth > 0, self.video.intrinsics[view, 0, 0] / depth, 0.0))  # pixels per metre
+        apart = self.body.spacing / 2
+        opacity = splat(torch.cat(places), torch.cat(scales), self.body.discs, apart, size, self.footprint)
+        return opacity.view(len(views), -1, *size)
 
     def project(self, points: Tensor, view: int, observer: Observer) -> tuple[Tensor, Tensor]:
         """Pixels [(F, N, 2)] and depth [m, (F, N)] of particles [m, (F, N, 3)] in a view."""

@@ -9,7 +9,7 @@ from torch import Tensor
 from pacnerf_lpo.mpm.lanes import LANES
 
 FARTHEST = 1e9
-"""Cells from the world's origin at which a particle is taken to be that is farther away than that."""
+"""Cells from the world's origin: a particle that is farther away is taken to be there."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pacnerf_lpo.data.cameras import project
-from pacnerf_lpo.identification import splatting
+from pacnerf_lpo.identification import forward_model, splatting
 from pacnerf_lpo.identification.body import Sampling
 from pacnerf_lpo.identification.discs import Discs
 from pacnerf_lpo.identification.silhouette_moments import (
@@ -18,7 +18,9 @@ from pacnerf_lpo.identification.silhouette_moments import (
     silhouette_moments,
 )
 from pacnerf_lpo.identification.splatting import splat
+from pacnerf_lpo.render.camera_faults import TimeOffset
 from pacnerf_lpo.types import FieldGrid
+from tests.diagnosis.falling import TRUTH, VIEWS, Falling, motion
 
 
 def rectangle(left, right, top, bottom, size=(60, 80)):
@@ -209,3 +211,18 @@ def test_what_is_deep_inside_is_drawn_as_if_half_a_spacing_below_the_surface():
     found = splat(pixels, scale, alone([9.0]), 2.0, (40, 40), footprint=1.5)
     expected = splat(pixels, scale, alone([1.5 * (1 + splatting.LEAST_DISC / 4)]), 1000.0, (40, 40))
     np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_views_are_drawn_together_as_each_alone(monkeypatch):
+    """As many as there is room for; one has a clock of its own, which a single frame does not show."""
+    model = Falling({}).model([TimeOffset(view=1)], {**TRUTH, "time_offset_view1": 0.03})
+    path = motion(model, model.start)
+    alone = torch.cat([model.outlines(path, model.start, [view]) for view in range(VIEWS)])
+    right, late = model.outlines(path)[1], alone[1]
+    assert (late[1:-1] - right[1:-1]).abs().amax((1, 2)).min() > 0.5
+    for room in (forward_model.PARTICLES_AT_ONCE, 3 * path[..., 0].numel(), 1):
+        monkeypatch.setattr(forward_model, "PARTICLES_AT_ONCE", room)
+        assert torch.equal(model.outlines(path, model.start), alone)
+        assert torch.equal(model.outlines(path, model.start, [3, 1]), alone[[3, 1]])
+    (first,) = model.outlines(path[:1], model.start).swapaxes(0, 1)
+    assert torch.equal(first, model.outlines(path)[:, 0])
