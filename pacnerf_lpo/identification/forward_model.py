@@ -166,8 +166,8 @@ class Model(ABC):
         return drawn[0] if len(drawn) == 1 else torch.cat(drawn)
 
     def _drawn(self, moving: Tensor, observer: Observer, views: Sequence[int]) -> Tensor:
-        """Opacity in some views [0..1, (V, F, H + 48, W + 48)] of a motion as each clock sees it [m, (clocks, F, N, 3)],
-        in one launch.
+        """Opacity [0..1, (V, F, H + 48, W + 48)] in some views of a motion as each clock sees it [m, (clocks, F, N,
+        3)], in one launch.
         """
         size = self.video.images.shape[2] + 2 * MARGIN, self.video.images.shape[3] + 2 * MARGIN
         places, scales = [], []
